@@ -39,6 +39,7 @@ test: lint
 	pytest -n 2 --dist worksteal
 
 lint: .venv/installed-dev
+	ruff format --check --quiet
 	ruff check
 	pyright
 

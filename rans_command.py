@@ -28,9 +28,15 @@ def run() -> NoReturn:
     """
     fill_closed_streams()
     restart_in_utf8()
-    os.environ.setdefault("PYTHONSAFEPATH", "1")  # no process of ours looks for modules in this folder first
+    os.environ.setdefault(
+        "PYTHONSAFEPATH", "1"
+    )  # no process of ours looks for modules in this folder first
     code = main()
-    if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
+    if any(
+        not thread.daemon
+        for thread in threading.enumerate()
+        if thread is not threading.main_thread()
+    ):
         sys.exit(code)  # which waits for it
     atexit._run_exitfuncs()
     sys.stderr.flush()
@@ -80,8 +86,11 @@ def main() -> int:
 
 def _interruptible() -> int:
     """Ctrl-C and a cluster's time limit interrupt, unless ignored, as in a script's `rans ... &`."""
-    heard = [number for number in (signal.SIGINT, signal.SIGTERM)
-             if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)]
+    heard = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
+    ]
     for number in (*heard, signal.SIGALRM):
         signal.signal(number, _interrupt)
     sys.unraisablehook, before = _again, sys.unraisablehook

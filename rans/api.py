@@ -59,9 +59,15 @@ def load_agent(name: str | Path) -> LoadedRun:
     return contestant(text_of(name))
 
 
-def evaluate(agent: str | Path | LoadedRun | Lookahead, *, episodes: int = 1024, seed: int = EVALUATION_SEED,
-             engine: EngineName = "fast", conditions: ConditionsLike | None = None,
-             protocol: ProtocolName = "own") -> Metrics:
+def evaluate(
+    agent: str | Path | LoadedRun | Lookahead,
+    *,
+    episodes: int = 1024,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: ConditionsLike | None = None,
+    protocol: ProtocolName = "own",
+) -> Metrics:
     """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
 
     >>> found = rans.evaluate("go-to-pose-2d", episodes=16)
@@ -87,18 +93,27 @@ def evaluate(agent: str | Path | LoadedRun | Lookahead, *, episodes: int = 1024,
     one_of("engine", engine, get_args(EngineName))
     run = in_protocol(agent, protocol)
     if first := next(iter(run.task.parts())):
-        raise ConfigError(f"{run.controller.name} knows several tasks: pick one, as in "
-                          f"{run.controller.name}#{first}.")
-    setup, count = run.under(conditions).judged, whole("episodes", episodes)
+        raise ConfigError(
+            f"{run.controller.name} knows several tasks: pick one, as in "
+            f"{run.controller.name}#{first}."
+        )
+    setup = run.under(conditions).judged
+    count = whole("episodes", episodes)
     flight, _ = flown(run.controller, setup, seed, count, engine)
     return measure(flight)
 
 
-def compare(*contestants: str | Path | Guest,
-            beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
-            episodes: int = 128, certified: int = 4, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
-            conditions: ConditionsLike | None = None, trust: bool = False,
-            workers: int | None = None) -> Comparison:
+def compare(
+    *contestants: str | Path | Guest,
+    beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
+    episodes: int = 128,
+    certified: int = 4,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: ConditionsLike | None = None,
+    trust: bool = False,
+    workers: int | None = None,
+) -> Comparison:
     """Fly agents, policies and simple controllers from the same starts, beside what is possible.
 
     >>> found = rans.compare("go-to-pose-2d", beside=["lqr"], episodes=4)
@@ -140,10 +155,19 @@ def compare(*contestants: str | Path | Guest,
     return found
 
 
-def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT, *,
-                       objective: ObjectiveName = "fuel", start: int = 0, seed: int = EVALUATION_SEED,
-                       horizon: float | None = None, ending: Literal["exact", "set"] = "exact",
-                       control_period: float = 0.2, intervals: int = 50, guesses: int = 1) -> Optimum:
+def optimal_trajectory(
+    task: str | Task = "go-to-pose",
+    spacecraft: SpacecraftLike = _CRAFT,
+    *,
+    objective: ObjectiveName = "fuel",
+    start: int = 0,
+    seed: int = EVALUATION_SEED,
+    horizon: float | None = None,
+    ending: Literal["exact", "set"] = "exact",
+    control_period: float = 0.2,
+    intervals: int = 50,
+    guesses: int = 1,
+) -> Optimum:
     """The best trajectory from one start, with thrust between 0 and 1, flown in Drake.
 
     >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
@@ -168,16 +192,25 @@ def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: SpacecraftLi
     from rans.evaluation.compare.optima import optima
     from rans.optimal.trajectory.objectives import objective_of
 
-    judged, craft = load_task(task).for_evaluation(), load_spacecraft(spacecraft)
+    judged = load_task(task).for_evaluation()
+    craft = load_spacecraft(spacecraft)
     wanted = objective_of(objective, horizon, control_period, ending, intervals)
     one = scenarios(judged, craft, seed, 1, first=whole("start", start, least=0))
-    found, = optima(craft, judged, wanted, one, whole("guesses", guesses), workers=1)
+    (found,) = optima(craft, judged, wanted, one, whole("guesses", guesses), workers=1)
     return replace(found, start=start)
 
 
-def certify(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT, *,
-            kind: Kind = "arrival", horizon: float | None = None, start: int = 0, seed: int = EVALUATION_SEED,
-            control_period: float = 0.2, seconds: float = 20.0) -> Bound:
+def certify(
+    task: str | Task = "go-to-pose",
+    spacecraft: SpacecraftLike = _CRAFT,
+    *,
+    kind: Kind = "arrival",
+    horizon: float | None = None,
+    start: int = 0,
+    seed: int = EVALUATION_SEED,
+    control_period: float = 0.2,
+    seconds: float = 20.0,
+) -> Bound:
     """What no on/off controller can beat from one start: a proof, and the best that was found.
 
     >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
@@ -202,13 +235,22 @@ def certify(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT
     from rans.scenario import each
 
     one_of("kind", kind, get_args(Kind))
-    judged, craft = load_task(task).for_evaluation(), load_spacecraft(spacecraft)
-    one, = each(scenarios(judged, craft, seed, 1, first=whole("start", start, least=0)))
-    return bound(start, question(craft, judged, control_period, Event(kind, horizon), Effort(seconds), one))
+    judged = load_task(task).for_evaluation()
+    craft = load_spacecraft(spacecraft)
+    (one,) = each(scenarios(judged, craft, seed, 1, first=whole("start", start, least=0)))
+    return bound(
+        start, question(craft, judged, control_period, Event(kind, horizon), Effort(seconds), one)
+    )
 
 
-def validate(spacecraft: SpacecraftLike = _CRAFT, *, quick: bool = False, layer: str | None = None,
-             conditions: ConditionsLike | None = None, seed: int = 0) -> Study:
+def validate(
+    spacecraft: SpacecraftLike = _CRAFT,
+    *,
+    quick: bool = False,
+    layer: str | None = None,
+    conditions: ConditionsLike | None = None,
+    seed: int = 0,
+) -> Study:
     """Check a spacecraft's motion against Drake and the laws of mechanics, layer by layer.
 
     >>> found = rans.validate("floating-platform", quick=True, layer="thrusters")
@@ -234,11 +276,18 @@ def validate(spacecraft: SpacecraftLike = _CRAFT, *, quick: bool = False, layer:
     return study(load_spacecraft(spacecraft), seed, quick, layer, conditions=met)
 
 
-def train(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike | None = None, *, seed: int = 0,
-          device: str | None = None, total_timesteps: int | None = None,
-          conditions: ConditionsLike | None = None, ppo: PPOSettings | None = None,
-          run: str | Path | None = None,
-          report: Callable[[dict[str, Any]], object] | None = None) -> LoadedRun:
+def train(
+    task: str | Task = "go-to-pose",
+    spacecraft: SpacecraftLike | None = None,
+    *,
+    seed: int = 0,
+    device: str | None = None,
+    total_timesteps: int | None = None,
+    conditions: ConditionsLike | None = None,
+    ppo: PPOSettings | None = None,
+    run: str | Path | None = None,
+    report: Callable[[dict[str, Any]], object] | None = None,
+) -> LoadedRun:
     """Train an agent until it has solved its task, as `rans train`; on a CPU with one of torch's threads.
 
     >>> folder = tempfile.mkdtemp()
@@ -264,7 +313,9 @@ def train(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike | None = N
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
 
-    config = _config(task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps)
+    config = _config(
+        task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps
+    )
     craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
@@ -276,8 +327,14 @@ def train(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike | None = N
     return trained(folder)
 
 
-def _config(task: str | Task, spacecraft: SpacecraftLike | None, device: str | None, ppo: PPOSettings | None,
-            conditions: ConditionsLike | None, **numbers: int | None) -> TrainConfig:
+def _config(
+    task: str | Task,
+    spacecraft: SpacecraftLike | None,
+    device: str | None,
+    ppo: PPOSettings | None,
+    conditions: ConditionsLike | None,
+    **numbers: int | None,
+) -> TrainConfig:
     """The training of a name, with what was given in the place of what it has."""
     from rans.fast.learn.recipes import training
 
@@ -285,10 +342,12 @@ def _config(task: str | Task, spacecraft: SpacecraftLike | None, device: str | N
     named = str(spacecraft) if isinstance(spacecraft, str | Path) else _CRAFT
     config = training(_name(task), named, device)
     given: dict[str, Any] = {
-        **numbers, "spacecraft": None if craft is None else named,
+        **numbers,
+        "spacecraft": None if craft is None else named,
         "settings": task if isinstance(task, Task) else None,
         "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
-        "conditions": None if conditions is None else load_conditions(conditions)}
+        "conditions": None if conditions is None else load_conditions(conditions),
+    }
     return replace(config, **{key: value for key, value in given.items() if value is not None})
 
 

@@ -18,15 +18,22 @@ from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 
-_BODY, _EDGE, _NOZZLE, _FLAME = "#DCE6F0", "#1F2933", "#52606D", "#E69F00"
-_GRID, _SHADOW, _TRAIL, _GOAL = "#E4E7EB", "#B8C0CA", "#0072B2", "#009E73"
+_BODY = "#DCE6F0"
+_EDGE = "#1F2933"
+_NOZZLE = "#52606D"
+_FLAME = "#E69F00"
+_GRID = "#E4E7EB"
+_SHADOW = "#B8C0CA"
+_TRAIL = "#0072B2"
+_GOAL = "#009E73"
 _BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
 
 _SMOOTHING = 2
 """Frames are drawn this many times larger and averaged down, which smooths edges."""
 _SECONDS = 2.0
 """A velocity's arrow is as long as the way of so many seconds."""
-_AZIMUTH, _ELEVATION = math.radians(-60.0), math.radians(25.0)
+_AZIMUTH = math.radians(-60.0)
+_ELEVATION = math.radians(25.0)
 """Where space is looked at from."""
 
 
@@ -44,21 +51,31 @@ class Scene:
     """
 
     def __init__(self, craft: Spacecraft, task: Task, width: int = 640, height: int = 480) -> None:
-        self.craft, self.task = craft, task
-        self.width, self.height = width, height
+        self.craft = craft
+        self.task = task
+        self.width = width
+        self.height = height
         self._view = _view(craft.dimension)
         self._nozzles = np.array([t.position for t in craft.thrusters]) - craft.centre_of_mass
         self._exhausts = -np.array([t.direction for t in craft.thrusters])
         self._font = ImageFont.load_default(13 * _SMOOTHING)
 
-    def render(self, state: Any, goal: Any, command: Sequence[float] | np.ndarray,
-               trail: Sequence[Sequence[float]] | np.ndarray = ()) -> np.ndarray:
+    def render(
+        self,
+        state: Any,
+        goal: Any,
+        command: Sequence[float] | np.ndarray,
+        trail: Sequence[Sequence[float]] | np.ndarray = (),
+    ) -> np.ndarray:
         """One frame, (height, width, 3) uint8, of a state and a goal of numbers.
 
         Flames are as long as the command says, 0 (shut) to 1 (open); the trail is of earlier positions in W,
         (K, 2 or 3) m.
         """
-        here, place, turn, wanted_turn = columns(state.p), columns(goal.p), rotations(state), rotations(goal)
+        here = columns(state.p)
+        place = columns(goal.p)
+        turn = rotations(state)
+        wanted_turn = rotations(goal)
         wanted = self.task.drawn(goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
         target = place if "position" in wanted else way[0]
@@ -80,19 +97,25 @@ class Scene:
     def _look_at(self, points: list[np.ndarray]) -> None:
         """Choose the centre and the scale of the picture that hold these points of W."""
         flat = np.array(points) @ self._view.T[:, :2]
-        low, high = flat.min(axis=0), flat.max(axis=0)
+        low = flat.min(axis=0)
+        high = flat.max(axis=0)
         self._centre = (low + high) / 2.0
-        self._reach = np.maximum((high - low) / 2.0 + 3.0 * self.craft.radius, 5.0 * self.craft.radius)
+        self._reach = np.maximum(
+            (high - low) / 2.0 + 3.0 * self.craft.radius, 5.0 * self.craft.radius
+        )
         self._scale = _SMOOTHING * 0.5 * float(np.min((self.width, self.height) / self._reach))
 
     def _pixels(self, points: Sequence[np.ndarray]) -> list[tuple[float, float]]:
         """Points of W, K of (3,) m, as pixels; their y axis points down."""
         flat = (np.array(points) @ self._view.T[:, :2] - self._centre) * self._scale
-        x, y = _SMOOTHING * self.width / 2.0 + flat[:, 0], _SMOOTHING * self.height / 2.0 - flat[:, 1]
+        x = _SMOOTHING * self.width / 2.0 + flat[:, 0]
+        y = _SMOOTHING * self.height / 2.0 - flat[:, 1]
         return list(zip(x.tolist(), y.tolist(), strict=True))
 
     def _line(self, points: Sequence[np.ndarray], colour: str, width: float) -> None:
-        self._pen.line(self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve")
+        self._pen.line(
+            self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve"
+        )
 
     def _disc(self, centre: np.ndarray, fill: str | None, edge: str, size: float = 1.0) -> None:
         radius = size * self.craft.radius * self._scale
@@ -113,8 +136,10 @@ class Scene:
         length = math.hypot(tip_x - x, tip_y - y)
         if length < 2.0 * _SMOOTHING:
             return
-        along, head = np.array([tip_x - x, tip_y - y]) / length, min(8.0 * _SMOOTHING, length)
-        neck, side = np.array([tip_x, tip_y]) - head * along, 0.45 * head * np.array([-along[1], along[0]])
+        along = np.array([tip_x - x, tip_y - y]) / length
+        head = min(8.0 * _SMOOTHING, length)
+        neck = np.array([tip_x, tip_y]) - head * along
+        side = 0.45 * head * np.array([-along[1], along[0]])
         self._pen.line([(x, y), (neck[0], neck[1])], fill=colour, width=round(2.5 * _SMOOTHING))
         corners = [(float(a), float(b)) for a, b in (neck + side, neck - side)]
         self._pen.polygon([(tip_x, tip_y), *corners], fill=colour)
@@ -130,8 +155,14 @@ class Scene:
         corner = (8 * _SMOOTHING, (self.height - 22) * _SMOOTHING)
         self._pen.text(corner, "grid 1 m", fill=_NOZZLE, font=self._font)
 
-    def _draw_axes(self, centre: np.ndarray, turn: np.ndarray, sides: tuple[bool, ...],
-                   colour: str | None = None, length: float = 1.5) -> None:
+    def _draw_axes(
+        self,
+        centre: np.ndarray,
+        turn: np.ndarray,
+        sides: tuple[bool, ...],
+        colour: str | None = None,
+        length: float = 1.5,
+    ) -> None:
         """The heading, or in space the body axes that point to the viewer (True) or away (False)."""
         count = 1 if self.craft.dimension == 2 else 3
         for axis, own in zip(turn.T[:count], _BODY_AXES, strict=False):
@@ -142,14 +173,17 @@ class Scene:
         """The visible halves of the sphere's sections by the body's coordinate planes."""
         angle = np.linspace(0.0, math.tau, 49)[:, None]
         for first, second in ((0, 1), (1, 2), (2, 0)):
-            ring = self.craft.radius * (np.cos(angle) * turn[:, first] + np.sin(angle) * turn[:, second])
+            ring = self.craft.radius * (
+                np.cos(angle) * turn[:, first] + np.sin(angle) * turn[:, second]
+            )
             in_front = ring @ self._view[2] > 0.0
             for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
-                self._line(list(centre + ring[start:start + 2]), _SHADOW, 1.0)
+                self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
 
     def _draw_craft(self, here: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
         """Back to front: what is behind the body, the body, what is before it."""
-        nozzles, exhausts = self._nozzles @ turn.T, self._exhausts @ turn.T
+        nozzles = self._nozzles @ turn.T
+        exhausts = self._exhausts @ turn.T
         in_front = nozzles @ self._view[2] >= -1e-9
         for near in (False, True):
             if near:
@@ -213,12 +247,19 @@ def draw_layout(craft: Spacecraft) -> Figure:
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
-    positions = np.array([t.position for t in craft.thrusters])[:, :craft.dimension]
-    forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])[:, :craft.dimension]
+    positions = np.array([t.position for t in craft.thrusters])[:, : craft.dimension]
+    forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])[
+        :, : craft.dimension
+    ]
     arrows = forces * (0.5 * craft.radius / np.linalg.norm(forces, axis=1).max())
     axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
-    axes.plot(*([x] for x in craft.centre_of_mass[:craft.dimension]), "P", color=_FLAME, markersize=9,
-              label="centre of mass")
+    axes.plot(
+        *([x] for x in craft.centre_of_mass[: craft.dimension]),
+        "P",
+        color=_FLAME,
+        markersize=9,
+        label="centre of mass",
+    )
     _outline(axes, craft)
     if craft.dimension == 2:
         axes.quiver(*positions.T, *arrows.T, color=_TRAIL, angles="xy", scale_units="xy", scale=1.0)
@@ -229,7 +270,9 @@ def draw_layout(craft: Spacecraft) -> Figure:
         axes.view_init(elev=25.0, azim=-54.0)
     for index, tip in enumerate(positions + 1.25 * arrows):
         axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)
-    axes.set(title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.set(
+        title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal"
+    )
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
     return figure
 
@@ -240,7 +283,9 @@ def _outline(axes: Any, craft: Spacecraft) -> None:
     if craft.dimension == 2:
         axes.grid(color=_GRID)
         axes.set_axisbelow(True)
-        axes.add_patch(Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6))
+        axes.add_patch(
+            Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6)
+        )
         return
     around, down = np.meshgrid(np.linspace(0.0, math.tau, 25), np.linspace(0.0, math.pi, 13))
     unit = (np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down))

@@ -53,10 +53,17 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's)
 
-    def __init__(self, task_name: str, dimension: Dimension, *,
-                 spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
-                 timing: Timing | None = None, render_mode: str | None = None,
-                 conditions: str | Path | Conditions | None = None) -> None:
+    def __init__(
+        self,
+        task_name: str,
+        dimension: Dimension,
+        *,
+        spacecraft: str | Path | Spacecraft | None = None,
+        task: Task | None = None,
+        timing: Timing | None = None,
+        render_mode: str | None = None,
+        conditions: str | Path | Conditions | None = None,
+    ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = Timing() if timing is None else checked("timing", timing, Timing)
@@ -67,12 +74,14 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._episode = 0
         met = None if conditions is None else load_conditions(conditions)
         self._world = World(self.craft, self.task, self.timing, conditions=met)
-        self._move, self._now = self._mover(), None
+        self._move = self._mover()
+        self._now = None
         self._scene: Any = None
         self._window: Any = None
 
-    def reset(self, *, seed: int | None = None,
-              options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start the next episode: number 0 of a seed, by default the next of the last, or of a random one.
 
         Raises:
@@ -83,11 +92,16 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         if seed is None and self._seed is not None:
             self._episode += 1
         else:
-            self._seed, self._episode = int(self.np_random.integers(2**63)) if seed is None else seed, 0
+            self._seed = int(self.np_random.integers(2**63)) if seed is None else seed
+            self._episode = 0
         chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
-        chosen = _given_scenario(checked("the options of reset", options or {}, dict), chosen) or chosen
+        chosen = (
+            _given_scenario(checked("the options of reset", options or {}, dict), chosen) or chosen
+        )
         self._draws = draws(self._seed, 1, self._episode)
-        self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, self._draws))
+        self._now: Episode | None = _plain(
+            self._world.begin(chosen.start, chosen.goal, 0, self._draws)
+        )
         self._command = (0.0,) * len(self.craft.thrusters)
         self._trail: list[tuple[float, ...]] = []
         self._show()
@@ -100,16 +114,23 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        before, values = self._running(), _numbers(action)
+        before = self._running()
+        values = _numbers(action)
         self.craft.actuators.check(values, len(self.craft.thrusters))
         self._trail.append(before.state.p.columns())
-        outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move)
-        self._now, self._command = _plain(outcome.episode), outcome.command
+        outcome = step(
+            self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move
+        )
+        self._now = _plain(outcome.episode)
+        self._command = outcome.command
         self._show()
-        terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
+        terminated = bool(outcome.terminated)
+        truncated = bool(outcome.truncated)
         terms, reward = paid(outcome.terms, np.bool_(terminated))
-        info: dict[str, Any] = {"reward_terms": {name: float(term) for name, term in terms.items()},
-                                "errors": self._errors()}
+        info: dict[str, Any] = {
+            "reward_terms": {name: float(term) for name, term in terms.items()},
+            "errors": self._errors(),
+        }
         if terminated or truncated:
             info["is_success"] = truncated and bool(outcome.reached)
         return self._observe(), float(reward), terminated, truncated, info
@@ -179,11 +200,17 @@ def dense(given: Any) -> Any:
     """
     if not hasattr(given, "detach"):
         return given
-    kinds = {"nested": given.is_nested, "quantized": given.is_quantized, "meta": given.is_meta,
-             str(given.layout): str(given.layout) != "torch.strided"}
+    kinds = {
+        "nested": given.is_nested,
+        "quantized": given.is_quantized,
+        "meta": given.is_meta,
+        str(given.layout): str(given.layout) != "torch.strided",
+    }
     if odd := [kind for kind, true in kinds.items() if true]:
-        raise ConfigError(f"actions and masks of torch must be ordinary tensors, got a {odd[0]} one; "
-                          "to_dense() makes one of most others.")
+        raise ConfigError(
+            f"actions and masks of torch must be ordinary tensors, got a {odd[0]} one; "
+            "to_dense() makes one of most others."
+        )
     return given.detach().resolve_conj().resolve_neg()
 
 
@@ -196,7 +223,9 @@ def array(actions: Any) -> np.ndarray:
     try:
         given = np.asarray(actions)
     except ValueError as error:
-        raise ConfigError(f"actions must be numbers in rows of one length, got {brief(actions)}.") from error
+        raise ConfigError(
+            f"actions must be numbers in rows of one length, got {brief(actions)}."
+        ) from error
     wide = given.dtype.kind == "f" and given.dtype.itemsize > 8
     return given.astype(np.float64 if wide else given.dtype.newbyteorder("="), copy=False)
 
@@ -226,13 +255,16 @@ def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:
     widths = [len(leaves(s)) for s in (like.start, like.goal)]
     numbers = [leaves(s) for s in (given.start, given.goal)] if isinstance(given, Scenario) else []
     if [len(x) for x in numbers] != widths or not all(np.isfinite(x).all() for x in numbers):
-        raise ConfigError("the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
-                          f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
+        raise ConfigError(
+            "the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
+            f"{widths[0]} and {widths[1]} finite numbers, got {given!r}."
+        )
     return given
 
 
-def observation_space(task: Task, dimension: Dimension,
-                      dtype: type[np.floating[Any]] = np.float32) -> spaces.Box:
+def observation_space(
+    task: Task, dimension: Dimension, dtype: type[np.floating[Any]] = np.float32
+) -> spaces.Box:
     """The columns of a task's observation, within their bounds; without one, any finite float32 number.
 
     Gymnasium's and SB3's checkers ask for finite bounds.
@@ -253,8 +285,12 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     return render_mode
 
 
-def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacecraft | None,
-           task: Task | None) -> tuple[Spacecraft, Task]:
+def choose(
+    task_name: str,
+    dimension: Dimension,
+    spacecraft: str | Path | Spacecraft | None,
+    task: Task | None,
+) -> tuple[Spacecraft, Task]:
     """Spacecraft and task of an environment, from what `rans.environment.Environment` takes.
 
     Raises:
@@ -263,13 +299,17 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
     craft = USUAL[dimension] if spacecraft is None else spacecraft
     craft = load_spacecraft(craft)
     if craft.dimension != dimension:
-        raise ConfigError(f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
-                          f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
-                          "named 3D in space.")
+        raise ConfigError(
+            f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
+            f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
+            "named 3D in space."
+        )
     wanted = TASKS[task_name]
     if task is None:
         return craft, wanted()
     if isinstance(task, Task) and not isinstance(task, wanted):
-        raise ConfigError(f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
-                          "environment named after the task.")
+        raise ConfigError(
+            f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
+            "environment named after the task."
+        )
     return craft, checked("task", task, wanted)

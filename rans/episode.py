@@ -100,7 +100,8 @@ class World:
 
     def __post_init__(self) -> None:
         """Substeps are chosen for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
-        bodies, torque = None, 0.0
+        bodies = None
+        torque = 0.0
         if self.conditions is not None:
             bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
             torque = self.conditions.steady_torque
@@ -108,9 +109,19 @@ class World:
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""
-        body, command = influences.body, influences.commands[0]
-        return held(state, self.craft, body, command, self.timing, self.task.drift, self.nodes,
-                    influences.disturbance, influences.pieces(self.craft, self.timing.control_period))
+        body = influences.body
+        command = influences.commands[0]
+        return held(
+            state,
+            self.craft,
+            body,
+            command,
+            self.timing,
+            self.task.drift,
+            self.nodes,
+            influences.disturbance,
+            influences.pieces(self.craft, self.timing.control_period),
+        )
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -124,16 +135,31 @@ class World:
         """Start and goal of the episodes that begin at these clocks."""
         return self.task.sample(draws.random(self.craft.dimension, self.number(clock, draws)))
 
-    def begin(self, start: Any, goal: Any, clock: Field = 0, draws: Draws | None = None,
-              body: Body | None = None) -> Episode:
+    def begin(
+        self,
+        start: Any,
+        goal: Any,
+        clock: Field = 0,
+        draws: Draws | None = None,
+        body: Body | None = None,
+    ) -> Episode:
         """A new episode from a start to a goal.
 
         The clock is as in `Episode`. Under conditions it takes draws. A body is what flies before conditions
         change it; None: as designed.
         """
         shut = (0,) * len(self.craft.thrusters)
-        new = self.recalled(Episode(start, goal, body, past=(start,) * self._memory.states, clock=clock,
-                                    commands=(shut,) * self.remembered), draws)
+        new = self.recalled(
+            Episode(
+                start,
+                goal,
+                body,
+                past=(start,) * self._memory.states,
+                clock=clock,
+                commands=(shut,) * self.remembered,
+            ),
+            draws,
+        )
         sensors = None if new.case is None else new.case.sensors
         if sensors is None or not sensors.repeats:
             return new
@@ -142,7 +168,9 @@ class World:
     @cached_property
     def remembered(self) -> int:
         """How many commands an episode remembers."""
-        return max(self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft)))
+        return max(
+            self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft))
+        )
 
     @cached_property
     def _memory(self) -> Memory:
@@ -157,21 +185,34 @@ class World:
         if self.conditions is None or episode.case is not None:
             return episode
         if draws is None:
-            raise ConfigError("what an episode meets is drawn by its seed and number: give `draws` with "
-                              "conditions.")
-        return replace(episode, case=draw(
-            self.conditions, self.craft, episode.body or Body.of(self.craft), self.timing.episode_steps,
-            self.number(episode.clock, draws), draws))
+            raise ConfigError(
+                "what an episode meets is drawn by its seed and number: give `draws` with "
+                "conditions."
+            )
+        return replace(
+            episode,
+            case=draw(
+                self.conditions,
+                self.craft,
+                episode.body or Body.of(self.craft),
+                self.timing.episode_steps,
+                self.number(episode.clock, draws),
+                draws,
+            ),
+        )
 
     def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:
         """What moves the spacecraft while a command is held."""
-        case, period = episode.case, self.timing.control_period
+        case = episode.case
+        period = self.timing.control_period
         if case is None or draws is None:
             return Influences(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
-        earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
+        earlier = (tuple(map(draws.real, told)) for told in episode.commands[: self._memory.felt])
         body, fails = case.flying(step * period)
-        return Influences(body, (command, *earlier), case.lag, case.disturbance(step, period), fails)
+        return Influences(
+            body, (command, *earlier), case.lag, case.disturbance(step, period), fails
+        )
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
         """The state as sensors tell it."""
@@ -184,30 +225,46 @@ class World:
             return episode.state
         step = self.timing.step(episode.clock)
         time = draws.real(step) * self.timing.control_period
-        return reading((episode.state, *episode.past), case.sensors, lambda block: draws.random(
-            self.craft.dimension, case.number, step * 16 + block), last, time)
+        return reading(
+            (episode.state, *episode.past),
+            case.sensors,
+            lambda block: draws.random(self.craft.dimension, case.number, step * 16 + block),
+            last,
+            time,
+        )
 
 
 Mover = Callable[[Any, Influences], Any]
 """The state one control period later: `World.move`, or Drake."""
 
 
-def step(world: World, episode: Episode, command: Command, draws: Draws | None = None,
-         move: Mover | None = None) -> Outcome:
+def step(
+    world: World,
+    episode: Episode,
+    command: Command,
+    draws: Draws | None = None,
+    move: Mover | None = None,
+) -> Outcome:
     """Hold the command, 0 (shut) to 1 (open) each, for one control period.
 
     Under conditions it takes draws, and an episode that knows its case. By default our equations move.
     """
-    task, period = world.task, world.timing.control_period
+    task = world.task
+    period = world.timing.control_period
     if episode.case is not None and episode.case.hold is not None:
         command = episode.case.hold.obeyed(command, episode.commands, period)
     state = (move or world.move)(episode.state, world.influences(episode, command, draws))
     goal = task.next_goal(episode.goal, state, period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
-    arrived = replace(episode, state=state, goal=goal, clock=clock,
-                      past=(episode.state, *episode.past)[:len(episode.past)],
-                      commands=(command, *episode.commands)[:len(episode.commands)])
+    arrived = replace(
+        episode,
+        state=state,
+        goal=goal,
+        clock=clock,
+        past=(episode.state, *episode.past)[: len(episode.past)],
+        commands=(command, *episode.commands)[: len(episode.commands)],
+    )
     if episode.reading is not None:
         arrived = replace(arrived, reading=world.read(arrived, draws, episode.reading))
     previous = episode.commands[0] if episode.commands else command
@@ -217,12 +274,14 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
         terms=task.reward(Transition(state, goal, command, previous)),
         terminated=terminated,
         truncated=(world.timing.step(clock) >= world.timing.episode_steps) & ~terminated,
-        reached=task.reached(state, goal))
+        reached=task.reached(state, goal),
+    )
 
 
 def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
     """The next episode where one ended, elsewhere the same."""
-    ended, arrived = outcome.ended, outcome.episode
+    ended = outcome.ended
+    arrived = outcome.episode
 
     def choose(new: Field, old: Field) -> Field:
         never_varies = new is old or isinstance(old, int | float)

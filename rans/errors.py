@@ -32,7 +32,7 @@ _LONGEST_NAME = 1000
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
+    """Where a known name is near, " (did you mean ...?)" for the middle of a sentence."""
     if len(name) > _LONGEST_NAME:  # comparing takes as long as it is
         return ""
     near = difflib.get_close_matches(name, list(known), 1)
@@ -62,8 +62,14 @@ def one_of(what: str, value: object, known: Iterable[str]) -> None:
 
 def whole(what: str, value: object, least: int = 1) -> int:
     """The value, if it is a whole number from the least one to 2^31; else a `ConfigError`."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**31:
-        raise ConfigError(f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}.")
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, Integral)
+        or not least <= int(value) < 2**31
+    ):
+        raise ConfigError(
+            f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}."
+        )
     return int(value)
 
 
@@ -82,8 +88,11 @@ def fits(value: object, condition: Callable[[Any], bool]) -> bool:
 
 def named(what: str, value: object, kind: type) -> str:
     """The text of a name or a path, where an object of this class was taken already; else `ConfigError`."""
-    return str(value if isinstance(value, str | PathLike) else
-               checked(f"{what}, unless it is a name or a file,", value, kind))
+    return str(
+        value
+        if isinstance(value, str | PathLike)
+        else checked(f"{what}, unless it is a name or a file,", value, kind)
+    )
 
 
 _LONGEST = 4000

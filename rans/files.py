@@ -55,7 +55,9 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     if file.is_dir():  # also without a name, which means the current folder
         raise ConfigError(f"cannot write {file}: it is a folder; give the name of a file.")
     if file.exists() and not file.is_file():  # moving a file there would end a device
-        raise ConfigError(f"cannot write {file}: it is a pipe or a device; give the name of a file.")
+        raise ConfigError(
+            f"cannot write {file}: it is a pipe or a device; give the name of a file."
+        )
     draft = file.with_name(f".{os.getpid()}.{secrets.token_hex(4)}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -64,10 +66,14 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
         write(draft)
         os.replace(draft, file)
     except (FileExistsError, NotADirectoryError) as error:
-        raise ConfigError(f"cannot write {file}: {error.filename} is a file, not a folder.") from error
+        raise ConfigError(
+            f"cannot write {file}: {error.filename} is a file, not a folder."
+        ) from error
     except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
         reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot write {file}: {reason}; is the disk full or read-only?") from error
+        raise ConfigError(
+            f"cannot write {file}: {reason}; is the disk full or read-only?"
+        ) from error
     finally:
         with contextlib.suppress(OSError):
             draft.unlink()
@@ -109,11 +115,15 @@ def _opened(file: Path, flags: int) -> int:
 def append_text(file: Path, text: str) -> None:
     """Add to the end of a file, or begin it; `ConfigError` where it is a link or the disk refuses."""
     try:
-        with open(_opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8") as stream:
+        with open(
+            _opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8"
+        ) as stream:
             stream.write(text)
     except OSError as error:
-        raise ConfigError(f"cannot write {file}: {error.strerror or error}; is the disk full, or the file a "
-                          "symbolic link?") from error
+        raise ConfigError(
+            f"cannot write {file}: {error.strerror or error}; is the disk full, or the file a "
+            "symbolic link?"
+        ) from error
 
 
 def inside(folder: Path, *parts: str) -> Path:
@@ -129,9 +139,11 @@ def inside(folder: Path, *parts: str) -> Path:
     for part in parts:
         place /= part
         if place.is_symlink() and not folder.is_relative_to(Path(__file__).parent):
-            raise ConfigError(f"{place} is a symbolic link, which may lead to any file of yours. If you know "
-                              f"where it leads, take a copy without links: cp -rL {shlex.quote(str(folder))} "
-                              "COPY.")
+            raise ConfigError(
+                f"{place} is a symbolic link, which may lead to any file of yours. If you know "
+                f"where it leads, take a copy without links: cp -rL {shlex.quote(str(folder))} "
+                "COPY."
+            )
     return place
 
 
@@ -153,7 +165,8 @@ class Lock:
     """
 
     def __init__(self, file: Path) -> None:
-        self._file, self._held = file, -1
+        self._file = file
+        self._held = -1
 
     def take(self, refusal: str) -> None:
         """Hold it from now on; ConfigError with this sentence where another process does."""
@@ -163,8 +176,10 @@ class Lock:
         try:
             self._held = _opened(self._file, os.O_RDWR | os.O_CREAT)
         except OSError as error:
-            raise ConfigError(f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
-                              "read-only, or the file a symbolic link?") from error
+            raise ConfigError(
+                f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
+                "read-only, or the file a symbolic link?"
+            ) from error
         try:
             fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -236,7 +251,9 @@ def _make_folder(folder: Path) -> None:
         for place in (folder, *folder.parents):
             if place.is_file():
                 reason = f"{place} is a file, not a folder"
-        raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
+        raise ConfigError(
+            f"cannot write into {folder}: {reason}; choose another folder."
+        ) from error
 
 
 def ready_folder(folder: Path) -> Path:
@@ -254,7 +271,9 @@ def ready_folder(folder: Path) -> Path:
                 one.rmdir()
     except OSError as error:
         reason = error.strerror or error
-        raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
+        raise ConfigError(
+            f"cannot write into {folder}: {reason}; choose another folder."
+        ) from error
     if not ready:
         raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
     return folder
@@ -292,7 +311,9 @@ def regular(file: Path, what: str = "") -> Path:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot read {what}{file}: {reason}.") from error
     if not stat.S_ISREG(mode):
-        raise ConfigError(f"cannot read {what}{file}: it is no file, but a folder, a pipe or a device.")
+        raise ConfigError(
+            f"cannot read {what}{file}: it is no file, but a folder, a pipe or a device."
+        )
     return file
 
 
@@ -309,8 +330,10 @@ def read_bytes(file: Path, most: int, what: str = "") -> bytes:
         raise ConfigError(f"cannot read {what}{file}: {error}.") from error
     found = max(size, len(content))  # a file may say that it is empty, or grow
     if found > most:
-        raise ConfigError(f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
-                          "another file than it should be, or damaged.")
+        raise ConfigError(
+            f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
+            "another file than it should be, or damaged."
+        )
     return content
 
 
@@ -344,8 +367,11 @@ def check_depth(value: Any) -> None:
         containers = [one for one in level if isinstance(one, dict | list)]
         if not containers:
             return
-        level = [inner for one in containers
-                 for inner in (one.values() if isinstance(one, dict) else one)]
+        level = [
+            inner
+            for one in containers
+            for inner in (one.values() if isinstance(one, dict) else one)
+        ]
     raise ConfigError(f"tables and lists may be at most {_DEEPEST} deep within each other.")
 
 
@@ -377,11 +403,19 @@ def first_line(error: BaseException) -> str:
 def environment() -> dict[str, str]:
     """Versions and hardware behind a measured value."""
     torch = sys.modules.get("torch")  # for those who have loaded it
-    gpu = torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
+    gpu = (
+        torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
+    )
     system = f"{platform.system()} {platform.machine()}"
-    return {**{name: package_version(name) for name in _PACKAGES}, "revision": git_revision(),
-            "python": platform.python_version(), "system": system, "processor": _processor(),
-            "cores": str(os.cpu_count()), "gpu": gpu}
+    return {
+        **{name: package_version(name) for name in _PACKAGES},
+        "revision": git_revision(),
+        "python": platform.python_version(),
+        "system": system,
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+        "gpu": gpu,
+    }
 
 
 def command_line() -> str:

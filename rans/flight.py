@@ -92,8 +92,10 @@ class Flight:
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period
         count = counted(self.commands.shape[1], "episode")
-        return (f"<Flight of {self.controller}: {count} of {duration:g} s with {self.craft.name} "
-                f"({self.engine} engine)>")
+        return (
+            f"<Flight of {self.controller}: {count} of {duration:g} s with {self.craft.name} "
+            f"({self.engine} engine)>"
+        )
 
     @property
     def times(self) -> np.ndarray:
@@ -119,9 +121,18 @@ class Flight:
         return (self.task.failed(self.states, self.goals) | lost).any(axis=0)
 
 
-def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller, starts: Scenario,
-        timing: Timing, engine: str = "fast", move: Mover | None = None, body: Body | None = None,
-        conditions: Conditions | None = None, draws: Draws | None = None) -> Flight:
+def fly(
+    craft: str | Path | Spacecraft,
+    task: str | Task,
+    controller: Controller,
+    starts: Scenario,
+    timing: Timing,
+    engine: str = "fast",
+    move: Mover | None = None,
+    body: Body | None = None,
+    conditions: Conditions | None = None,
+    draws: Draws | None = None,
+) -> Flight:
     """Fly a batch of scenarios, in float64.
 
     >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
@@ -142,26 +153,35 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
             dimension, the controller is none or was made for another dimension, number of
             thrusters or width of the observation, or there are conditions, but nothing to draw with.
     """
-    craft, task = load_spacecraft(craft), load_task(task)
+    craft = load_spacecraft(craft)
+    task = load_task(task)
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)
     checked("timing", timing, Timing)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(craft, task, how, conditions=conditions)
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
-    count, nowhere = len(leaves(starts.start)[0]), map_leaves(lambda _: np.nan, starts.start)
+    count = len(leaves(starts.start)[0])
+    nowhere = map_leaves(lambda _: np.nan, starts.start)
     controller.reset(count)
-    states, goals, commands, alive = [starts.start], [starts.goal], [], np.ones(count, dtype=bool)
+    states = [starts.start]
+    goals = [starts.goal]
+    commands = []
+    alive = np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):
         seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
-        told = np.asarray(controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64)
+        told = np.asarray(
+            controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64
+        )
         if told.shape != (count, len(craft.thrusters)):
             raise ConfigError(
                 f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
                 f"shape {(count, len(craft.thrusters))}, got {told.shape}: was it made for another "
-                f"craft than {craft.name}?")
+                f"craft than {craft.name}?"
+            )
         outcome = step(world, now, tuple(told.T), draws, move)
-        now, command = outcome.episode, np.stack(outcome.command, axis=1)
+        now = outcome.episode
+        command = np.stack(outcome.command, axis=1)
         alive = alive & finite(*leaves(now.state))
         where_alive = partial(np.where, alive)
         states.append(map_leaves(where_alive, now.state, nowhere))
@@ -169,20 +189,32 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
-    return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
-                  np.stack(commands), controller.name, engine)
+    return Flight(
+        craft,
+        task,
+        timing,
+        _stacked(states),
+        starts.goal if stand_still else _stacked(goals),
+        np.stack(commands),
+        controller.name,
+        engine,
+    )
 
 
 def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
     """Refuse (`ConfigError`) what is no batch of starts, or one for the other dimension."""
     shapes = {np.shape(field) for field in leaves(starts.start)}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 1 or shape[0] < 1:
-        raise ConfigError("starts must be of arrays of one length (N,), of one start at least, as "
-                          "rans.scenario.scenarios gives them.")
+        raise ConfigError(
+            "starts must be of arrays of one length (N,), of one start at least, as "
+            "rans.scenario.scenarios gives them."
+        )
     dimension = len(starts.start.p.columns())
     if dimension != craft.dimension:
-        raise ConfigError(f"the starts are for {dimension} dimensions, but {craft.name} moves in "
-                          f"{craft.dimension}.")
+        raise ConfigError(
+            f"the starts are for {dimension} dimensions, but {craft.name} moves in "
+            f"{craft.dimension}."
+        )
 
 
 def _check_controller(controller: Controller, craft: Spacecraft) -> None:
@@ -190,13 +222,15 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
     if not all(callable(getattr(controller, need, None)) for need in ("reset", "act")):
         raise ConfigError(
             "a controller has the methods reset and act, see rans.Controller, such as "
-            f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}.")
+            f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}."
+        )
     known = getattr(controller, "craft", None)
     if isinstance(known, Spacecraft) and _form(known) != _form(craft):
         raise ConfigError(
             f"{controller.name} was made for {known.name}, with {len(known.thrusters)} thrusters in "
             f"{known.dimension} dimensions, but {craft.name} has {len(craft.thrusters)} in "
-            f"{craft.dimension}.")
+            f"{craft.dimension}."
+        )
 
 
 def _form(craft: Spacecraft) -> tuple[int, int]:

@@ -28,8 +28,10 @@ def pretrained_folder(name: str) -> Path:
         ConfigError: there is none.
     """
     if name not in pretrained_names():
-        raise ConfigError(f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "
-                          f"known are {', '.join(pretrained_names()) or 'none'}.")
+        raise ConfigError(
+            f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "
+            f"known are {', '.join(pretrained_names()) or 'none'}."
+        )
     return FOLDER / name
 
 

@@ -32,8 +32,13 @@ def processors() -> int:
 
 
 @contextlib.contextmanager
-def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], workers: int | None,
-              prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[list[Future[Answer]]]:
+def submitted(
+    function: Callable[..., Answer],
+    jobs: Iterable[tuple[Any, ...]],
+    workers: int | None,
+    prepare: Callable[..., object],
+    arguments: tuple[Any, ...],
+) -> Iterator[list[Future[Answer]]]:
     """Jobs at work in other processes, as futures in their order.
 
     The processes are started afresh, not forked: the parent may hold threads (torch, Drake) that a fork
@@ -48,11 +53,19 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
     with contextlib.ExitStack() as kept:
         file = kept.enter_context(_pickled(prepare, arguments))
         with _started_safely():  # its locks start a process already
-            pool = kept.enter_context(ProcessPoolExecutor(
-                workers or processors(), multiprocessing.get_context("spawn"), _begin, (_unpickled, (file,))))
+            pool = kept.enter_context(
+                ProcessPoolExecutor(
+                    workers or processors(),
+                    multiprocessing.get_context("spawn"),
+                    _begin,
+                    (_unpickled, (file,)),
+                )
+            )
         try:
             with _started_safely(), _interrupts_deferred(), _script_left_alone():
-                futures = [pool.submit(_answered, cloudpickle.dumps((function, job))) for job in jobs]
+                futures = [
+                    pool.submit(_answered, cloudpickle.dumps((function, job))) for job in jobs
+                ]
             yield futures
         except BaseException:
             for process in set(multiprocessing.active_children()) - others:
@@ -69,7 +82,9 @@ def deaths_told(who: str) -> Iterator[None]:
     try:
         yield
     except BrokenProcessPool as error:
-        raise RansError(f"a process that {who} died; the usual cause is too little memory.") from error
+        raise RansError(
+            f"a process that {who} died; the usual cause is too little memory."
+        ) from error
 
 
 @contextlib.contextmanager
@@ -134,7 +149,8 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
     is killed. The function is of a module's top level.
     """
     process = multiprocessing.get_context("spawn").Process(
-        target=_begin, args=(function, arguments), daemon=True)
+        target=_begin, args=(function, arguments), daemon=True
+    )
     with _started_safely(), _interrupts_deferred(), _script_left_alone():
         process.start()
     try:
@@ -166,8 +182,12 @@ def _interrupts_deferred() -> Iterator[None]:
         return
     resource_tracker.ensure_running()  # whose start would unblock the signal
     heard: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))  # any thread may get it
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which new processes inherit
+    handler = signal.signal(
+        signal.SIGINT, lambda number, _: heard.append(number)
+    )  # any thread may get it
+    blocked = signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGINT}
+    )  # which new processes inherit
     try:
         yield
     finally:

@@ -50,9 +50,18 @@ class Registry(Mapping[str, T]):
             the package it is of.
     """
 
-    def __init__(self, what: str, group: str, built_in: Mapping[str, str],
-                 checked: Callable[[Any], T], or_else: str = "") -> None:
-        self._what, self._group, self.built_in, self._checked = what, group, built_in, checked
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        built_in: Mapping[str, str],
+        checked: Callable[[Any], T],
+        or_else: str = "",
+    ) -> None:
+        self._what = what
+        self._group = group
+        self.built_in = built_in
+        self._checked = checked
         self._or_else = or_else
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
@@ -86,8 +95,9 @@ class Registry(Mapping[str, T]):
             ConfigError: the name is taken by somebody else, or the object does not work.
         """
         if name in self.built_in or name in self._offered or ":" in name:
-            raise ConfigError(f"the {self._what} {brief(name)} exists already, or is no name; choose another "
-                              "one.")
+            raise ConfigError(
+                f"the {self._what} {brief(name)} exists already, or is no name; choose another one."
+            )
 
         def keep(found: T) -> T:
             self._own[name] = self._checked(found)
@@ -111,9 +121,11 @@ class Registry(Mapping[str, T]):
             return
         if os.environ.get(_TRUST) or name in self._vouched:
             return
-        raise ConfigError(f"{file} names the {self._what} {brief(name)}, and to use it would run that "
-                          "module's code. If you know who made it, add --trust; from Python, call "
-                          "rans.trust_files() first.")
+        raise ConfigError(
+            f"{file} names the {self._what} {brief(name)}, and to use it would run that "
+            "module's code. If you know who made it, add --trust; from Python, call "
+            "rans.trust_files() first."
+        )
 
     def package(self, name: str) -> str:
         """The installed package that offers this name; nothing for what comes with RANS or was registered."""
@@ -130,13 +142,17 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
-            raise ConfigError(f"there is no {self._what} named {brief(name)}{meant(name, self)}; known are "
-                              f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}.")
+            raise ConfigError(
+                f"there is no {self._what} named {brief(name)}{meant(name, self)}; known are "
+                f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
+            )
         try:
             return self._checked(self._found(name))
         except ConfigError as error:
             of = f" of the package {package}" if package else ""
-            raise ConfigError(f"the {self._what} {brief(name)}{of} cannot be used: {error}") from error
+            raise ConfigError(
+                f"the {self._what} {brief(name)}{of} cannot be used: {error}"
+            ) from error
 
     def _found(self, name: str) -> Any:
         """What a name stands for, as its module has it."""
@@ -188,8 +204,10 @@ def resolve(reference: str) -> Any:
         for part in name.split("."):
             found = getattr(found, part)
             if isinstance(found, ModuleType):
-                raise ConfigError(f"{brief(part)} is a module there; name what is in it by its own name, "
-                                  "as in PACKAGE.MODULE:NAME.")
+                raise ConfigError(
+                    f"{brief(part)} is a module there; name what is in it by its own name, "
+                    "as in PACKAGE.MODULE:NAME."
+                )
         return found
     except ConfigError:
         raise

@@ -16,7 +16,9 @@ def leave_out_current_folder() -> None:
 
     Where RANS itself is of that folder, a checkout that is not installed, the folder is looked through last.
     """
-    began_as_module = getattr(sys, "argv", [""])[:1] == ["-m"]  # so it is until the module was found
+    began_as_module = getattr(sys, "argv", [""])[:1] == [
+        "-m"
+    ]  # so it is until the module was found
     if not began_as_module or sys.flags.safe_path or not sys.path:
         return
     folder = sys.path.pop(0)

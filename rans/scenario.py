@@ -62,7 +62,9 @@ def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scena
         ConfigError: the seed has more than 64 bits or the episode more than 31.
     """
     if not 0 <= episode < 2**31:
-        raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
+        raise ConfigError(
+            f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}."
+        )
     one = draws(seed, 1, episode)
     found = Scenario(*task.sample(one.random(dimension, one.first)))
     return map_leaves(lambda x: float(np.squeeze(x)), found)

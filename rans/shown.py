@@ -23,13 +23,18 @@ class Settings(Shown):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        cls.__repr__ = Settings.__repr__  # dataclasses write one for every class that has none of its own
+        cls.__repr__ = (
+            Settings.__repr__
+        )  # dataclasses write one for every class that has none of its own
 
     def __repr__(self) -> str:
         given: Any = self
         own = {one.name: repr(getattr(self, one.name)) for one in fields(given)}
-        told = (f"{one.name}={own[one.name]}" for one in fields(given)
-                if own[one.name] != repr(default(one)))
+        told = (
+            f"{one.name}={own[one.name]}"
+            for one in fields(given)
+            if own[one.name] != repr(default(one))
+        )
         return f"{type(self).__name__}({', '.join(told)})"
 
 

@@ -26,12 +26,15 @@ _LARGEST_BESIDE = 2**20
 """Characters beside strings and comments, which take Python's reader a microsecond each."""
 _MOST_PARTS = 16
 """Of a dotted key: the reader takes a time that grows with their square."""
-_STRINGS = re.compile(r"""
+_STRINGS = re.compile(
+    r"""
     "{3}(?:[^"\\]++|\\.|"(?!""))*+"{3,5}  # a text may end with two quotes of its own
     |'{3}(?:[^']++|'(?!''))*+'{3,5}
     |"(?:[^"\\\n]++|\\.)*+"
     |'[^'\n]*+'
-    |\#[^\n]*+""", re.DOTALL | re.VERBOSE)
+    |\#[^\n]*+""",
+    re.DOTALL | re.VERBOSE,
+)
 """Strings of TOML in their four forms, and comments."""
 _OF_KEYS = re.compile(r"[\w\- \t]+")
 
@@ -56,12 +59,15 @@ def read_toml(text: str) -> dict[str, Any]:
 def _check_effort(text: str) -> None:
     """Refuse what would keep Python's reader of TOML, which bounds nothing, busy for minutes."""
     if len(text) > LARGEST_TOML:
-        raise ConfigError(f"a TOML text may have at most {LARGEST_TOML:,} characters, got "
-                          f"{len(text):,}.")
+        raise ConfigError(
+            f"a TOML text may have at most {LARGEST_TOML:,} characters, got {len(text):,}."
+        )
     beside = _STRINGS.sub("", text)
     if len(beside) > _LARGEST_BESIDE:
-        raise ConfigError(f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
-                          f"strings and comments, got {len(beside):,}.")
+        raise ConfigError(
+            f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
+            f"strings and comments, got {len(beside):,}."
+        )
     dots = _OF_KEYS.sub("", beside)  # so n - 1 dots in a row are left of a key of n parts
     if "." * _MOST_PARTS in dots:
         raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")
@@ -83,8 +89,9 @@ def structure(table: Any, cls: type[T], where: str) -> T:
         ConfigError: an unknown key, a value of the wrong type or out of its range; it names the place.
     """
     converter = cattrs.Converter(forbid_extra_keys=True)
-    converter.register_structure_hook_func(lambda kind: isinstance(kind, type) and inspect.isabstract(kind),
-                                           lambda value, _: value)  # structured by who knows which one it is
+    converter.register_structure_hook_func(
+        lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
+    )  # structured by who knows which one it is
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
@@ -103,8 +110,10 @@ def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
         return None
     pair = isinstance(value, list | tuple)
     if len(value) != 2 if pair else type(value) not in (int, float):
-        raise ConfigError("expected a number, or the least and the largest of two, such as [0.0, 0.1], got "
-                          f"{brief(value)}")
+        raise ConfigError(
+            "expected a number, or the least and the largest of two, such as [0.0, 0.1], got "
+            f"{brief(value)}"
+        )
     return converter.structure(value, tuple[float, float] if pair else float)
 
 

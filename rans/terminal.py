@@ -41,21 +41,35 @@ class Terminal(Console):
         """A sentence: lines break between words on a terminal, and nowhere in a file or a drawing."""
         self.print(text, soft_wrap=not self.is_terminal or "\n" in text)
 
-    def show(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]],
-             shorter: Iterable[Sequence[Any]] | None = None, caption: str = "") -> None:
+    def show(
+        self,
+        title: str,
+        columns: Sequence[str],
+        rows: Iterable[Sequence[Any]],
+        shorter: Iterable[Sequence[Any]] | None = None,
+        caption: str = "",
+    ) -> None:
         """A table; where it is too wide, with broken headings and shorter cells, which the caption tells of.
 
         Where it is still too wide, it becomes several, with some of its columns each, and the first in all.
         """
-        kept, note = _texts(rows), ""
+        kept = _texts(rows)
+        note = ""
         if len(_fitting(columns, kept, self.width)) > 1:
             kept, note = (kept, "") if shorter is None else (_texts(shorter), caption)
-            columns = [columns[0], *(fill(name, max(_HEADING, *(len(row[k]) for row in kept), 0))
-                                     for k, name in enumerate(columns[1:], 1))]
+            columns = [
+                columns[0],
+                *(
+                    fill(name, max(_HEADING, *(len(row[k]) for row in kept), 0))
+                    for k, name in enumerate(columns[1:], 1)
+                ),
+            ]
         groups = _fitting(columns, kept, self.width)
         for number, some in enumerate(groups):
             cells = [[row[0], *(row[k] for k in some)] for row in kept]
-            self.print(table("" if number else title, [columns[0], *(columns[k] for k in some)], cells))
+            self.print(
+                table("" if number else title, [columns[0], *(columns[k] for k in some)], cells)
+            )
         if note:
             self.say(note)
 
@@ -70,8 +84,10 @@ def _texts(rows: Iterable[Sequence[Any]]) -> list[list[str]]:
 
 def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[int]]:
     """Numbers of the columns after the first, in groups that fit beside it; one at least in each."""
-    first, *widths = (_FRAME + max(len(line) for cell in column for line in (cell.splitlines() or [""]))
-                      for column in zip(columns, *rows, strict=True))
+    first, *widths = (
+        _FRAME + max(len(line) for cell in column for line in (cell.splitlines() or [""]))
+        for column in zip(columns, *rows, strict=True)
+    )
     groups: list[list[int]] = [[]]
     left = width - first - 1
     for number, needed in enumerate(widths, 1):
@@ -96,8 +112,13 @@ class _Titled(Table):
             yield console.render_str(str(self.caption), style="table.caption")
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",
-          justify: JustifyMethod = "left") -> Table:
+def table(
+    title: str,
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    caption: str = "",
+    justify: JustifyMethod = "left",
+) -> Table:
     """A table whose first column never breaks, and in which no end of a long word is lost."""
     made = _Titled(title=title or None, caption=caption or None)
     for column in columns:
@@ -110,8 +131,15 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], cap
 def progress() -> Progress:
     """Bars on a terminal while something takes long, gone when it is done."""
     terminal = Terminal(stderr=True)
-    return Progress(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(),
-                    TimeRemainingColumn(), console=terminal, transient=True, disable=not terminal.is_terminal)
+    return Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=terminal,
+        transient=True,
+        disable=not terminal.is_terminal,
+    )
 
 
 @contextmanager

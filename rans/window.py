@@ -34,7 +34,8 @@ class Window:
     """
 
     def __init__(self, fps: float) -> None:
-        self._period, self._due = 1.0 / fps, 0.0
+        self._period = 1.0 / fps
+        self._due = 0.0
         self._changed = threading.Condition()
         self._jpeg: bytes | None = b""
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
@@ -85,7 +86,9 @@ class _Handler(_Quiet):
         """Answer the browser until it leaves."""
         film = self.path == "/film"
         self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame" if film else "text/html")
+        self.send_header(
+            "Content-Type", "multipart/x-mixed-replace; boundary=frame" if film else "text/html"
+        )
         self.end_headers()
         with contextlib.suppress(ConnectionError):  # the page was closed
             if film:
@@ -106,7 +109,8 @@ class Served:
     """
 
     def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
-        self._page, self.version = page, 0
+        self._page = page
+        self.version = 0
         self.renew()
         for port in ports:
             with contextlib.suppress(OSError):
@@ -114,8 +118,10 @@ class Served:
                 break
         else:
             ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
-            raise ConfigError(f"cannot open a page on port {ends} of this computer, it is taken; is another "
-                              "viewer running?")
+            raise ConfigError(
+                f"cannot open a page on port {ends} of this computer, it is taken; is another "
+                "viewer running?"
+            )
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         self.url = f"http://localhost:{server.server_port}"
 
@@ -151,4 +157,4 @@ def tiled(frames: list[np.ndarray]) -> np.ndarray:
     """Frames of one size side by side in as many rows as columns, or one row less; the rest is white."""
     columns = int(np.ceil(np.sqrt(len(frames))))
     grid = [*frames, *[np.full_like(frames[0], 255)] * (-len(frames) % columns)]
-    return np.vstack([np.hstack(grid[k:k + columns]) for k in range(0, len(grid), columns)])
+    return np.vstack([np.hstack(grid[k : k + columns]) for k in range(0, len(grid), columns)])

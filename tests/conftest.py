@@ -44,7 +44,9 @@ class Module(pytest.Module):
         try:
             return super().collect()
         except self.CollectError as error:
-            missing = error.__cause__.name if isinstance(error.__cause__, ModuleNotFoundError) else None
+            missing = (
+                error.__cause__.name if isinstance(error.__cause__, ModuleNotFoundError) else None
+            )
             if missing in OPTIONAL:  # not one of its modules, which would be misspelt
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
@@ -71,20 +73,30 @@ def _environment_of_others() -> Iterator[None]:
     for name in before.keys() | after.keys():
         os.environ.pop(name, None)
     os.environ.update(before)
-    assert after == before, "the test left the environment changed; monkeypatch.setenv undoes changes"
+    assert after == before, (
+        "the test left the environment changed; monkeypatch.setenv undoes changes"
+    )
 
 
 def _variables() -> dict[str, str]:
     """Those that say how RANS and Python behave, such as ``RANS_TRUST`` and ``PYTHONSAFEPATH``."""
-    return {name: value for name, value in os.environ.items() if name.startswith(("RANS_", "PYTHON"))}
+    return {
+        name: value for name, value in os.environ.items() if name.startswith(("RANS_", "PYTHON"))
+    }
 
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not drawn: that takes a second each, and the test looks at something else."""
     monkeypatch.setattr("matplotlib.figure.Figure.draw_without_rendering", lambda _: None)
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, file, **__: (
-        file.write('<svg xmlns="http://www.w3.org/2000/svg"/>') if isinstance(file, io.StringIO) else None))
+    monkeypatch.setattr(
+        "matplotlib.figure.Figure.savefig",
+        lambda _, file, **__: (
+            file.write('<svg xmlns="http://www.w3.org/2000/svg"/>')
+            if isinstance(file, io.StringIO)
+            else None
+        ),
+    )
 
 
 @pytest.fixture(params=spacecraft_names())

@@ -22,8 +22,11 @@ def nasty_planar() -> Spacecraft:
     """Off-centre mass, G above the plane of motion, five unequal thrusters at odd angles."""
     com = (0.07, -0.11, 0.25)
     layout = [  # x, y (m, in G), direction (degrees), force (N)
-        (-0.39, 0.25, 305.0, 0.7), (0.33, 0.09, 225.0, 1.9), (0.18, 0.03, 180.0, 0.4),
-        (0.35, 0.25, 95.0, 1.3), (-0.4, 0.29, 110.0, 1.1),
+        (-0.39, 0.25, 305.0, 0.7),
+        (0.33, 0.09, 225.0, 1.9),
+        (0.18, 0.03, 180.0, 0.4),
+        (0.35, 0.25, 95.0, 1.3),
+        (-0.4, 0.29, 110.0, 1.1),
     ]
     thrusters = tuple(
         Thruster((x, y, com[2]), (math.cos(math.radians(a)), math.sin(math.radians(a)), 0.0), force)
@@ -76,10 +79,12 @@ def inertias(draw: st.DrawFn) -> Tensor:
 @st.composite
 def thrusters(draw: st.DrawFn, dimension: Literal[2, 3], height: float) -> Thruster:
     """Anywhere within half a metre, pointing anywhere; in the plane at the given height."""
-    azimuth, elevation = draw(_numbers(-math.pi, math.pi)), draw(_numbers(-1.5, 1.5))
+    azimuth = draw(_numbers(-math.pi, math.pi))
+    elevation = draw(_numbers(-1.5, 1.5))
     x, y, z = (draw(_numbers(-0.5, 0.5)) for _ in range(3))
     if dimension == 2:
-        z, elevation = height, 0.0
+        z = height
+        elevation = 0.0
     level = math.cos(elevation)
     direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
     return Thruster((x, y, z), direction, draw(_numbers(0.05, 5.0)))
@@ -93,32 +98,53 @@ def spacecraft(draw: st.DrawFn, dimension: Literal[2, 3]) -> Spacecraft:
     with warnings.catch_warnings():  # too few thrusters to control it is a case we want
         warnings.simplefilter("ignore", UserWarning)
         return Spacecraft(
-            name="random", dimension=dimension, mass=draw(_numbers(0.5, 50.0)),
-            inertia=draw(inertias()), thrusters=tuple(nozzles), centre_of_mass=com,
+            name="random",
+            dimension=dimension,
+            mass=draw(_numbers(0.5, 50.0)),
+            inertia=draw(inertias()),
+            thrusters=tuple(nozzles),
+            centre_of_mass=com,
             thrust_sharing=draw(st.sampled_from(("none", "split"))),
         )
 
 
 def to_toml(craft: Spacecraft) -> str:
     """The spacecraft as a file that `rans.load_spacecraft` reads, for messages of failed tests."""
-    lines = [f'name = "{craft.name}"', f"dimension = {craft.dimension}", f"mass = {craft.mass!r}",
-             f"inertia = {list(map(list, craft.inertia))!r}",
-             f"centre_of_mass = {list(craft.centre_of_mass)!r}",
-             f'thrust_sharing = "{craft.thrust_sharing}"']
+    lines = [
+        f'name = "{craft.name}"',
+        f"dimension = {craft.dimension}",
+        f"mass = {craft.mass!r}",
+        f"inertia = {list(map(list, craft.inertia))!r}",
+        f"centre_of_mass = {list(craft.centre_of_mass)!r}",
+        f'thrust_sharing = "{craft.thrust_sharing}"',
+    ]
     for t in craft.thrusters:
-        lines += ["", "[[thruster]]", f"position = {list(t.position)!r}",
-                  f"direction = {list(t.direction)!r}", f"force = {t.force!r}"]
+        lines += [
+            "",
+            "[[thruster]]",
+            f"position = {list(t.position)!r}",
+            f"direction = {list(t.direction)!r}",
+            f"force = {t.force!r}",
+        ]
     return "\n".join(lines) + "\n"
 
 
-def random_states(dimension: Literal[2, 3], count: int, seed: int, reach: float = 3.0,
-                  speed: float = 0.5, spin: float = 1.0) -> Any:
+def random_states(
+    dimension: Literal[2, 3],
+    count: int,
+    seed: int,
+    reach: float = 3.0,
+    speed: float = 0.5,
+    spin: float = 1.0,
+) -> Any:
     """States of float64 arrays (count,): anywhere within the reach (m), any attitude, any motion."""
     generator = np.random.default_rng(seed)
     p, v = (generator.uniform(-s, s, (dimension, count)) for s in (reach, speed))
     if dimension == 2:
-        angle, w = generator.uniform(-math.pi, math.pi, count), generator.uniform(-spin, spin, count)
+        angle = generator.uniform(-math.pi, math.pi, count)
+        w = generator.uniform(-spin, spin, count)
         return PlanarState(Vec2(*p), Heading(angle), Vec2(*v), w)
     x, y, z, w = Rotation.random(count, rng=generator).as_quat().T
-    return SpatialState(Vec3(*p), Quat(w, x, y, z), Vec3(*v),
-                        Vec3(*generator.uniform(-spin, spin, (3, count))))
+    return SpatialState(
+        Vec3(*p), Quat(w, x, y, z), Vec3(*v), Vec3(*generator.uniform(-spin, spin, (3, count)))
+    )

@@ -19,17 +19,26 @@ PATIENCE = 1800.0
 @contextlib.contextmanager
 def command(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
     """``rans`` in a process that hears Ctrl-C as in a terminal even if this one does not."""
-    code = ("import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-            f"sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())")
-    with python("-c", code, *arguments, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment) as process:
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        f"sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())"
+    )
+    with python(
+        "-c", code, *arguments, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment
+    ) as process:
         yield process
 
 
 @contextlib.contextmanager
 def python(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
     """Another interpreter, whose process is gone when the test goes on."""
-    with subprocess.Popen([sys.executable, *arguments], text=True, stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE, **options) as process:
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        **options,
+    ) as process:
         try:
             yield process
         finally:

@@ -15,7 +15,8 @@ from rans.pretrained import pretrained_names
 from rans.scenario import scenarios
 
 FOLDER = Path(__file__).parent / "data" / "commands"
-SEED, EPISODES = 31, 64
+SEED = 31
+EPISODES = 64
 """Starts that neither training nor evaluation uses."""
 
 
@@ -39,5 +40,8 @@ if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in pretrained_names():
         commands = flown(name).commands
-        np.savez_compressed(FOLDER / f"{name}.npz", bits=np.packbits(commands.astype(bool)),
-                            shape=np.array(commands.shape))
+        np.savez_compressed(
+            FOLDER / f"{name}.npz",
+            bits=np.packbits(commands.astype(bool)),
+            shape=np.array(commands.shape),
+        )

@@ -22,21 +22,36 @@ from rans.scenario import EVALUATION_SEED, scenarios
 from tests.test_imports import loaded
 from validation.checks import Check, Study
 
-MODULES = sorted({"rans", "rans.api", "rans.tasks.formula", *(
-    module for module in (getattr(getattr(rans, name), "__module__", "") for name in rans.__all__)
-    if module.startswith("rans."))})
+MODULES = sorted(
+    {
+        "rans",
+        "rans.api",
+        "rans.tasks.formula",
+        *(
+            module
+            for module in (getattr(getattr(rans, name), "__module__", "") for name in rans.__all__)
+            if module.startswith("rans.")
+        ),
+    }
+)
 """Where the names at the top are from."""
 
 
 def examples() -> list[doctest.DocTest]:
     """Which know nothing but these, as whoever copies them into a script."""
-    known = {"rans": rans, "tempfile": tempfile, "gymnasium": gymnasium, "dataclasses": dataclasses,
-             "torch": torch}
+    known = {
+        "rans": rans,
+        "tempfile": tempfile,
+        "gymnasium": gymnasium,
+        "dataclasses": dataclasses,
+        "torch": torch,
+    }
     found = []
     for name in MODULES:
         module = importlib.import_module(name)
-        found += [one for one in doctest.DocTestFinder().find(module, globs=dict(known))
-                  if one.examples]
+        found += [
+            one for one in doctest.DocTestFinder().find(module, globs=dict(known)) if one.examples
+        ]
     return found
 
 
@@ -51,10 +66,23 @@ def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.Mo
 
 def test_every_name_at_the_top_has_an_example() -> None:
     """But errors, the tables of names, and the parts of conditions and trainings, which others' show."""
-    parts = {"BodyConditions", "ThrusterConditions", "FaultConditions", "DisturbanceConditions",
-             "SensorConditions", "SensorsConditions", "PPOSettings", "TASKS", "CONTROLLERS", "__version__"}
-    wanted = {name for name in {*rans.__all__} - parts
-              if not (isinstance(found := getattr(rans, name), type) and issubclass(found, Exception))}
+    parts = {
+        "BodyConditions",
+        "ThrusterConditions",
+        "FaultConditions",
+        "DisturbanceConditions",
+        "SensorConditions",
+        "SensorsConditions",
+        "PPOSettings",
+        "TASKS",
+        "CONTROLLERS",
+        "__version__",
+    }
+    wanted = {
+        name
+        for name in {*rans.__all__} - parts
+        if not (isinstance(found := getattr(rans, name), type) and issubclass(found, Exception))
+    }
     assert len(wanted) > 35
     assert wanted <= {part for one in examples() for part in one.name.split(".")}
 
@@ -69,19 +97,31 @@ def test_the_top_lists_what_it_has_and_loads_it_when_asked() -> None:
 
 def test_type_checkers_see_what_is_loaded_later() -> None:
     tree = ast.parse(Path(rans.__file__).read_text("utf-8"))
-    block, = (node for node in tree.body if isinstance(node, ast.If))
-    told = {alias.name: node.module for node in block.body if isinstance(node, ast.ImportFrom)
-            for alias in node.names}
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    told = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
     assert told == rans._LAZY
 
 
 def test_importing_loads_neither_torch_nor_drake_casadi_scipy() -> None:
     heavy = {"torch", "pydrake", "casadi", "scipy", "numba", "matplotlib", "rich", "tyro", "cattrs"}
-    assert loaded("import rans; dir(rans); rans.load_spacecraft('free-flyer')") & heavy <= {"cattrs"}
+    assert loaded("import rans; dir(rans); rans.load_spacecraft('free-flyer')") & heavy <= {
+        "cattrs"
+    }
 
 
-SLIDER = [((-0.2, 0.1), (2.0, 0.0), 1.0), ((-0.2, -0.1), (1.0, 0.0), 1.0), ((0.2, 0.1), (-1.0, 0.0), 1.0),
-          ((0.2, -0.1), (-1.0, 0.0), 1.0), ((0.0, -0.2), (0.0, 1.0), 0.5), ((0.0, 0.2), (0.0, -1.0), 0.5)]
+SLIDER = [
+    ((-0.2, 0.1), (2.0, 0.0), 1.0),
+    ((-0.2, -0.1), (1.0, 0.0), 1.0),
+    ((0.2, 0.1), (-1.0, 0.0), 1.0),
+    ((0.2, -0.1), (-1.0, 0.0), 1.0),
+    ((0.0, -0.2), (0.0, 1.0), 0.5),
+    ((0.0, 0.2), (0.0, -1.0), 0.5),
+]
 
 
 def test_a_planar_spacecraft_from_two_vectors() -> None:
@@ -93,7 +133,9 @@ def test_a_planar_spacecraft_from_two_vectors() -> None:
     assert rans.Engine(craft, "go-to-pose", 2).observation_width == 10
 
 
-@pytest.mark.parametrize("rows", [[((0.0, 0.0, 0.0), (1.0, 0.0), 1.0)], [(1.0, 2.0)], 3, [rans.GoToPose()]])
+@pytest.mark.parametrize(
+    "rows", [[((0.0, 0.0, 0.0), (1.0, 0.0), 1.0)], [(1.0, 2.0)], 3, [rans.GoToPose()]]
+)
 def test_planar_thrusters_that_are_none(rows: Any) -> None:
     with pytest.raises(ConfigError, match=r"thrusters are \(\(x, y\), \(x, y\), force\) each"):
         rans.Spacecraft.planar("slider", 5.0, 0.1, rows)
@@ -111,80 +153,166 @@ def test_names_do_where_objects_do() -> None:
     assert env.reset(seed=1)[0].shape == (10,)
 
 
-@pytest.mark.parametrize(("ask", "said"), [
-    (lambda: rans.Engine("floating-platform", {"thrust_weight": 1.0}, 2),  # type: ignore[arg-type]
-     r"a name or an object such as rans\.GoToPose\(thrust_weight=0\.05\), got \{'thrust_weight': 1\.0\}"),
-    (lambda: rans.load_task(rans.GoToPose), r"a name or an object such as rans\.GoToPose\(.*got <class"),  # type: ignore[arg-type]
-    (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
-    (lambda: rans.train(total_timesteps=1.5, run="x"),  # type: ignore[arg-type]
-     "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5"),
-    (lambda: rans.load_agent(3), "an agent is its name, its run folder or .*, got 3"),  # type: ignore[arg-type]
-    (lambda: rans.load_agent(""), "an agent is its name, its run folder or .*, got ''"),
-    (lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
-     r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>"),
-    (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
-    (lambda: rans.compare("go-to-pose-2d", beside=None), "names of controllers .*, got None"),  # type: ignore[arg-type]
-    (lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
-     r"a pilot is the name of a controller, or what rans\.load_agent gave, got 3"),
-    (lambda: rans.Engine("atmos", "go-to-pose", 1).step(np.zeros((1, 8))),  # type: ignore[arg-type]
-     r"actions must be a torch\.Tensor, got array"),
-    (lambda: rans.certify(horizon=1e300), "of 1 to 1,048,575 whole control periods"),
-    (lambda: rans.optimal_trajectory(horizon=1e300), "at most 1,048,575 control periods of 0.2 s"),
-    (lambda: rans.optimal_trajectory(objective="time", intervals="a"),  # type: ignore[arg-type]
-     "intervals must be >= 1 and <= 1,048,575, got 'a'"),
-    (lambda: rans.validate(layer="thruster"), r"no layer named 'thruster' \(did you mean thrusters\?\)"),
-    (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
-     r"timing takes an object, no dict: rans.Timing\(episode_steps=9\)"),
-    (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
-     r"conditions, .*no dict: rans.Conditions\(body=1\)"),
-    (lambda: gymnasium.make("rans/GoToPose2D-v0", task={"thrust_weight": 1.0}),
-     r"no dict: rans.GoToPose\(thrust_weight=1.0\)"),
-    (lambda: gymnasium.make("rans/GoToPose2D-v0", timing={"episode_steps": 5}), "no dict: rans.Timing"),
-    (lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
-     r"ppo takes an object, no dict: rans.PPOSettings\(n_steps=32\)"),
-    (lambda: rans.load_spacecraft(3), "spacecraft, unless it is a name or a file, must be a rans.Spacecraft"),  # type: ignore[arg-type]
-    (lambda: rans.evaluate("nobody"), "nobody is not a run folder: there is nothing of that name"),
-    (lambda: rans.evaluate("go-to-pose-2d", episodes=0), "episodes must be a whole number >= 1"),
-    (lambda: rans.evaluate("multi-task-2d"), "knows several tasks: pick one, as in multi-task-2d#go-to"),
-    (lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]
-     r"engine must be one of fast, drake, got 'fats' \(did you mean fast\?\)"),
-    (lambda: rans.evaluate("go-to-pose-2d", protocol="papers"),  # type: ignore[arg-type]
-     "protocol must be one of own, paper, original"),
-    (lambda: rans.evaluate(rans.load_agent("lqr:go-to-pose-2d"), protocol="original"),
-     "was made for its own setup"),
-    (lambda: rans.compare("go-to-pose-2d", beside=["lqrr"]), r"named 'lqrr' \(did you mean lqr\?\)"),
-    (lambda: rans.compare(rans.load_agent("go-to-pose-2d")),  # type: ignore[arg-type]
-     "a contestant is a name, a run folder, a controller or .*, got <go-to-pose-2d: GoToPose for"),
-    (lambda: rans.compare(rans.LQR, "go-to-pose-2d"), "the first contestant gives task, .*, got <class"),
-    (lambda: rans.certify(kind="arival"), r"kind must be one of arrival, settling.*mean arrival"),  # type: ignore[arg-type]
-    (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
-    (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
-    (lambda: rans.Conditions(sensors={"delay": 1.0}),  # type: ignore[arg-type]
-     r"sensors takes an object, no dict: rans.SensorsConditions\(delay=1.0\)"),
-    (lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
-     r"sensors.position takes an object, no dict: rans.SensorConditions\(noise=0.1\)"),
-    (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
-    (lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
-     r"no dict: rans.optimal.control.regulator.Weights\(position=1.0\)"),
-    (lambda: rans.Engine("atmos", "go-to-pose", 2, seed="x"), "the seed must be a whole number"),  # type: ignore[arg-type]
-    (lambda: rans.Engine("atmos", "go-to-pose", 2, body=3), "body must be a rans.model.body.Body"),  # type: ignore[arg-type]
-    (lambda: rans.SB3VecEnv("atmos"), "engine must be a rans.Engine"),  # type: ignore[arg-type]
-    (lambda: rans.Pilot("lqr", None), "a pilot flies one of RANS's environments"),  # type: ignore[arg-type]
-    (lambda: rans.train("go-to-poze"), r"named 'go-to-poze' \(did you mean go-to-pose\?\)"),
-    (lambda: rans.compare(), "name at least one contestant"),
-    (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
-    (lambda: rans.certify(kind="settling", horizon=4.0), "bounded for arrival only"),
-])
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (
+            lambda: rans.Engine("floating-platform", {"thrust_weight": 1.0}, 2),  # type: ignore[arg-type]
+            r"a name or an object such as rans\.GoToPose\(thrust_weight=0\.05\), got \{'thrust_weight': 1\.0\}",
+        ),
+        (
+            lambda: rans.load_task(rans.GoToPose),  # type: ignore[arg-type]
+            r"a name or an object such as rans\.GoToPose\(.*got <class",
+        ),
+        (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
+        (
+            lambda: rans.train(total_timesteps=1.5, run="x"),  # type: ignore[arg-type]
+            "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5",
+        ),
+        (lambda: rans.load_agent(3), "an agent is its name, its run folder or .*, got 3"),  # type: ignore[arg-type]
+        (lambda: rans.load_agent(""), "an agent is its name, its run folder or .*, got ''"),
+        (
+            lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
+            r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>",
+        ),
+        (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
+        (lambda: rans.compare("go-to-pose-2d", beside=None), "names of controllers .*, got None"),  # type: ignore[arg-type]
+        (
+            lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
+            r"a pilot is the name of a controller, or what rans\.load_agent gave, got 3",
+        ),
+        (
+            lambda: rans.Engine("atmos", "go-to-pose", 1).step(np.zeros((1, 8))),  # type: ignore[arg-type]
+            r"actions must be a torch\.Tensor, got array",
+        ),
+        (lambda: rans.certify(horizon=1e300), "of 1 to 1,048,575 whole control periods"),
+        (
+            lambda: rans.optimal_trajectory(horizon=1e300),
+            "at most 1,048,575 control periods of 0.2 s",
+        ),
+        (
+            lambda: rans.optimal_trajectory(objective="time", intervals="a"),  # type: ignore[arg-type]
+            "intervals must be >= 1 and <= 1,048,575, got 'a'",
+        ),
+        (
+            lambda: rans.validate(layer="thruster"),
+            r"no layer named 'thruster' \(did you mean thrusters\?\)",
+        ),
+        (
+            lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
+            r"timing takes an object, no dict: rans.Timing\(episode_steps=9\)",
+        ),
+        (
+            lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
+            r"conditions, .*no dict: rans.Conditions\(body=1\)",
+        ),
+        (
+            lambda: gymnasium.make("rans/GoToPose2D-v0", task={"thrust_weight": 1.0}),
+            r"no dict: rans.GoToPose\(thrust_weight=1.0\)",
+        ),
+        (
+            lambda: gymnasium.make("rans/GoToPose2D-v0", timing={"episode_steps": 5}),
+            "no dict: rans.Timing",
+        ),
+        (
+            lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
+            r"ppo takes an object, no dict: rans.PPOSettings\(n_steps=32\)",
+        ),
+        (
+            lambda: rans.load_spacecraft(3),  # type: ignore[arg-type]
+            "spacecraft, unless it is a name or a file, must be a rans.Spacecraft",
+        ),
+        (
+            lambda: rans.evaluate("nobody"),
+            "nobody is not a run folder: there is nothing of that name",
+        ),
+        (
+            lambda: rans.evaluate("go-to-pose-2d", episodes=0),
+            "episodes must be a whole number >= 1",
+        ),
+        (
+            lambda: rans.evaluate("multi-task-2d"),
+            "knows several tasks: pick one, as in multi-task-2d#go-to",
+        ),
+        (
+            lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]
+            r"engine must be one of fast, drake, got 'fats' \(did you mean fast\?\)",
+        ),
+        (
+            lambda: rans.evaluate("go-to-pose-2d", protocol="papers"),  # type: ignore[arg-type]
+            "protocol must be one of own, paper, original",
+        ),
+        (
+            lambda: rans.evaluate(rans.load_agent("lqr:go-to-pose-2d"), protocol="original"),
+            "was made for its own setup",
+        ),
+        (
+            lambda: rans.compare("go-to-pose-2d", beside=["lqrr"]),
+            r"named 'lqrr' \(did you mean lqr\?\)",
+        ),
+        (
+            lambda: rans.compare(rans.load_agent("go-to-pose-2d")),  # type: ignore[arg-type]
+            "a contestant is a name, a run folder, a controller or .*, got <go-to-pose-2d: GoToPose for",
+        ),
+        (
+            lambda: rans.compare(rans.LQR, "go-to-pose-2d"),
+            "the first contestant gives task, .*, got <class",
+        ),
+        (
+            lambda: rans.certify(kind="arival"),  # type: ignore[arg-type]
+            r"kind must be one of arrival, settling.*mean arrival",
+        ),
+        (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
+        (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
+        (
+            lambda: rans.Conditions(sensors={"delay": 1.0}),  # type: ignore[arg-type]
+            r"sensors takes an object, no dict: rans.SensorsConditions\(delay=1.0\)",
+        ),
+        (
+            lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
+            r"sensors.position takes an object, no dict: rans.SensorConditions\(noise=0.1\)",
+        ),
+        (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
+        (
+            lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
+            r"no dict: rans.optimal.control.regulator.Weights\(position=1.0\)",
+        ),
+        (
+            lambda: rans.Engine("atmos", "go-to-pose", 2, seed="x"),  # type: ignore[arg-type]
+            "the seed must be a whole number",
+        ),
+        (
+            lambda: rans.Engine("atmos", "go-to-pose", 2, body=3),  # type: ignore[arg-type]
+            "body must be a rans.model.body.Body",
+        ),
+        (lambda: rans.SB3VecEnv("atmos"), "engine must be a rans.Engine"),  # type: ignore[arg-type]
+        (lambda: rans.Pilot("lqr", None), "a pilot flies one of RANS's environments"),  # type: ignore[arg-type]
+        (lambda: rans.train("go-to-poze"), r"named 'go-to-poze' \(did you mean go-to-pose\?\)"),
+        (lambda: rans.compare(), "name at least one contestant"),
+        (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
+        (lambda: rans.certify(kind="settling", horizon=4.0), "bounded for arrival only"),
+    ],
+)
 def test_mistakes_are_sentences(ask: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         ask()
 
 
-def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(tmp_path: Path) -> None:
-    craft, rows = rans.Spacecraft.planar("slider", 5.0, 0.1, SLIDER), list[dict[str, Any]]()
+def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
+    tmp_path: Path,
+) -> None:
+    craft = rans.Spacecraft.planar("slider", 5.0, 0.1, SLIDER)
+    rows = list[dict[str, Any]]()
     settings = rans.PPOSettings(n_envs=4, n_steps=4, batch_size=8, n_epochs=1, layers=(8,))
-    run = rans.train(rans.GoToPose(thrust_weight=0.07), craft, ppo=settings, total_timesteps=32, seed=3,
-                     run=tmp_path / "mine", report=rows.append)
+    run = rans.train(
+        rans.GoToPose(thrust_weight=0.07),
+        craft,
+        ppo=settings,
+        total_timesteps=32,
+        seed=3,
+        run=tmp_path / "mine",
+        report=rows.append,
+    )
     assert rows[-1]["steps"] == 32
     assert (run.craft, run.task) == (craft, rans.GoToPose(thrust_weight=0.07))
     again = rans.fast.learn.run_folder.read_config(tmp_path / "mine" / "config.json")
@@ -206,7 +334,9 @@ def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch)
     assert "thrusters.latency" in rans.load_conditions("lab")._repr_html_()
     assert "a perfect world" in rans.Conditions()._repr_html_()
     found = rans.evaluate("go-to-pose-2d", episodes=4)
-    assert repr(found).startswith("<go-to-pose-2d: 4 episodes of 25 s with floating-platform (fast engine): ")
+    assert repr(found).startswith(
+        "<go-to-pose-2d: 4 episodes of 25 s with floating-platform (fast engine): "
+    )
     assert f"{found['duty'].value:.3g} %" in found._repr_html_()
 
 
@@ -241,36 +371,50 @@ class Coasting:
 
 def test_controllers_compete_as_objects_and_by_their_classes() -> None:
     """As they are: who is named has its tuned settings instead."""
-    craft, task = rans.load_spacecraft("floating-platform"), rans.GoToPose().for_evaluation()
-    given, misfit = rans.Switching(craft, task), Coasting(rans.load_spacecraft("free-flyer"), None, None)
-    found = rans.compare("switching:go-to-pose-2d", Coasting, given, misfit, beside=["switching"], episodes=2)
+    craft = rans.load_spacecraft("floating-platform")
+    task = rans.GoToPose().for_evaluation()
+    given = rans.Switching(craft, task)
+    misfit = Coasting(rans.load_spacecraft("free-flyer"), None, None)
+    found = rans.compare(
+        "switching:go-to-pose-2d", Coasting, given, misfit, beside=["switching"], episodes=2
+    )
     assert [entry.name for entry in found.entries] == ["switching", "coasting", "switching (3)"]
     _, coasting, switching = (entry.flight for entry in found.entries)
     assert not coasting.commands.any()
     alone = rans.fly(craft, task, given, scenarios(task, craft, EVALUATION_SEED, 2), rans.Timing())
     np.testing.assert_array_equal(switching.commands, alone.commands)
-    failure, = found.failures
-    assert "the controller 'Coasting' must answer 2 observations with commands of shape (2, 8)" in failure
+    (failure,) = found.failures
+    assert (
+        "the controller 'Coasting' must answer 2 observations with commands of shape (2, 8)"
+        in failure
+    )
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
     engine = rans.Engine("atmos", "go-to-pose", np.int64(3), seed=np.int64(5))  # type: ignore[arg-type]
-    assert torch.equal(engine.reset(np.int64(5)), rans.Engine("atmos", "go-to-pose", 3, seed=5).reset(5))  # type: ignore[arg-type]
+    assert torch.equal(
+        engine.reset(np.int64(5)),  # type: ignore[arg-type]
+        rans.Engine("atmos", "go-to-pose", 3, seed=5).reset(5),  # type: ignore[arg-type]
+    )
 
 
 SHOWN = {
     "<Engine: 4 x atmos, GoToPose, on cpu>": lambda: rans.Engine("atmos", "go-to-pose", 4),
-    "<SB3VecEnv around <Engine: 4 x atmos, GoToPose, on cpu>>":
-        lambda: rans.SB3VecEnv(rans.Engine("atmos", "go-to-pose", 4)),
+    "<SB3VecEnv around <Engine: 4 x atmos, GoToPose, on cpu>>": lambda: rans.SB3VecEnv(
+        rans.Engine("atmos", "go-to-pose", 4)
+    ),
     "<Agent go-to-pose-2d>": lambda: rans.load_agent("go-to-pose-2d").controller,
-    "<Pilot: LQR in <SpacecraftEnv<rans/GoToPose2D-v0>>>":
-        lambda: rans.Pilot("lqr", gymnasium.make("rans/GoToPose2D-v0")),
+    "<Pilot: LQR in <SpacecraftEnv<rans/GoToPose2D-v0>>>": lambda: rans.Pilot(
+        "lqr", gymnasium.make("rans/GoToPose2D-v0")
+    ),
     "<task by name: go-to-position, go-to-pose, ": lambda: rans.TASKS,
-    "<Bound of the time of arrival from start 3: 5.5, 6 found>":
-        lambda: Bound(3, None, 5.0, lower=5.5, upper=6.0),
+    "<Bound of the time of arrival from start 3: 5.5, 6 found>": lambda: Bound(
+        3, None, 5.0, lower=5.5, upper=6.0
+    ),
     "<Bound of the thrust-time by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),
-    "<x: 1 of 2 checks passed>": lambda: Study("x", tuple(
-        Check("y", value, 1.0, "m", "") for value in (0.5, 1.5))),
+    "<x: 1 of 2 checks passed>": lambda: Study(
+        "x", tuple(Check("y", value, 1.0, "m", "") for value in (0.5, 1.5))
+    ),
 }
 
 

@@ -48,15 +48,19 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 LONG = "x" * 1_000_000
 
 
-@pytest.mark.parametrize(("old", "new", "end"), [
-    ("mass = ", f'{LONG} = 1\nmass = ', "known are actuators, centre_of_mass, "),
-    ("mass = ", f"mass = [{'1, ' * 100_000}1]\nnever = ", "characters)."),
-    ("mass = ", f"mass = 1{'0' * 400}\nnever = ", "characters)."),
-    ("dimension = ", f"dimension = 1{'0' * 400}\nnever = ", "characters)."),
-    ("thrust_sharing = ", f'thrust_sharing = "{LONG}"\nnever = ', "characters)."),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "end"),
+    [
+        ("mass = ", f"{LONG} = 1\nmass = ", "known are actuators, centre_of_mass, "),
+        ("mass = ", f"mass = [{'1, ' * 100_000}1]\nnever = ", "characters)."),
+        ("mass = ", f"mass = 1{'0' * 400}\nnever = ", "characters)."),
+        ("dimension = ", f"dimension = 1{'0' * 400}\nnever = ", "characters)."),
+        ("thrust_sharing = ", f'thrust_sharing = "{LONG}"\nnever = ', "characters)."),
+    ],
+)
 def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
-        capsys: pytest.CaptureFixture[str], old: str, new: str, end: str) -> None:
+    capsys: pytest.CaptureFixture[str], old: str, new: str, end: str
+) -> None:
     text = PLATFORM_TEXT if old in PLATFORM_TEXT else f"{old}\n{PLATFORM_TEXT}"
     changed = text.replace(old, new, 1).replace("never = ", "# ", 1)
     write_text(Path("long.toml"), changed)
@@ -68,14 +72,31 @@ def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
 HUGE = "x" * 10_000_000
 
 
-@pytest.mark.parametrize("ask", [
-    rans.load_spacecraft, rans.load_conditions, rans.load_task, rans.load_agent,
-    lambda name: rans.load_spacecraft(f"{name}.toml"), lambda name: rans.load_agent(f"pretrained:{name}"),
-    lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
-    lambda name: rans.train("go-to-pose", device=name),
-    lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
-], ids=["spacecraft", "conditions", "task", "agent", "file", "pretrained", "craft of an agent", "device",
-        "name in a file"])
+@pytest.mark.parametrize(
+    "ask",
+    [
+        rans.load_spacecraft,
+        rans.load_conditions,
+        rans.load_task,
+        rans.load_agent,
+        lambda name: rans.load_spacecraft(f"{name}.toml"),
+        lambda name: rans.load_agent(f"pretrained:{name}"),
+        lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
+        lambda name: rans.train("go-to-pose", device=name),
+        lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
+    ],
+    ids=[
+        "spacecraft",
+        "conditions",
+        "task",
+        "agent",
+        "file",
+        "pretrained",
+        "craft of an agent",
+        "device",
+        "name in a file",
+    ],
+)
 def test_sentences_stay_short_however_long_a_name_is(ask: Callable[[str], object]) -> None:
     with pytest.raises(ConfigError) as refused:
         ask(HUGE)
@@ -87,18 +108,30 @@ def test_what_is_short_is_shown_whole() -> None:
     assert brief("x" * 200) == "'" + "x" * 79 + " ... (202 characters)"
 
 
-@pytest.mark.parametrize("change", [
-    "ppo.layers=[1000000,1000000]", "ppo.layers=[18446744073709551616]", f"ppo.layers={[8] * 33}",
-    "ppo.n_envs=18446744073709551616", "ppo.batch_size=18446744073709551616",
-    "ppo.history=18446744073709551616",
-    "ppo.n_epochs=18446744073709551616", "threads=9999999999", "threads=18446744073709551616",
-    "total_timesteps=18446744073709551616", "report_interval=18446744073709551616",
-    "seed=18446744073709551616",
-    "timing.episode_steps=18446744073709551616", "timing.substeps=10001",
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "ppo.layers=[1000000,1000000]",
+        "ppo.layers=[18446744073709551616]",
+        f"ppo.layers={[8] * 33}",
+        "ppo.n_envs=18446744073709551616",
+        "ppo.batch_size=18446744073709551616",
+        "ppo.history=18446744073709551616",
+        "ppo.n_epochs=18446744073709551616",
+        "threads=9999999999",
+        "threads=18446744073709551616",
+        "total_timesteps=18446744073709551616",
+        "report_interval=18446744073709551616",
+        "seed=18446744073709551616",
+        "timing.episode_steps=18446744073709551616",
+        "timing.substeps=10001",
+    ],
+)
 def test_numbers_that_no_machine_holds(capsys: pytest.CaptureFixture[str], change: str) -> None:
     key = change.partition("=")[0].rpartition(".")[2]
-    sentence = said(capsys, "train", "go-to-pose", "--device", "cpu", "--run", "run", "--set", change)
+    sentence = said(
+        capsys, "train", "go-to-pose", "--device", "cpu", "--run", "run", "--set", change
+    )
     assert f"{key} must be" in sentence
     assert not Path("run").exists()
 
@@ -116,13 +149,18 @@ def test_a_spacecraft_of_thousands_of_thrusters(capsys: pytest.CaptureFixture[st
     assert "at most 1000 thrusters, got 1001" in said(capsys, "list", "many.toml")
 
 
-READERS: dict[str, Callable[[Path], object]] = {"text": read_text, "json": read_json, "any": regular}
+READERS: dict[str, Callable[[Path], object]] = {
+    "text": read_text,
+    "json": read_json,
+    "any": regular,
+}
 
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 @pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
-def test_what_is_no_file_is_not_waited_for(reader: Callable[[Path], object], kind: str,
-                                           tmp_path: Path) -> None:
+def test_what_is_no_file_is_not_waited_for(
+    reader: Callable[[Path], object], kind: str, tmp_path: Path
+) -> None:
     odd = Path("/dev/zero") if kind == "device" else tmp_path / "odd"
     if kind != "device":
         (os.mkfifo if kind == "pipe" else os.mkdir)(odd)
@@ -133,16 +171,26 @@ def test_what_is_no_file_is_not_waited_for(reader: Callable[[Path], object], kin
 def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[str]) -> None:
     """Root may: a drawing saved as /dev/null would have ended it for everybody."""
     os.mkfifo("odd.svg")
-    assert "it is a pipe or a device" in said(capsys, "list", "floating-platform", "--picture", "odd.svg")
+    assert "it is a pipe or a device" in said(
+        capsys, "list", "floating-platform", "--picture", "odd.svg"
+    )
     assert stat.S_ISFIFO(os.stat("odd.svg").st_mode)
 
 
-@pytest.mark.parametrize("command", [
-    ["list", "odd.toml"], ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
-    ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
-    ["train", "go-to-pose", "--spacecraft", "odd.toml"], ["train", "--config", "odd.json"],
-    ["train", "go-to-pose", "--conditions", "odd.toml"]])
-def test_no_command_waits_for_a_pipe(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["list", "odd.toml"],
+        ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
+        ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
+        ["train", "go-to-pose", "--spacecraft", "odd.toml"],
+        ["train", "--config", "odd.json"],
+        ["train", "go-to-pose", "--conditions", "odd.toml"],
+    ],
+)
+def test_no_command_waits_for_a_pipe(
+    capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
     for name in ("odd.toml", "odd.csv", "odd.json"):
         os.mkfifo(name)
     assert "it is no file" in said(capsys, *command)
@@ -157,8 +205,15 @@ def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: s
     assert "it is no file" in said(capsys, *command, "run")
 
 
-@pytest.mark.parametrize("row", ["[1]", "{}", '{"steps": "many", "seconds": 1, "success": 0}',
-                                 '{"steps": 1, "seconds": 1, "success": 0, "return/position": {}}'])
+@pytest.mark.parametrize(
+    "row",
+    [
+        "[1]",
+        "{}",
+        '{"steps": "many", "seconds": 1, "success": 0}',
+        '{"steps": 1, "seconds": 1, "success": 0, "return/position": {}}',
+    ],
+)
 def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) -> None:
     tiny_trainer(Path("run")).train(ignore, after(1))
     Path("run/metrics.jsonl").write_text(row + "\n")
@@ -190,8 +245,12 @@ time.sleep(60)
 def test_two_trainings_in_one_folder(capsys: pytest.CaptureFixture[str]) -> None:
     """The second is told; when the first is killed, the next goes on, and no row is there twice."""
     tiny_trainer(Path("run")).train(ignore, after(1))
-    with subprocess.Popen([sys.executable, "-c", HOLDER], stdout=subprocess.PIPE, text=True,
-                          env=os.environ | {"PYTHONPATH": str(ROOT)}) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
         before = Path("run/metrics.jsonl").read_bytes()
@@ -205,9 +264,11 @@ def test_two_trainings_in_one_folder(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_text(tmp_path / "file", "")
-    first, second = Lock(tmp_path / "file"), Lock(tmp_path / "file")
+    first = Lock(tmp_path / "file")
+    second = Lock(tmp_path / "file")
     first.take("taken")
     first.take("taken")
     with pytest.raises(ConfigError, match=r"^taken$"):
@@ -226,7 +287,13 @@ def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
     """Not those of the living, nor young ones: another machine's process may be at work."""
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         pass
-    names = str(dead.pid), f"{dead.pid}.0123abcd", str(os.getppid()), f"{os.getppid()}.0123abcd", "x"
+    names = (
+        str(dead.pid),
+        f"{dead.pid}.0123abcd",
+        str(os.getppid()),
+        f"{os.getppid()}.0123abcd",
+        "x",
+    )
     drafts = {name: tmp_path / f".{name}.policy.zip" for name in names}
     other = tmp_path / f".{dead.pid}.other.zip"
     for draft in (*drafts.values(), other):
@@ -242,23 +309,32 @@ def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("distance", [1e2, 1e7])
 def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
-        capsys: pytest.CaptureFixture[str], distance: float) -> None:
+    capsys: pytest.CaptureFixture[str], distance: float
+) -> None:
     head, _, tail = PLATFORM_TEXT.partition("position = [")
     write_text(Path("far.toml"), f"{head}position = [{distance}, {tail.partition(',')[2].lstrip()}")
     assert main(["list", "far.toml"]) == 0
     assert len(capsys.readouterr().out) < 10_000
 
 
-@pytest.mark.parametrize("command", [["list", "\x1b[31m"], ["optimal", "go-to-pose", "--objective", "\x9b2J"],
-                                     ["\x1b[2J"]])
-def test_options_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+@pytest.mark.parametrize(
+    "command",
+    [["list", "\x1b[31m"], ["optimal", "go-to-pose", "--objective", "\x9b2J"], ["\x1b[2J"]],
+)
+def test_options_do_not_command_the_terminal(
+    capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
     assert "has characters that command terminals" in said(capsys, *command)
 
 
-def test_names_are_neither_mark_up_nor_commands_anywhere(capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_are_neither_mark_up_nor_commands_anywhere(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """In tables, sentences and the pictures of an evaluation."""
-    name = '[/red]x\\u001b[31m $x^$ <b>'
-    write_text(Path("odd.toml"), PLATFORM_TEXT.replace('name = "floating-platform"', f'name = "{name}"'))
+    name = "[/red]x\\u001b[31m $x^$ <b>"
+    write_text(
+        Path("odd.toml"), PLATFORM_TEXT.replace('name = "floating-platform"', f'name = "{name}"')
+    )
     assert main(["list", "odd.toml"]) == 0
     assert main(["evaluate", "lqr:go-to-pose-2d@odd.toml", "--episodes", "2"]) == 0
     text = capsys.readouterr().out

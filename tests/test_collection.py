@@ -10,16 +10,26 @@ import pytest
 pytest_plugins = ["pytester"]
 
 
-def test_only_what_lacks_an_optional_library_is_skipped(pytester: pytest.Pytester,
-                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_what_lacks_an_optional_library_is_skipped(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Drake is absent here; CasADi is there, but has no such module, and nobody has the other library."""
     monkeypatch.setitem(sys.modules, "pydrake", None)
     monkeypatch.setitem(sys.modules, "casadi", ModuleType("casadi"))
     pytester.makeconftest("from tests.conftest import pytest_pycollect_makemodule")
-    pytester.makepyfile(test_absent="import pydrake", test_misspelt="import casadi.nowhere",
-                        test_unknown="import no_such_library", test_good="def test_it(): pass")
-    run = pytester.runpytest_inprocess("--import-mode=importlib", "--continue-on-collection-errors", "-rs",
-                                       "-p", "no:cacheprovider")
+    pytester.makepyfile(
+        test_absent="import pydrake",
+        test_misspelt="import casadi.nowhere",
+        test_unknown="import no_such_library",
+        test_good="def test_it(): pass",
+    )
+    run = pytester.runpytest_inprocess(
+        "--import-mode=importlib",
+        "--continue-on-collection-errors",
+        "-rs",
+        "-p",
+        "no:cacheprovider",
+    )
     run.assert_outcomes(passed=1, skipped=1, errors=2)
     told = run.stdout.str()
     assert "needs pydrake" in told

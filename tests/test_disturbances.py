@@ -18,8 +18,13 @@ def test_a_steady_push_is_the_parabola() -> None:
     """Half a newton along x for 0.2 s on 5.32 kg: 0.5 / 5.32 * 0.2 = 0.0187970 m/s, half of that * 0.2 s."""
     craft = load_spacecraft("floating-platform")
     state = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    after = advance(state, wrench(craft, (0.0,) * 8), Body.of(craft), 0.2,
-                    disturbance=Wrench(Vec2(0.5, 0.0), 0.02045008))
+    after = advance(
+        state,
+        wrench(craft, (0.0,) * 8),
+        Body.of(craft),
+        0.2,
+        disturbance=Wrench(Vec2(0.5, 0.0), 0.02045008),
+    )
     assert (after.v.x, after.v.y) == pytest.approx((0.018796992, 0.0), abs=1e-9)
     assert after.p.x == pytest.approx(0.0018796992, abs=1e-10)
     # 0.02045008 N m on 0.2045008 kg m^2 are 0.1 rad/s^2.
@@ -31,32 +36,50 @@ BALL = Body(5.0, (0.2, 0.0, 0.0, 0.2, 0.0, 0.2))
 
 @pytest.mark.parametrize("grown", [1.0, 2.5], ids=["steady", "growing"])
 @pytest.mark.parametrize("body", [Body.of(nasty_spatial()), BALL], ids=["uneven", "ball"])
-def test_a_push_and_a_torque_stay_put_in_the_world_whatever_the_attitude(body: Body, grown: float) -> None:
+def test_a_push_and_a_torque_stay_put_in_the_world_whatever_the_attitude(
+    body: Body, grown: float
+) -> None:
     """In space, beside a thrust that turns with the craft and grows, against SciPy's integrator.
 
     The start is half a radian from W's axes, and neither its axis nor those of the moments are W's.
     Sixteen substeps of order six leave less than 1e-10 of 0.2 s at some 0.5 rad/s.
     """
     tensor = np.array(body.inertia)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    mass, start = body.mass, Rotation.from_rotvec([0.3, -0.2, 0.4])
-    thrust, torque = np.array([0.5, -0.3, 0.8]), np.array([0.02, 0.05, -0.03])
-    push, steady = np.array([-0.4, 0.6, 0.1]), np.array([-0.06, 0.01, 0.04])
+    mass = body.mass
+    start = Rotation.from_rotvec([0.3, -0.2, 0.4])
+    thrust = np.array([0.5, -0.3, 0.8])
+    torque = np.array([0.02, 0.05, -0.03])
+    push = np.array([-0.4, 0.6, 0.1])
+    steady = np.array([-0.06, 0.01, 0.04])
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
-        w, matrix, share = y[6:9], y[9:].reshape(3, 3), 1.0 + (grown - 1.0) * t / 0.2
-        turning = np.linalg.solve(tensor, share * torque + matrix.T @ steady - np.cross(w, tensor @ w))
+        w = y[6:9]
+        matrix = y[9:].reshape(3, 3)
+        share = 1.0 + (grown - 1.0) * t / 0.2
+        turning = np.linalg.solve(
+            tensor, share * torque + matrix.T @ steady - np.cross(w, tensor @ w)
+        )
         turned = matrix @ np.cross(w, np.eye(3)).T
-        return np.concatenate([y[3:6], (matrix @ thrust * share + push) / mass, turning, turned.ravel()])
+        return np.concatenate(
+            [y[3:6], (matrix @ thrust * share + push) / mass, turning, turned.ravel()]
+        )
 
     first = np.concatenate([np.zeros(6), [0.3, -0.2, 0.4], start.as_matrix().ravel()])
     end = solve_ivp(slope, (0.0, 0.2), first, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     x, y, z, w = (float(part) for part in start.as_quat())
     zero = Vec3(0.0, 0.0, 0.0)
-    after = advance(SpatialState(zero, Quat(w, x, y, z), zero, Vec3(0.3, -0.2, 0.4)),
-                    Wrench(Vec3(*thrust), Vec3(*torque)), body, 0.2, 16,
-                    disturbance=Wrench(Vec3(*push), Vec3(*steady)),
-                    last=None if grown == 1.0 else Wrench(Vec3(*grown * thrust), Vec3(*grown * torque)))
-    assert (*leaves(after.p), *leaves(after.v), *leaves(after.w)) == pytest.approx(end[:9], abs=1e-10)
+    after = advance(
+        SpatialState(zero, Quat(w, x, y, z), zero, Vec3(0.3, -0.2, 0.4)),
+        Wrench(Vec3(*thrust), Vec3(*torque)),
+        body,
+        0.2,
+        16,
+        disturbance=Wrench(Vec3(*push), Vec3(*steady)),
+        last=None if grown == 1.0 else Wrench(Vec3(*grown * thrust), Vec3(*grown * torque)),
+    )
+    assert (*leaves(after.p), *leaves(after.v), *leaves(after.w)) == pytest.approx(
+        end[:9], abs=1e-10
+    )
     w, x, y, z = leaves(after.attitude)
     matrix = Rotation.from_quat([x, y, z, w]).as_matrix()
     np.testing.assert_allclose(matrix.ravel(), end[9:], rtol=0, atol=1e-10)

@@ -22,8 +22,12 @@ from rans.tasks import (
     TrackVelocityHeading,
 )
 
-BODY, FLAME, TRAIL, GOAL = (220, 230, 240), (230, 159, 0), (0, 114, 178), (0, 158, 115)
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+BODY = (220, 230, 240)
+FLAME = (230, 159, 0)
+TRAIL = (0, 114, 178)
+GOAL = (0, 158, 115)
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 TASK = GoToPose()
 FAR = 3.0  # m; the view then holds start and goal side by side
 
@@ -66,14 +70,16 @@ def test_frame_is_an_image(craft: Spacecraft, state: Any) -> None:
 
 
 def test_equal_states_give_equal_frames() -> None:
-    first, second = Scene(PLATFORM, TASK), Scene(PLATFORM, TASK)
+    first = Scene(PLATFORM, TASK)
+    second = Scene(PLATFORM, TASK)
     second.render(planar(4.0, 2.0), planar(), opened(PLATFORM, 3))  # leaves no trace
     arguments = (planar(1.0, 1.0, 0.3), planar(), opened(PLATFORM, 1), [(2.0, 2.0)])
     np.testing.assert_array_equal(first.render(*arguments), second.render(*arguments))
 
 
 def test_world_x_is_right_and_y_is_up() -> None:
-    scene, goal = Scene(PLATFORM, TASK), planar()
+    scene = Scene(PLATFORM, TASK)
+    goal = planar()
     right = centre(scene.render(planar(FAR, 0.0), goal, shut(PLATFORM)), BODY)
     left = centre(scene.render(planar(-FAR, 0.0), goal, shut(PLATFORM)), BODY)
     up = centre(scene.render(planar(0.0, FAR), goal, shut(PLATFORM)), BODY)
@@ -96,7 +102,9 @@ def test_only_open_thrusters_have_flames() -> None:
 @pytest.mark.parametrize("index", range(8))
 @pytest.mark.parametrize("heading", [0.0, 1.1, -2.5])
 def test_flames_leave_against_the_force(index: int, heading: float) -> None:
-    frame = Scene(PLATFORM, TASK).render(planar(angle=heading), planar(FAR), opened(PLATFORM, index))
+    frame = Scene(PLATFORM, TASK).render(
+        planar(angle=heading), planar(FAR), opened(PLATFORM, index)
+    )
     found = centre(frame, FLAME) - centre(frame, BODY)
     thruster = PLATFORM.thrusters[index]
     # From the nozzle's mouth a third of the flame's length on: 0.3 r + 1.1 r / 3.
@@ -116,22 +124,29 @@ def goal_of(task: SingleTask, angle: float) -> np.ndarray:
 
 def test_the_goal_is_what_the_task_wants() -> None:
     """A metre is 130 pixels: 3 m and six radii of 0.31 m fill the frame's 640."""
-    pose, dot = goal_of(GoToPose(), math.pi / 2), goal_of(GoToPosition(), math.pi / 2)
-    np.testing.assert_allclose(pose[:, 0].mean(), dot[:, 0].mean(), atol=5)  # what covers the body's middle
+    pose = goal_of(GoToPose(), math.pi / 2)
+    dot = goal_of(GoToPosition(), math.pi / 2)
+    np.testing.assert_allclose(
+        pose[:, 0].mean(), dot[:, 0].mean(), atol=5
+    )  # what covers the body's middle
     assert dot[:, 0].max() < -200  # 3 m to the left
     assert np.ptp(pose[:, 1]) > 4 * np.ptp(dot[:, 1])  # 2.5 radii and more against 0.5
     way = goal_of(TrackVelocity(), math.pi / 2)
     assert abs(way[:, 0]).max() < 12  # an arrow's head, and nothing where the craft started
     assert way[:, 1].max() > 90  # 1.4 m up
     heading = goal_of(TrackVelocityHeading(), math.pi)
-    assert -150 < heading[:, 0].min() < -40  # an axis of 0.71 m to the left, but nothing at the start
+    assert (
+        -150 < heading[:, 0].min() < -40
+    )  # an axis of 0.71 m to the left, but nothing at the start
 
 
 def test_arrows_end_within_the_frame() -> None:
     """However the way was that led here: fast along it, both ways."""
     for speed in (0.75, -0.75):
         there = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(speed, 0.0), 0.0)
-        frame = Scene(PLATFORM, TrackVelocity()).render(planar(FAR), there, shut(PLATFORM), [(0.0, 0.0)])
+        frame = Scene(PLATFORM, TrackVelocity()).render(
+            planar(FAR), there, shut(PLATFORM), [(0.0, 0.0)]
+        )
         found = spots(frame, GOAL)
         assert np.ptp(found[:, 0]) > 90  # 1.5 m, not hidden by the body
         assert 0 < found[:, 0].min() < found[:, 0].max() < 639  # the frame's columns
@@ -144,7 +159,8 @@ def test_a_multi_task_shows_the_goal_it_drew() -> None:
         assert task.drawn(goal) == part
         np.testing.assert_array_equal(
             Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),
-            Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)))
+            Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)),
+        )
     assert TASK.drawn(planar()) is TASK
 
 
@@ -157,7 +173,8 @@ def test_the_trail_is_drawn_and_fits_the_frame() -> None:
 
 
 def test_space_is_seen_with_z_up() -> None:
-    scene, goal = Scene(FLYER, TASK), spatial()
+    scene = Scene(FLYER, TASK)
+    goal = spatial()
     above = centre(scene.render(spatial(z=FAR), goal, shut(FLYER)), BODY)
     below = centre(scene.render(spatial(z=-FAR), goal, shut(FLYER)), BODY)
     assert above[1] - below[1] > 150
@@ -167,7 +184,10 @@ def test_space_is_seen_with_z_up() -> None:
 def test_the_body_hides_what_is_behind_it() -> None:
     # Thruster 2 pushes up at (x, y), so its flame points down; seen from azimuth -60 degrees, the
     # anchor at 45 degrees is behind the sphere, the one at 315 degrees before it.
-    frames = [Scene(FLYER, TASK).render(spatial(), spatial(x=FAR), opened(FLYER, index)) for index in (2, 14)]
+    frames = [
+        Scene(FLYER, TASK).render(spatial(), spatial(x=FAR), opened(FLYER, index))
+        for index in (2, 14)
+    ]
     behind, before = (len(spots(frame, FLAME)) for frame in frames)
     assert behind < before
 
@@ -176,14 +196,14 @@ def test_the_body_hides_what_is_behind_it() -> None:
 def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     craft = PLATFORM if dimension == 2 else FLYER
     figure = draw_layout(craft)
-    axes, = figure.axes
+    (axes,) = figure.axes
     assert {text.get_text() for text in axes.texts} == {str(i) for i in range(len(craft.thrusters))}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
     assert craft.name in axes.get_title()
 
 
 def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:
-    axes, = draw_layout(planar_craft).axes
+    (axes,) = draw_layout(planar_craft).axes
     arrows = next(c for c in axes.collections if isinstance(c, Quiver))
     forces = np.array([np.array(t.direction) * t.force for t in planar_craft.thrusters])[:, :2]
     drawn = np.stack((np.asarray(arrows.U), np.asarray(arrows.V)), axis=1)

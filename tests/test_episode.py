@@ -17,7 +17,12 @@ from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.body import Body
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions, ThrusterConditions
+from rans.model.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
@@ -27,11 +32,19 @@ from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.show.scene import Motion
-from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
+from rans.tasks import (
+    GoToPose,
+    MultiTask,
+    TrackVelocity,
+    Transition,
+    observation_columns,
+    observation_width,
+)
 from rans.tasks.derived import watches_switching
 from rans.tasks.sight import Entry, Scalar, VectorInW
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 BOTH = pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 
 
@@ -64,7 +77,9 @@ class Counting(GoToPose):
         return (*super().sight(state, goal), *more)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        moved = [abs(new - old) for new, old in zip(transition.command, transition.previous, strict=True)]
+        moved = [
+            abs(new - old) for new, old in zip(transition.command, transition.previous, strict=True)
+        ]
         return {"moved": -sum(moved)}
 
 
@@ -77,7 +92,8 @@ class Random:
         self._thrusters = thrusters
 
     def reset(self, count: int) -> None:
-        self._rng, self._count = np.random.default_rng(3), count
+        self._rng = np.random.default_rng(3)
+        self._count = count
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         return self._rng.integers(0, 2, (self._count, self._thrusters)).astype(float)
@@ -85,7 +101,8 @@ class Random:
 
 @BOTH
 def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
-    task, pilot = Chase(), Random(len(craft.thrusters))
+    task = Chase()
+    pilot = Random(len(craft.thrusters))
     starts = scenarios(task, craft, seed=4, count=3)
     exact = Timing(substeps=1 if craft.dimension == 2 else 8)
     ours, drakes = (flown(craft, task, pilot, starts, exact) for flown in (fly, fly_in_drake))
@@ -96,14 +113,18 @@ def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
         # space, where half the step leaves 2e-10.
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 if craft.dimension == 2 else 1e-8)
     motion = Motion.of(ours, 1)  # what is drawn moves too
-    assert motion.goal_at(9).translation()[:2].tolist() == [ours.goals.p.x[9, 1], ours.goals.p.y[9, 1]]
+    assert motion.goal_at(9).translation()[:2].tolist() == [
+        ours.goals.p.x[9, 1],
+        ours.goals.p.y[9, 1],
+    ]
     still = fly(craft, replace(task, mean_motion=1e-9), pilot, starts, exact)
     assert np.abs(still.states.p.x - ours.states.p.x).max() > 0.1  # the orbit is felt
 
 
 @BOTH
 def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
-    task, timing = Chase(), Timing(episode_steps=20)
+    task = Chase()
+    timing = Timing(episode_steps=20)
     pilot = Random(len(craft.thrusters))
     flight = fly(craft, task, pilot, scenarios(task, craft, seed=9, count=2), timing)
     engine = Engine(craft, task, 2, timing, seed=9, dtype=torch.float64)
@@ -113,12 +134,16 @@ def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
     for k, command in enumerate(flight.commands[:19]):
         result = engine.step(torch.from_numpy(command))
         _, reward, *_ = env.step(command[0])
-        here, there = (map_leaves(lambda x, i=k: np.asarray(x)[i + 1], tree)  # type: ignore[misc]
-                       for tree in (flight.states, flight.goals))
+        here, there = (
+            map_leaves(lambda x, i=k: np.asarray(x)[i + 1], tree)  # type: ignore[misc]
+            for tree in (flight.states, flight.goals)
+        )
         # the same operations in another order: rounding of 25 s of float64
         np.testing.assert_allclose(leaves(engine.state), leaves(here), rtol=0, atol=1e-11)
         np.testing.assert_allclose(leaves(engine.goal), leaves(there), rtol=0, atol=1e-11)
-        np.testing.assert_allclose(leaves(env.state), [x[0] for x in leaves(here)], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(
+            leaves(env.state), [x[0] for x in leaves(here)], rtol=0, atol=1e-11
+        )
         np.testing.assert_allclose([reward], result.reward[:1], rtol=0, atol=1e-9)
 
 
@@ -127,7 +152,9 @@ def test_what_a_reward_reads_is_found_not_promised() -> None:
     assert not watches_switching(GoToPose(), PLATFORM)
     assert watches_switching(GoToPose(switching_weight=0.1), PLATFORM)
     assert not watches_switching(MultiTask(), PLATFORM)
-    assert watches_switching(MultiTask(track_velocity=TrackVelocity(switching_weight=1.0)), PLATFORM)
+    assert watches_switching(
+        MultiTask(track_velocity=TrackVelocity(switching_weight=1.0)), PLATFORM
+    )
     engine = Engine(PLATFORM, Counting(), 2, seed=1)
     env: Any = gymnasium.make("rans/GoToPose2D-v0", task=Counting()).unwrapped
     env.reset(seed=1)
@@ -147,16 +174,22 @@ class OnlyTorch(GoToPose):
 def test_a_task_that_symbols_cannot_follow_flies_all_the_same() -> None:
     engine, usual = (Engine(PLATFORM, task, 2, seed=1) for task in (OnlyTorch(), GoToPose()))
     assert watches_switching(OnlyTorch(), PLATFORM)  # it may look at anything
-    with pytest.warns(UserWarning, match="steps slower, .* more than arithmetic on fields: 'Symbol'"):
+    with pytest.warns(
+        UserWarning, match="steps slower, .* more than arithmetic on fields: 'Symbol'"
+    ):
         first = engine.step(torch.ones(2, 8)).reward
     assert torch.equal(first, usual.step(torch.ones(2, 8)).reward)
     for _ in range(2):
-        assert torch.equal(engine.step(torch.ones(2, 8)).reward, usual.step(torch.ones(2, 8)).reward)
+        assert torch.equal(
+            engine.step(torch.ones(2, 8)).reward, usual.step(torch.ones(2, 8)).reward
+        )
 
 
 @pytest.mark.parametrize(("task", "reason"), [(Chase(), "clohessy-wiltshire")])
 def test_no_bound_of_free_flight_is_claimed_on_an_orbit(task: Any, reason: str) -> None:
-    with pytest.raises(ConfigError, match=f"free flight to a goal that stands still; Chase has {reason}"):
+    with pytest.raises(
+        ConfigError, match=f"free flight to a goal that stands still; Chase has {reason}"
+    ):
         goal_set(task)
 
 
@@ -189,23 +222,27 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
 
 
 def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draws, Episode]:
-    world, own = World(PLATFORM, GoToPose(), conditions=conditions), draws(3, count)
+    world = World(PLATFORM, GoToPose(), conditions=conditions)
+    own = draws(3, count)
     starts = scenarios(world.task, PLATFORM, seed=3, count=count)
     return world, starts, own, world.begin(starts.start, starts.goal, 0, own)
 
 
-@pytest.mark.parametrize(("least", "told", "done"), [
-    # Of 0.2 s each: open for 0.5 s at least, so three periods; shut for 0.3 s, so two.
-    ((0.5, 0.3), "10001111", "11100111"),
-    # It was shut before the episode, for as long as one likes.
-    ((0.5, 0.3), "00100000", "00111000"),
-    # Told to move back and forth, it moves when it may and is told to in the same period.
-    ((0.4, 0.4), "10101010", "11100011"),
-    ((0.0, 0.6), "11010110", "11000110"),
-    ((0.0, 0.0), "10110100", "10110100"),
-    # What stays as it is long enough moves at once.
-    ((0.4, 0.0), "11101101", "11101101"),
-])
+@pytest.mark.parametrize(
+    ("least", "told", "done"),
+    [
+        # Of 0.2 s each: open for 0.5 s at least, so three periods; shut for 0.3 s, so two.
+        ((0.5, 0.3), "10001111", "11100111"),
+        # It was shut before the episode, for as long as one likes.
+        ((0.5, 0.3), "00100000", "00111000"),
+        # Told to move back and forth, it moves when it may and is told to in the same period.
+        ((0.4, 0.4), "10101010", "11100011"),
+        ((0.0, 0.6), "11010110", "11000110"),
+        ((0.0, 0.0), "10110100", "10110100"),
+        # What stays as it is long enough moves at once.
+        ((0.4, 0.0), "11101101", "11101101"),
+    ],
+)
 def test_valves_stay_as_they_are_for_as_long_as_they_must(least: Any, told: str, done: str) -> None:
     held = Conditions(thrusters=ThrusterConditions(least_on=least[0], least_off=least[1]))
     world, _, own, now = under(held)
@@ -228,12 +265,17 @@ def test_reward_and_ends_are_of_the_true_state() -> None:
     usual = truth.begin(starts.start, starts.goal)
     for _ in range(5):
         shut = tuple(np.zeros((8, 4)))
-        outcome, expected = step(world, now, shut, own), step(truth, usual, shut)
-        for a, b in ((outcome.reward, expected.reward), (outcome.terminated, expected.terminated),
-                     (outcome.reached, expected.reached)):
+        outcome = step(world, now, shut, own)
+        expected = step(truth, usual, shut)
+        for a, b in (
+            (outcome.reward, expected.reward),
+            (outcome.terminated, expected.terminated),
+            (outcome.reached, expected.reached),
+        ):
             assert np.array_equal(a, b)
         assert not outcome.terminated.any()
-        now, usual = outcome.episode, expected.episode
+        now = outcome.episode
+        usual = expected.episode
     assert (world.sensed(now, own).p - now.state.p).norm() == pytest.approx([50.0] * 4)
 
 
@@ -241,16 +283,25 @@ def test_controllers_are_told_what_sensors_tell() -> None:
     class Watching(Random):
         def reset(self, count: int) -> None:
             super().reset(count)
-            self.told, self.seen = [], []
+            self.told = []
+            self.seen = []
 
         def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
             self.told.append(state)
             self.seen.append(observation)
             return super().act(state, goal, observation)
 
-    pilot, starts = Watching(8), scenarios(GoToPose(), PLATFORM, seed=3, count=2)
-    flight = fly(PLATFORM, GoToPose(), pilot, starts, Timing(episode_steps=5), conditions=BLIND,
-                 draws=draws(3, 2))
+    pilot = Watching(8)
+    starts = scenarios(GoToPose(), PLATFORM, seed=3, count=2)
+    flight = fly(
+        PLATFORM,
+        GoToPose(),
+        pilot,
+        starts,
+        Timing(episode_steps=5),
+        conditions=BLIND,
+        draws=draws(3, 2),
+    )
     for k, (told, seen) in enumerate(zip(pilot.told, pilot.seen, strict=True)):
         true = map_leaves(lambda x, i=k: x[i], flight.states)
         assert (told.p - true.p).norm() == pytest.approx([50.0] * 2)
@@ -266,8 +317,18 @@ def test_conditions_without_draws_are_a_sentence() -> None:
 
 
 def test_an_episode_of_conditions_that_promise_all_is_that_of_none() -> None:
-    starts, timing = scenarios(GoToPose(), PLATFORM, seed=3, count=2), Timing(episode_steps=9)
-    one, other = (fly(PLATFORM, GoToPose(), Random(8), starts, timing, conditions=conditions,
-                      draws=draws(3, 2))
-                  for conditions in (None, Conditions()))
+    starts = scenarios(GoToPose(), PLATFORM, seed=3, count=2)
+    timing = Timing(episode_steps=9)
+    one, other = (
+        fly(
+            PLATFORM,
+            GoToPose(),
+            Random(8),
+            starts,
+            timing,
+            conditions=conditions,
+            draws=draws(3, 2),
+        )
+        for conditions in (None, Conditions())
+    )
     assert np.array_equal(leaves(one.states), leaves(other.states))

@@ -31,16 +31,28 @@ def test_a_table_is_what_its_file_says(make: Callable[[Path], Table]) -> None:
 
 def test_every_marked_table_is_compared() -> None:
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
-    marks = [mark for page in pages for mark in re.findall(r"<!-- table: (.*) -->", page.read_text("utf-8"))]
+    marks = [
+        mark
+        for page in pages
+        for mark in re.findall(r"<!-- table: (.*) -->", page.read_text("utf-8"))
+    ]
     assert sorted(marks) == sorted(make(DOCS).command for make in TABLES.values())
 
 
 def sentences() -> Iterator[tuple[str, str]]:
     """Pages, and what they must say."""
     gate = figures("settled-gate")["settled"]["runs/settled-gate"]
-    sign, gain, bias = (f"{gate[kind]['value']:.1f} %" for kind in ("sign", "gain", "gain and bias"))
-    yield "robustness", f"ours settles {sign} of the sign faults, {gain} of the gains and {bias} of gains"
-    checks = [int(re.findall("Of ([0-9]+) flights", one["reason"])[0]) for one in figures("bounds")["checks"]]
+    sign, gain, bias = (
+        f"{gate[kind]['value']:.1f} %" for kind in ("sign", "gain", "gain and bias")
+    )
+    yield (
+        "robustness",
+        f"ours settles {sign} of the sign faults, {gain} of the gains and {bias} of gains",
+    )
+    checks = [
+        int(re.findall("Of ([0-9]+) flights", one["reason"])[0])
+        for one in figures("bounds")["checks"]
+    ]
     yield "certificate", f"none of {checks[0]:,} flights is below its hull bound"
     yield "certificate", f"none of {checks[2]} below the certificate's dual bound"
     for task in ("pose", "position"):
@@ -53,7 +65,9 @@ def sentences() -> Iterator[tuple[str, str]]:
 def worst(row: str, what: str) -> list[float]:
     """Of a row of agents.json, the figures of the worst training."""
     lines = figures("agents")["lines"]
-    return next(one["worst"] for one in lines if one["row"].startswith(row) and what in ("", one["what"]))
+    return next(
+        one["worst"] for one in lines if one["row"].startswith(row) and what in ("", one["what"])
+    )
 
 
 def test_sentences_say_what_their_files_say() -> None:

@@ -52,8 +52,10 @@ def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     assert os.listdir(file.parent) == ["x.txt"]
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("write failed"),
-                                   KeyboardInterrupt()])
+@pytest.mark.parametrize(
+    "error",
+    [OSError(28, "No space left on device"), RuntimeError("write failed"), KeyboardInterrupt()],
+)
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path, error: BaseException) -> None:
     file = tmp_path / "x.txt"
     write_text(file, "old")
@@ -137,9 +139,19 @@ def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
     """Of two processes that begin at once."""
     file = tmp_path / "known.json"
     with contextlib.ExitStack() as stack:
-        adders = [stack.enter_context(python("-c", ADDER, str(file), name, stdin=subprocess.PIPE,
-                                             env=os.environ | {"PYTHONPATH": str(ROOT)}))
-                  for name in ("a", "b")]
+        adders = [
+            stack.enter_context(
+                python(
+                    "-c",
+                    ADDER,
+                    str(file),
+                    name,
+                    stdin=subprocess.PIPE,
+                    env=os.environ | {"PYTHONPATH": str(ROOT)},
+                )
+            )
+            for name in ("a", "b")
+        ]
         for adder in adders:
             assert adder.stdout is not None
             assert adder.stdout.readline() == "ready\n"
@@ -154,7 +166,13 @@ def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
 def test_names_that_differ_have_files_that_differ() -> None:
     """What comes with the package keeps its plain name."""
     assert distinct("lab") == "lab"
-    names = [distinct("lab"), distinct("lab", "a"), distinct("lab", "b"), distinct("a/b"), distinct("a-b")]
+    names = [
+        distinct("lab"),
+        distinct("lab", "a"),
+        distinct("lab", "b"),
+        distinct("a/b"),
+        distinct("a-b"),
+    ]
     assert len(set(names)) == len(names)
     assert not any("/" in name for name in names)
     assert distinct("lab", "a") == distinct("lab", "a")
@@ -178,16 +196,27 @@ def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
     assert ready_folder(wanted).is_dir()
     (tmp_path / "file").write_text("")
     for impossible in (tmp_path / "file", tmp_path / "file" / "runs"):
-        with pytest.raises(ConfigError, match=r"cannot write into .*file.*; choose another folder\."):
+        with pytest.raises(
+            ConfigError, match=r"cannot write into .*file.*; choose another folder\."
+        ):
             ready_folder(impossible)
 
 
-@pytest.mark.parametrize("command", [
-    "optimal go-to-pose --episodes 4 --output file", "validate --quick --output file/x",
-    "benchmark --quick --output file/x.json", "compare lqr:go-to-pose-2d --episodes 4 --output file"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "optimal go-to-pose --episodes 4 --output file",
+        "validate --quick --output file/x",
+        "benchmark --quick --output file/x.json",
+        "compare lqr:go-to-pose-2d --episodes 4 --output file",
+    ],
+)
 def test_long_work_does_not_begin_without_a_place_for_its_results(
-        command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-        capsys: pytest.CaptureFixture[str]) -> None:
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     assert main(command.split()) == 2
@@ -205,8 +234,11 @@ def test_json(tmp_path: Path) -> None:
 
 def test_json_has_texts_for_what_is_not_finite(tmp_path: Path) -> None:
     """Wherever they are; and null, which files had before, was an infinity."""
-    file, far = tmp_path / "x.json", math.inf
-    write_json(file, {"a": (far, -far, 1.5), "b": [{"c": math.nan}], "d": np.float64(far), "e": None})
+    file = tmp_path / "x.json"
+    far = math.inf
+    write_json(
+        file, {"a": (far, -far, 1.5), "b": [{"c": math.nan}], "d": np.float64(far), "e": None}
+    )
     read = read_json(file)
     assert read == {"a": ["inf", "-inf", 1.5], "b": [{"c": "nan"}], "d": "inf", "e": None}
     assert [number(x) for x in read["a"]] == [far, -far, 1.5]
@@ -228,9 +260,13 @@ def test_json_lines(tmp_path: Path) -> None:
     file = tmp_path / "x.jsonl"
     with pytest.raises(ConfigError, match=r"cannot read .*x\.jsonl"):
         read_json_lines(file)
-    for content, expected in ((b"", []), (b'{"a": 1}\n{"a": 2}\n', [{"a": 1}, {"a": 2}]),
-                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"{}\n\xff\xfe\n{}\n", [{}]),
-                              (b"{}\n" + b"[" * 100_000, [{}])):
+    for content, expected in (
+        (b"", []),
+        (b'{"a": 1}\n{"a": 2}\n', [{"a": 1}, {"a": 2}]),
+        (b'{"a": 1}\n{"a":', [{"a": 1}]),
+        (b"{}\n\xff\xfe\n{}\n", [{}]),
+        (b"{}\n" + b"[" * 100_000, [{}]),
+    ):
         file.write_bytes(content)
         assert read_json_lines(file) == expected
 
@@ -254,11 +290,16 @@ def test_environment() -> None:
     assert all(isinstance(value, str) and value for value in known.values())
 
 
-@pytest.mark.parametrize(("told", "name"), [
-    ("vendor_id\t: Acme\nmodel name\t: Acme Quick 7: two of it\nmodel name\t: Acme Slow 1\n",
-     "Acme Quick 7: two of it"),
-    ("processor\t: 0\nCPU implementer\t: 0x41\n", "unknown"),
-])
+@pytest.mark.parametrize(
+    ("told", "name"),
+    [
+        (
+            "vendor_id\t: Acme\nmodel name\t: Acme Quick 7: two of it\nmodel name\t: Acme Slow 1\n",
+            "Acme Quick 7: two of it",
+        ),
+        ("processor\t: 0\nCPU implementer\t: 0x41\n", "unknown"),
+    ],
+)
 def test_the_processors_name(monkeypatch: pytest.MonkeyPatch, told: str, name: str) -> None:
     """As Linux tells it of the first core."""
     read = Path.read_text
@@ -281,6 +322,7 @@ def test_what_the_environment_says_is_so(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
     for failure in (FileNotFoundError("git"), subprocess.TimeoutExpired("git", 5)):
+
         def fail(*_: Any, failure: Exception = failure, **__: Any) -> None:
             raise failure
 
@@ -305,11 +347,14 @@ def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_json, read_json_lines, read_text])
-def test_files_that_are_larger_than_any_are_not_read(tmp_path: Path,
-                                                     read: Callable[[Path], object]) -> None:
+def test_files_that_are_larger_than_any_are_not_read(
+    tmp_path: Path, read: Callable[[Path], object]
+) -> None:
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(2**40)  # which takes no room on the disk
-    with pytest.raises(ConfigError, match=r"huge has 1,099,511,627,776 bytes, and at most [\d,]+ are read"):
+    with pytest.raises(
+        ConfigError, match=r"huge has 1,099,511,627,776 bytes, and at most [\d,]+ are read"
+    ):
         read(tmp_path / "huge")
 
 

@@ -49,8 +49,11 @@ def test_a_batch_is_its_scenarios(shipped: Spacecraft) -> None:
     task = GoToPose()
     together = scenarios(task, shipped, seed=8, count=6, first=3)
     stacked = batch([scenario(task, shipped.dimension, 8, k) for k in range(3, 9)])
-    for a, b in zip(leaves(together.start) + leaves(together.goal),
-                    leaves(stacked.start) + leaves(stacked.goal), strict=True):
+    for a, b in zip(
+        leaves(together.start) + leaves(together.goal),
+        leaves(stacked.start) + leaves(stacked.goal),
+        strict=True,
+    ):
         assert a.shape == (6,)
         assert a.dtype == np.float64
         # sine and cosine may round differently in a vector register
@@ -58,19 +61,25 @@ def test_a_batch_is_its_scenarios(shipped: Spacecraft) -> None:
 
 
 def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
-    count, timing = 5, Timing(episode_steps=4)
-    task, pilot = GoToPose(thrust_weight=0.01), Recorded(len(shipped.thrusters), (0, 1, 2))
+    count = 5
+    timing = Timing(episode_steps=4)
+    task = GoToPose(thrust_weight=0.01)
+    pilot = Recorded(len(shipped.thrusters), (0, 1, 2))
     starts = scenarios(task, shipped, seed=1, count=count)
     flight = fly(shipped, task, pilot, starts, timing)
     assert pilot.resets == [count]
-    assert [x.shape for x in pilot.seen] == [(count, observation_width(GoToPose(), shipped.dimension))] * 4
+    assert [x.shape for x in pilot.seen] == [
+        (count, observation_width(GoToPose(), shipped.dimension))
+    ] * 4
     assert {x.dtype for x in pilot.seen} == {np.dtype(np.float32)}
     assert {x.shape for x in leaves(flight.states)} == {(5, count)}
     assert flight.commands.shape == (4, count, len(shipped.thrusters))
     assert (flight.controller, flight.engine) == ("recorded", "fast")
     np.testing.assert_allclose(flight.times, [0.0, 0.2, 0.4, 0.6, 0.8], rtol=1e-15)
     assert {name: x.shape for name, x in flight.errors().items()} == {
-        "position": (5, count), "attitude": (5, count)}
+        "position": (5, count),
+        "attitude": (5, count),
+    }
     rewards = flight.rewards()
     assert {x.shape for x in rewards.values()} == {(4, count)}
     np.testing.assert_allclose(rewards["thrust"], -0.03, rtol=1e-15)  # three open thrusters
@@ -85,7 +94,8 @@ def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
 def test_reward_is_that_of_the_state_reached() -> None:
     """From a quarter metre away, left alone for a step and adrift afterwards."""
     craft = load_spacecraft("floating-platform")
-    task, pilot = GoToPose(spawn_distance=(0.25, 0.25)), Recorded(8)
+    task = GoToPose(spawn_distance=(0.25, 0.25))
+    pilot = Recorded(8)
     still = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=1))
     np.testing.assert_allclose(still.rewards()["position"], math.exp(-1), rtol=1e-14)
     np.testing.assert_allclose(still.errors()["position"], 0.25, rtol=1e-14)
@@ -106,8 +116,10 @@ class Alive(GoToPose):
 def test_a_reward_may_be_a_plain_number() -> None:
     craft = load_spacecraft("floating-platform")
     starts = scenarios(GoToPose(), craft, 0, 3)
-    with_it, without = (fly(craft, task, Recorded(8), starts, Timing(episode_steps=4))
-                        for task in (Alive(), GoToPose()))
+    with_it, without = (
+        fly(craft, task, Recorded(8), starts, Timing(episode_steps=4))
+        for task in (Alive(), GoToPose())
+    )
     np.testing.assert_allclose(returns(with_it) - returns(without), 4 * 0.5, rtol=1e-13)
 
 
@@ -116,11 +128,16 @@ def test_constant_thrust_gives_half_a_t_squared() -> None:
     craft = load_spacecraft("floating-platform")
     task = GoToPose()
     flight = fly(craft, task, Recorded(8, (0, 5)), scenarios(task, craft, 4, 7), Timing())
-    s, t = flight.states, flight.times[:, None]
+    s = flight.states
+    t = flight.times[:, None]
     bearing = s.attitude.angle[0] - math.pi / 4
     # 125 sums of lengths up to 120 m (eps 1.4e-14 each)
-    np.testing.assert_allclose(s.p.x - s.p.x[0], 0.5 * (2 / 5.32) * t**2 * np.cos(bearing), atol=1e-11)
-    np.testing.assert_allclose(s.p.y - s.p.y[0], 0.5 * (2 / 5.32) * t**2 * np.sin(bearing), atol=1e-11)
+    np.testing.assert_allclose(
+        s.p.x - s.p.x[0], 0.5 * (2 / 5.32) * t**2 * np.cos(bearing), atol=1e-11
+    )
+    np.testing.assert_allclose(
+        s.p.y - s.p.y[0], 0.5 * (2 / 5.32) * t**2 * np.sin(bearing), atol=1e-11
+    )
     np.testing.assert_allclose(np.hypot(s.v.x, s.v.y)[-1], 2 / 5.32 * 25, rtol=1e-13)
     np.testing.assert_allclose(s.w, 0.0, atol=1e-14)
     assert flight.failed().all()  # it left the 8 m circle
@@ -129,9 +146,11 @@ def test_constant_thrust_gives_half_a_t_squared() -> None:
 def test_constant_torque_turns_quadratically_and_the_heading_stays_wrapped() -> None:
     """Thrusters 1, 3, 5, 7: 1.24 N m on 0.2045008 kg m^2 about a mass that stays where it is."""
     craft = load_spacecraft("floating-platform")
-    task, timing = GoToPose(), Timing(episode_steps=20)
+    task = GoToPose()
+    timing = Timing(episode_steps=20)
     flight = fly(craft, task, Recorded(8, (1, 3, 5, 7)), scenarios(task, craft, 4, 7), timing)
-    s, t = flight.states, flight.times[:, None]
+    s = flight.states
+    t = flight.times[:, None]
     turned = s.attitude.angle[0] + 0.5 * (1.24 / 0.2045008) * t**2
     assert np.abs(s.attitude.angle).max() <= math.pi + 1e-14
     # 48 rad in all, 20 sums
@@ -142,16 +161,23 @@ def test_constant_torque_turns_quadratically_and_the_heading_stays_wrapped() -> 
 
 @pytest.mark.parametrize("index", [0, 4])
 def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index: int) -> None:
-    task, timing, opened = GoToPose(), Timing(episode_steps=10), (1, 2, 4)
+    task = GoToPose()
+    timing = Timing(episode_steps=10)
+    opened = (1, 2, 4)
     count = len(shipped.thrusters)
     many = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 5), timing)
-    alone = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 1, index), timing)
+    alone = fly(
+        shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 1, index), timing
+    )
     for a, b in zip(leaves(many.states), leaves(alone.states), strict=True):
-        np.testing.assert_allclose(a[:, index], b[:, 0], rtol=0, atol=1e-13)  # last digits of sin, cos
+        np.testing.assert_allclose(
+            a[:, index], b[:, 0], rtol=0, atol=1e-13
+        )  # last digits of sin, cos
 
 
 def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     """The second of three spacecraft is commanded with infinity in the third period."""
+
     class Overflowing(Recorded):
         def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
             command = super().act(state, goal, observation)
@@ -159,7 +185,8 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
             return command
 
     craft = load_spacecraft("floating-platform")
-    task, pilot = GoToPose(), Overflowing(8)
+    task = GoToPose()
+    pilot = Overflowing(8)
     starts = scenarios(task, craft, 1, 3)
     with np.errstate(invalid="ignore"):
         flight = fly(craft, task, pilot, starts, Timing(episode_steps=5))
@@ -185,32 +212,54 @@ class Answers:
         return self.commands
 
 
-PLANAR, SPATIAL = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLANAR = load_spacecraft("floating-platform")
+SPATIAL = load_spacecraft("free-flyer")
 
 
-@pytest.mark.parametrize(("craft", "controller", "sentence"), [
-    (PLANAR, lambda: load_agent("go-to-pose-3d").controller, "observes 22 numbers, but was shown 10"),
-    (SPATIAL, lambda: load_agent("go-to-pose-2d").controller, "observes 10 numbers, but was shown 22"),
-    (PLANAR, lambda: load_agent("go-to-pose-2d"), "a controller has the methods reset and act"),
-    (PLANAR, lambda: None, "a controller has the methods reset and act"),
-    (PLANAR, lambda: LQR(SPATIAL, "go-to-pose"), "LQR was made for free-flyer"),
-    (SPATIAL, lambda: Switching(PLANAR, "go-to-pose"), "switching was made for floating-platform"),
-    (PLANAR, lambda: Answers(None), r"the shape \(3, 8\), got \(\)"),
-    (PLANAR, lambda: Answers(np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
-    (PLANAR, lambda: Answers(np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
-])
+@pytest.mark.parametrize(
+    ("craft", "controller", "sentence"),
+    [
+        (
+            PLANAR,
+            lambda: load_agent("go-to-pose-3d").controller,
+            "observes 22 numbers, but was shown 10",
+        ),
+        (
+            SPATIAL,
+            lambda: load_agent("go-to-pose-2d").controller,
+            "observes 10 numbers, but was shown 22",
+        ),
+        (PLANAR, lambda: load_agent("go-to-pose-2d"), "a controller has the methods reset and act"),
+        (PLANAR, lambda: None, "a controller has the methods reset and act"),
+        (PLANAR, lambda: LQR(SPATIAL, "go-to-pose"), "LQR was made for free-flyer"),
+        (
+            SPATIAL,
+            lambda: Switching(PLANAR, "go-to-pose"),
+            "switching was made for floating-platform",
+        ),
+        (PLANAR, lambda: Answers(None), r"the shape \(3, 8\), got \(\)"),
+        (PLANAR, lambda: Answers(np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
+        (PLANAR, lambda: Answers(np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
+    ],
+)
 def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence: str) -> None:
     starts = scenarios(GoToPose(), craft, 7, 3)
     with pytest.raises(ConfigError, match=sentence):
         fly(craft, "go-to-pose", controller(), starts, Timing(episode_steps=2))
 
 
-@pytest.mark.parametrize(("starts", "sentence"), [
-    (scenarios(GoToPose(), SPATIAL, 7, 3), "the starts are for 3 dimensions, but floating-platform"),
-    (scenario(GoToPose(), 2, 7, 3), r"starts must be of arrays of one length \(N,\)"),
-    (scenarios(GoToPose(), PLANAR, 7, 0), "of one start at least"),
-    ([], r"starts must be a rans\.Scenario, got \[\]"),
-])
+@pytest.mark.parametrize(
+    ("starts", "sentence"),
+    [
+        (
+            scenarios(GoToPose(), SPATIAL, 7, 3),
+            "the starts are for 3 dimensions, but floating-platform",
+        ),
+        (scenario(GoToPose(), 2, 7, 3), r"starts must be of arrays of one length \(N,\)"),
+        (scenarios(GoToPose(), PLANAR, 7, 0), "of one start at least"),
+        ([], r"starts must be a rans\.Scenario, got \[\]"),
+    ],
+)
 def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         fly(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))

@@ -10,7 +10,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplotlib", "tyro", "rich"}
+HEAVY = {
+    "torch",
+    "pydrake",
+    "casadi",
+    "stable_baselines3",
+    "gymnasium",
+    "matplotlib",
+    "tyro",
+    "rich",
+}
 
 LAYERS: list[set[str]] = [
     {"rans.errors", "rans.shown", "rans.safe_path"},
@@ -70,7 +79,9 @@ def unit(name: str) -> str:
     return parts[0] if parts[0] == "validation" else ".".join(parts[:2])
 
 
-every_module = pytest.mark.parametrize(("name", "file"), modules(), ids=[name for name, _ in modules()])
+every_module = pytest.mark.parametrize(
+    ("name", "file"), modules(), ids=[name for name, _ in modules()]
+)
 
 
 @every_module
@@ -87,7 +98,9 @@ def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
     if unit(name) == "rans.fast":
         assert not libraries & {"pydrake", "casadi"}
     if RANK[unit(name)] <= RANK["rans.flight"]:
-        spaces = {"gymnasium"} if name == "rans.model.actuators" else set()  # imported where one is asked for
+        spaces = (
+            {"gymnasium"} if name == "rans.model.actuators" else set()
+        )  # imported where one is asked for
         assert not libraries & HEAVY - spaces
 
 
@@ -95,16 +108,25 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
     values = {f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")}
     own = {f"rans.reference.{name}" for name in ("parts", "nozzles")}
     for judge in ("plant.py", "parts.py", "nozzles.py"):
-        ours = {name for name in imports(ROOT / "rans" / "reference" / judge)
-                if name.startswith(("rans", "validation"))}
+        ours = {
+            name
+            for name in imports(ROOT / "rans" / "reference" / judge)
+            if name.startswith(("rans", "validation"))
+        }
         assert {name.rpartition(".")[0] for name in ours} <= {*values, *own, "rans.errors"}
 
 
-@pytest.mark.parametrize("statement", [
-    "import rans", "import rans.tasks", "import rans.model.spacecraft_file", "import rans.flight",
-    "import rans.cli",
-    "from rans.model.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
-])
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import rans",
+        "import rans.tasks",
+        "import rans.model.spacecraft_file",
+        "import rans.flight",
+        "import rans.cli",
+        "from rans.model.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
+    ],
+)
 def test_start_up_is_light(statement: str) -> None:
     # Gymnasium takes 40 ms beyond NumPy, and learns our environments' names when rans is imported.
     assert loaded(statement) & HEAVY <= {"gymnasium"}
@@ -136,6 +158,11 @@ def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path: Path) -> 
 def loaded(statement: str) -> set[str]:
     """Top-level packages in memory after a statement in a fresh interpreter."""
     report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
-    run = subprocess.run([sys.executable, "-c", f"{statement}\n{report}"], cwd=ROOT, check=True,
-                         capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", f"{statement}\n{report}"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return set(run.stdout.split())

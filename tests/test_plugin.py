@@ -19,35 +19,63 @@ FLIER = "steer:keep-distance-2d@puck"
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the package installed below site/, without a network."""
     folder = tmp_path_factory.mktemp("user")
-    source = shutil.copytree(ROOT / "examples" / "plugin", folder / "source")  # setuptools writes beside it
-    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation",
-                    "--no-deps", "--target", str(folder / "site"), str(source)], check=True)
+    source = shutil.copytree(
+        ROOT / "examples" / "plugin", folder / "source"
+    )  # setuptools writes beside it
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-index",
+            "--no-build-isolation",
+            "--no-deps",
+            "--target",
+            str(folder / "site"),
+            str(source),
+        ],
+        check=True,
+    )
     return folder
 
 
 def rans(place: Path, *commands: str) -> list[str]:
     """What every command prints; it must succeed. One process gives them, which draws nothing: torch and
     Drake start once, and figures take seconds."""
-    script = "import sys; from matplotlib.figure import Figure; from rans.cli import main\n" \
-             "Figure.draw_without_rendering = lambda _: None\n" \
-             "svg = '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\n" \
-             "Figure.savefig = lambda _, file, **__: file.write(svg)\n" \
-             "for line in sys.argv[1:]: assert main(line.split()) == 0, line; print(end='\\f')"
+    script = (
+        "import sys; from matplotlib.figure import Figure; from rans.cli import main\n"
+        "Figure.draw_without_rendering = lambda _: None\n"
+        "svg = '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\n"
+        "Figure.savefig = lambda _, file, **__: file.write(svg)\n"
+        "for line in sys.argv[1:]: assert main(line.split()) == 0, line; print(end='\\f')"
+    )
     path = os.pathsep.join((str(place / "site"), str(ROOT)))
-    done = subprocess.run([sys.executable, "-c", script, *commands], cwd=place, capture_output=True,
-                          text=True, env=os.environ | {"PYTHONPATH": path, "COLUMNS": "160"}, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script, *commands],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path, "COLUMNS": "160"},
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.split("\f")[:-1]
 
 
 def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place: Path) -> None:
     listed, task, _, _, _, validated, _, _ = rans(
-        place, "list", "list keep-distance",
+        place,
+        "list",
+        "list keep-distance",
         "train keep-distance --spacecraft puck --device cpu --total-timesteps 9000 --run keep",
         "evaluate keep --episodes 8 --engine both --conditions workshop",  # Drake judges it too
         f"compare keep {FLIER} --with steer --certified 0 --episodes 8",
-        "validate --spacecraft puck --quick --layer thrusters", "export keep --output gift --episodes 8",
-        f"view gift {FLIER} --save page.html")
+        "validate --spacecraft puck --quick --layer thrusters",
+        "export keep --output gift --episodes 8",
+        f"view gift {FLIER} --save page.html",
+    )
     for name in ("keep-distance", "puck", "steer", "workshop"):
         assert f"{name} (of rans-example)" in listed
     assert "rans/KeepDistance3D-v0" in task
@@ -67,8 +95,12 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
 def test_its_readme_names_what_it_has() -> None:
     text = (ROOT / "examples" / "plugin" / "README.md").read_text("utf-8")
     declared = (ROOT / "examples" / "plugin" / "pyproject.toml").read_text("utf-8")
-    for group, name in (("tasks", "keep-distance"), ("spacecraft", "puck"), ("controllers", "steer"),
-                        ("conditions", "workshop")):
+    for group, name in (
+        ("tasks", "keep-distance"),
+        ("spacecraft", "puck"),
+        ("controllers", "steer"),
+        ("conditions", "workshop"),
+    ):
         assert f'entry-points."rans.{group}"]\n{name} = ' in declared
         assert f"`rans.{group}`" in text
         assert f"`{name}`" in text

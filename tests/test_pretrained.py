@@ -18,7 +18,8 @@ every_agent = pytest.mark.parametrize("name", pretrained_names())
 def test_an_agent_is_small_and_complete(name: str) -> None:
     files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
     assert files.keys() == {"policy.zip", "config.json", "spacecraft.toml", "card.json"}
-    card, found = pretrained_card(name), contestant(f"pretrained:{name}")
+    card = pretrained_card(name)
+    found = contestant(f"pretrained:{name}")
     # Its weights are there twice, for RANS and for SB3, and nothing else of their size.
     network = read_policy(pretrained_folder(name) / "policy.zip", found.craft, found.task).network
     weights = sum(x.numel() for x in network.tensors.values())
@@ -26,7 +27,9 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     assert sum(files.values()) < 2 * 4 * weights + 100_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     kinds = "(-fast|-thrifty|-shared|-robust|-faults|-knob)?"
-    assert re.fullmatch(rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name)
+    assert re.fullmatch(
+        rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name
+    )
 
 
 def test_an_unknown_agent_is_one_sentence() -> None:

@@ -39,6 +39,7 @@ def waits(folder: Path, number: int) -> None:
 
 def half_answers(folder: Path) -> bytes:
     """An answer of which another process gets the length only."""
+
     def send(self: Connection, content: bytes) -> None:
         os.write(self.fileno(), content)
         (folder / "half").touch()
@@ -90,8 +91,10 @@ with submitted(added, [(Pair(1, 2),), (Pair(3, 4),)], 2, dict, ()) as futures:
 
 def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
     """None of which would end by itself, nor would the processes."""
-    with pytest.raises(KeyboardInterrupt), submitted(  # noqa: PT012
-            waits, [(tmp_path, k) for k in range(12)], 1, made_ready, ("",)):
+    with (  # noqa: PT012
+        pytest.raises(KeyboardInterrupt),
+        submitted(waits, [(tmp_path, k) for k in range(12)], 1, made_ready, ("",)),
+    ):
         wait_until((tmp_path / "begun 0").exists)
         raise KeyboardInterrupt
     assert not multiprocessing.active_children()
@@ -100,8 +103,10 @@ def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
 
 def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
     """Whoever reads it must not wait for its other half; if that fails, this test never ends."""
-    with pytest.raises(KeyboardInterrupt), submitted(  # noqa: PT012
-            half_answers, [(tmp_path,)], 1, made_ready, ("",)):
+    with (  # noqa: PT012
+        pytest.raises(KeyboardInterrupt),
+        submitted(half_answers, [(tmp_path,)], 1, made_ready, ("",)),
+    ):
         wait_until((tmp_path / "half").exists)
         raise KeyboardInterrupt
     assert not multiprocessing.active_children()
@@ -110,7 +115,8 @@ def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
 @pytest.mark.parametrize("other_thread", [False, True])
 def test_an_interrupt_while_processes_start_is_heard_when_they_have(other_thread: bool) -> None:
     """Neither lost nor in between, whichever thread the system tells."""
-    now, asked = threading.Event(), list[int]()
+    now = threading.Event()
+    asked = list[int]()
     teller = threading.Thread(target=lambda: now.wait() and signal.raise_signal(signal.SIGINT))
     teller.start()  # before the signal is blocked, which threads inherit
 

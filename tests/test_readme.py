@@ -39,12 +39,16 @@ from tests.reference.random_flights import Random
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 CRAFT = load_spacecraft("floating-platform")
-every_page = pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+every_page = pytest.mark.parametrize(
+    "page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES]
+)
 
 
 def blocks(page: Path, language: str) -> list[str]:
     """Code blocks of a language."""
-    found = re.findall(r"^```([^\n]*)\n(.*?)^```$", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    found = re.findall(
+        r"^```([^\n]*)\n(.*?)^```$", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
     return [text for own, text in found if own == language]
 
 
@@ -79,7 +83,9 @@ def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_the_environments_of_the_tasks_page_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environments_of_the_tasks_page_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     page = ROOT / "docs" / "tasks.md"
     (example,) = blocks(page, "python")
     (tmp_path / "meet.py").write_text(example, "utf-8")
@@ -94,10 +100,15 @@ def test_the_environments_of_the_tasks_page_are_made(tmp_path: Path, monkeypatch
 
 
 def test_the_python_page_has_every_function() -> None:
-    told = [row[0].strip("`").removeprefix("rans.").partition("(")[0]
-            for row in rows(ROOT / "docs" / "python.md", "function")]
-    assert sorted(told) == sorted(name for name in rans.__all__
-                                  if getattr(getattr(rans, name), "__module__", "") == "rans.api")
+    told = [
+        row[0].strip("`").removeprefix("rans.").partition("(")[0]
+        for row in rows(ROOT / "docs" / "python.md", "function")
+    ]
+    assert sorted(told) == sorted(
+        name
+        for name in rans.__all__
+        if getattr(getattr(rans, name), "__module__", "") == "rans.api"
+    )
 
 
 def test_examples_of_the_environments_page_run() -> None:
@@ -115,11 +126,12 @@ def test_examples_of_the_environments_page_run() -> None:
 
 
 def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
-    example, = blocks(ROOT / "README.md", "python")
+    (example,) = blocks(ROOT / "README.md", "python")
     names: dict[str, Any] = {}
     exec(example, names)
     assert names["observation"].shape == (4096, 10)
-    printed, told = capsys.readouterr().out, re.search(r"print\(.*# ([0-9.]+), %", example)
+    printed = capsys.readouterr().out
+    told = re.search(r"print\(.*# ([0-9.]+), %", example)
     assert told
     assert float(printed) == float(told[1])
 
@@ -156,7 +168,9 @@ def test_commands_parse(page: Path) -> None:
 @every_page
 def test_torchrun_takes_no_option_of_ours_for_its_own(page: Path) -> None:
     """Which it does with beginnings of their names, such as --run and --log, unless "--" comes before."""
-    for line in re.findall(r"^torchrun .+$|(?<=`)torchrun [^`\n]+", page.read_text("utf-8"), re.MULTILINE):
+    for line in re.findall(
+        r"^torchrun .+$|(?<=`)torchrun [^`\n]+", page.read_text("utf-8"), re.MULTILINE
+    ):
         parsed = get_args_parser().parse_args(shlex.split(line)[1:])
         assert (parsed.module, parsed.training_script) == (True, "rans")
         assert "-m -- rans" in line
@@ -165,13 +179,27 @@ def test_torchrun_takes_no_option_of_ours_for_its_own(page: Path) -> None:
 
 def test_the_slurm_script_starts_torchrun_on_every_machine(tmp_path: Path) -> None:
     """With stand-ins for what SLURM brings; --log would be ambiguous to torchrun."""
-    for name, text in (("scontrol", "echo n7; echo n8"), ("srun", 'exec "$@"'), ("torchrun", 'echo "$@"')):
+    for name, text in (
+        ("scontrol", "echo n7; echo n8"),
+        ("srun", 'exec "$@"'),
+        ("torchrun", 'echo "$@"'),
+    ):
         (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
         (tmp_path / name).chmod(0o755)
-    given = {"SLURM_NNODES": "2", "SLURM_GPUS_ON_NODE": "8", "SLURM_JOB_ID": "5", "SLURM_JOB_NODELIST": "n7"}
+    given = {
+        "SLURM_NNODES": "2",
+        "SLURM_GPUS_ON_NODE": "8",
+        "SLURM_JOB_ID": "5",
+        "SLURM_JOB_NODELIST": "n7",
+    }
     own = ["train", "go-to-pose", "--log", "wandb", "--run", "x"]
-    run = subprocess.run(["bash", ROOT / "examples/slurm/rans.sh", *own], check=True, capture_output=True,
-                         text=True, env=os.environ | given | {"PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    run = subprocess.run(
+        ["bash", ROOT / "examples/slurm/rans.sh", *own],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=os.environ | given | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
+    )
     parsed = get_args_parser().parse_args(run.stdout.split())
     assert (parsed.nnodes, parsed.nproc_per_node, parsed.rdzv_endpoint) == ("2", "8", "n7:29500")
     assert (parsed.training_script, parsed.training_script_args) == ("rans", own)
@@ -206,7 +234,9 @@ def test_the_rooms_are_there() -> None:
 def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     page = ROOT / "docs" / "spacecraft.md"
     toml, *_ = blocks(page, "toml")
-    craft = parse_spacecraft(toml, page.name)  # warns, which is an error here, if it cannot be controlled
+    craft = parse_spacecraft(
+        toml, page.name
+    )  # warns, which is an error here, if it cannot be controlled
     # Thruster 0 pushes along x at y = 0.2 m: a torque of -0.2 N m, wherever along x the centre is.
     assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)
     keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
@@ -215,9 +245,13 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
 
 
 def test_the_conditions_page_has_all_keys_with_their_defaults_and_units() -> None:
-    page, told = ROOT / "docs" / "conditions.md", dict[str, tuple[str, str]]()
-    sensors = [f.name for f in dataclasses.fields(SensorsConditions)
-               if isinstance(getattr(SensorsConditions(), f.name), SensorConditions)]
+    page = ROOT / "docs" / "conditions.md"
+    told = dict[str, tuple[str, str]]()
+    sensors = [
+        f.name
+        for f in dataclasses.fields(SensorsConditions)
+        if isinstance(getattr(SensorsConditions(), f.name), SensorConditions)
+    ]
     for key, default, unit, *_ in rows(page, "key"):
         for sensor in sensors:
             told[key.strip("`").replace("*", sensor)] = default.strip("`"), unit
@@ -250,15 +284,23 @@ def test_the_training_page_has_the_settings_with_their_defaults() -> None:
     for key, default, _ in [row for place in range(2) for row in rows(page, "setting", place)]:
         room, name = key.strip("`").split(".")
         value = getattr(of[room], name)
-        assert json.loads(default.strip("`")) == (list(value) if isinstance(value, tuple) else value), key
+        assert json.loads(default.strip("`")) == (
+            list(value) if isinstance(value, tuple) else value
+        ), key
 
 
 def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
-    page, task = ROOT / "docs" / "tasks.md", GoToPose()
+    page = ROOT / "docs" / "tasks.md"
+    task = GoToPose()
     columns = [(str(k), *column) for k, column in enumerate(observation_columns(task, 2))]
     assert [tuple(row) for row in rows(page, "column")] == columns
-    settings = {"position": task.position_scale, "attitude": task.attitude_scale,
-                "approach": task.approach_scale, "turn": task.turn_scale, "thrust": task.thrust_weight}
+    settings = {
+        "position": task.position_scale,
+        "attitude": task.attitude_scale,
+        "approach": task.approach_scale,
+        "turn": task.turn_scale,
+        "thrust": task.thrust_weight,
+    }
     told = {row[0].strip("`"): row[1] for row in rows(page, "term")}
     assert told.keys() == settings.keys()
     for term, value in settings.items():

@@ -21,7 +21,8 @@ def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
 
 
 def test_a_shipped_agent_gives_the_recorded_commands(shipped: tuple[str, Flight]) -> None:
-    before, now = recorded(shipped[0]), shipped[1].commands
+    before = recorded(shipped[0])
+    now = shipped[1].commands
     assert now.shape == before.shape
     departed = [k for k in range(EPISODES) if not np.array_equal(now[:, k], before[:, k])]
     assert departed == []
@@ -30,7 +31,8 @@ def test_a_shipped_agent_gives_the_recorded_commands(shipped: tuple[str, Flight]
 def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> None:
     """In a perfect world, also if it is for another, which takes minutes: it misses a goal rarely then."""
     name, flight = shipped
-    spec, card = f"pretrained:{name}", pretrained_card(name)
+    spec = f"pretrained:{name}"
+    card = pretrained_card(name)
     parts = judged_separately(spec)
     for one in parts:
         controller, craft, task, timing, conditions = contestant(one)
@@ -38,7 +40,9 @@ def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> No
             task = task.for_evaluation()
             starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
             flight = fly(craft, task, controller, starts, timing)
-        own = card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+        own = (
+            card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+        )
         said = own if conditions is None else 0.999
         # Four standard deviations of a share of 64, and one episode for shares of 0 and 1.
         spread = 4.0 * math.sqrt(said * (1.0 - said) / EPISODES) + 1.0 / EPISODES

@@ -75,14 +75,23 @@ def test_names_import_nothing_until_they_are_used(install: Install) -> None:
     assert "loaded_witness" in sys.modules
 
 
-@pytest.mark.parametrize(("entry", "said"), [
-    ("nowhere_at_all:x",
-     "the number 'bad' of the package offer cannot be used: ModuleNotFoundError: No module named"),
-    ("offer:missing", "of the package offer cannot be used: AttributeError: module 'offer' has no"),
-    ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
-])
-def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(install: Install, entry: str,
-                                                                  said: str) -> None:
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        (
+            "nowhere_at_all:x",
+            "the number 'bad' of the package offer cannot be used: ModuleNotFoundError: No module named",
+        ),
+        (
+            "offer:missing",
+            "of the package offer cannot be used: AttributeError: module 'offer' has no",
+        ),
+        ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
+    ],
+)
+def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(
+    install: Install, entry: str, said: str
+) -> None:
     install("offer", seven="offer:number", bad=entry)
     found = registry()
     assert (found["byte"], found["seven"], len(found)) == (8, 7, 3)
@@ -90,7 +99,9 @@ def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(install: Insta
         found["bad"]
 
 
-def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(install: Install) -> None:
+def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(
+    install: Install,
+) -> None:
     install("one", same="one:number", byte="one:number")
     install("two", same="two:number")
     found = registry()
@@ -100,8 +111,11 @@ def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in
 
 
 def test_a_wrong_name_is_told_what_may_have_been_meant() -> None:
-    with pytest.raises(ConfigError, match=r"no number named 'bite' \(did you mean byte\?\); known are byte; "
-                                          r"your own is MODULE:NAME\.$"):
+    with pytest.raises(
+        ConfigError,
+        match=r"no number named 'bite' \(did you mean byte\?\); known are byte; "
+        r"your own is MODULE:NAME\.$",
+    ):
         registry()["bite"]
     with pytest.raises(ConfigError, match="no number named 'xyz'; known are byte"):
         registry()["xyz"]
@@ -114,12 +128,15 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
     found = registry()
     assert found["beside_me:Inner.four"] == 4
     assert "beside_me:Inner.four" not in list(found)
-    with pytest.raises(ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"):
+    with pytest.raises(
+        ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"
+    ):
         found["beside_me:five"]
 
 
-def test_modules_of_the_current_folder_take_nobodys_place(tmp_path: Path,
-                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_of_the_current_folder_take_nobodys_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A stranger's module of the name of an installed one, which nothing has imported yet."""
     assert "this" not in sys.modules
     (tmp_path / "this.py").write_text("")
@@ -134,8 +151,16 @@ def test_modules_of_the_current_folder_take_nobodys_place(tmp_path: Path,
     assert found.origin != str(tmp_path / "this.py")
 
 
-@pytest.mark.parametrize("name", ["torch:os.abort", "torch:builtins.breakpoint", "rans.errors:sys.exit",
-                                  "rans:errors", "rans:errors.brief"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "torch:os.abort",
+        "torch:builtins.breakpoint",
+        "rans.errors:sys.exit",
+        "rans:errors",
+        "rans:errors.brief",
+    ],
+)
 def test_what_is_in_a_module_is_not_of_another_that_imported_it(name: str) -> None:
     with pytest.raises(ConfigError, match="is a module there"):
         registry()[name]
@@ -221,15 +246,33 @@ def no_task() -> None:
     """Settings need fields."""
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("tests.test_registry:no_task", "a task must be a dataclass"),
-    ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, which"),
-    ("tests.test_registry:Boundless", "Boundless has no tolerances, which every task must have"),
-    ("tests.test_registry:Strange", "Strange has a tolerance of gap; errors can be of position, att"),
-    ("tests.test_registry:Unheard", "Unheard has an error of gap; errors can be of position, attitude, vel"),
-    ("tests.test_registry:Soft", "Soft has a tolerance of velocity, but its errors are of position, att"),
-    ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
-])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("tests.test_registry:no_task", "a task must be a dataclass"),
+        (
+            "tests.test_registry:Unfinished",
+            "Unfinished has no errors, failed, reward, sample, sight, which",
+        ),
+        (
+            "tests.test_registry:Boundless",
+            "Boundless has no tolerances, which every task must have",
+        ),
+        (
+            "tests.test_registry:Strange",
+            "Strange has a tolerance of gap; errors can be of position, att",
+        ),
+        (
+            "tests.test_registry:Unheard",
+            "Unheard has an error of gap; errors can be of position, attitude, vel",
+        ),
+        (
+            "tests.test_registry:Soft",
+            "Soft has a tolerance of velocity, but its errors are of position, att",
+        ),
+        ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
+    ],
+)
 def test_what_is_no_task(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         TASKS[name]
@@ -274,7 +317,11 @@ def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: P
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rocketry\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[rans.tasks]\nrocket-task = rocketry:Task\n[rans.spacecraft]\nrocket = rocketry:rocket\n"
-        "[rans.controllers]\nautopilot = rocketry:Pilot\n")
+        "[rans.controllers]\nautopilot = rocketry:Pilot\n"
+    )
     (tmp_path / "rocketry.py").write_text("raise RuntimeError('imported')\n")
-    subprocess.run([sys.executable, "-c", WITHOUT.format(str(tmp_path))], check=True,
-                   cwd=Path(__file__).parents[1])
+    subprocess.run(
+        [sys.executable, "-c", WITHOUT.format(str(tmp_path))],
+        check=True,
+        cwd=Path(__file__).parents[1],
+    )

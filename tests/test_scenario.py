@@ -58,7 +58,9 @@ def test_scenarios_are_for_ever() -> None:
     words = [int(x[0]) for x in hash4(*np.array([[7], [0], [3], [0]], dtype=np.int32))]
     assert words == [-298708583, -912416970, -142448332, -473536544]
     start = scenario(GoToPose(spawn_distance=(3.0, 4.0)), 2, seed=3, episode=7).start
-    assert leaves(start)[:3] == pytest.approx((-3.431648608738937, 1.602937571879014, 2.933202337273802))
+    assert leaves(start)[:3] == pytest.approx(
+        (-3.431648608738937, 1.602937571879014, 2.933202337273802)
+    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -77,18 +79,32 @@ def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed: int) -> None
         assert np.array_equal(many, units.double().numpy())
 
 
-@pytest.mark.parametrize(("seed", "low", "high"), [
-    (5, 5, 0), (2**32 + 5, 5, 1), (2**31, -(2**31), 0), (2**63, 0, -(2**31)), (-1, -1, -1),
-    (2**64 - 1, -1, -1), (-(2**63), 0, -(2**31)), (7 * 2**32 - 1, -1, 6),
-])
+@pytest.mark.parametrize(
+    ("seed", "low", "high"),
+    [
+        (5, 5, 0),
+        (2**32 + 5, 5, 1),
+        (2**31, -(2**31), 0),
+        (2**63, 0, -(2**31)),
+        (-1, -1, -1),
+        (2**64 - 1, -1, -1),
+        (-(2**63), 0, -(2**31)),
+        (7 * 2**32 - 1, -1, 6),
+    ],
+)
 def test_a_seed_is_two_signed_words(seed: int, low: int, high: int) -> None:
     assert seed_words(seed) == (low, high)
 
 
-@pytest.mark.parametrize(("seed", "episode", "says"), [
-    (2**64, 0, "64 bits, got 18446744073709551616"), (-(2**63) - 1, 0, "64 bits"),
-    (0, 2**31, "2147483647, got 2147483648"), (0, -1, "got -1"),
-])
+@pytest.mark.parametrize(
+    ("seed", "episode", "says"),
+    [
+        (2**64, 0, "64 bits, got 18446744073709551616"),
+        (-(2**63) - 1, 0, "64 bits"),
+        (0, 2**31, "2147483647, got 2147483648"),
+        (0, -1, "got -1"),
+    ],
+)
 def test_a_number_out_of_range_is_one_sentence(seed: int, episode: int, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         scenario(GoToPose(), 2, seed, episode)
@@ -105,7 +121,8 @@ def test_seed_words_may_be_fields(seed: int) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_single_precision_changes_scenarios_only_by_rounding(dimension: Any) -> None:
     torch = pytest.importorskip("torch")
-    task, key = GoToPose(), seed_words(11)
+    task = GoToPose()
+    key = seed_words(11)
     numbers = torch.arange(500, dtype=torch.int32)
     double, single = (
         [x for state in task.sample(Random(dimension, *key, numbers, dtype)) for x in leaves(state)]
@@ -154,7 +171,9 @@ def test_draws_of_neighbours_are_independent() -> None:
     """Neighbouring draws, episodes and seeds fill the unit square evenly (chi-square, 16 x 16)."""
     here = draws(20, np.arange(40_000), 6)
     neighbours = {
-        "draw": here[1], "block": here[4], "last of the next block": here[5],
+        "draw": here[1],
+        "block": here[4],
+        "last of the next block": here[5],
         "episode": draws(20, np.arange(40_000) + 1, 1)[0],
         "seed": draws(21, np.arange(40_000), 1)[0],
         "high word of the seed": draws(20 + 2**32, np.arange(40_000), 1)[0],
@@ -194,7 +213,8 @@ def test_attitudes_are_uniform_over_all_rotations() -> None:
     """Haar measure: the angle between two is (theta - sin theta) / pi distributed, and each of the
     four components of the quaternion has the marginal of a point on the 3-sphere."""
     random = Random(3, *seed_words(3), np.arange(20_000, dtype=np.int32), np.float64)
-    first, second = random.attitude(), random.attitude()
+    first = random.attitude()
+    second = random.attitude()
     parts = np.stack(leaves(first))
     np.testing.assert_allclose(np.linalg.norm(parts, axis=0), 1.0, rtol=0, atol=1e-15)
     for part in parts:  # a coordinate c of a uniform point on S^3: (c + 1) / 2 is Beta(3/2, 3/2)

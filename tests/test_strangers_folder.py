@@ -25,8 +25,20 @@ def folder(tmp_path: Path) -> Path:
     """It holds a module of the name of every one of Python's library, and of packages that RANS imports."""
     made = tmp_path / "strangers"
     made.mkdir()
-    others = "torch", "numpy", "gymnasium", "cloudpickle", "cattrs", "rich", "tyro", "matplotlib", "pydrake"
-    library = (name for name in sys.stdlib_module_names if find_spec(name))  # without other systems' parts
+    others = (
+        "torch",
+        "numpy",
+        "gymnasium",
+        "cloudpickle",
+        "cattrs",
+        "rich",
+        "tyro",
+        "matplotlib",
+        "pydrake",
+    )
+    library = (
+        name for name in sys.stdlib_module_names if find_spec(name)
+    )  # without other systems' parts
     for name in (*library, *others):
         (made / f"{name}.py").write_text(TRAP.format(str(tmp_path / "imported")))
     return made
@@ -34,8 +46,14 @@ def folder(tmp_path: Path) -> Path:
 
 def imported_in(folder: Path, command: Sequence[str | Path]) -> str:
     """Names of the modules of the folder that a command, which must go well, imported there."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False,
-                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     marker = folder.parent / "imported"
     names = marker.read_text() if marker.exists() else ""
     assert (names, done.returncode) == ("", 0), done.stderr
@@ -44,11 +62,17 @@ def imported_in(folder: Path, command: Sequence[str | Path]) -> str:
 
 def test_python_m_rans(folder: Path) -> None:
     """Except for what Python itself imports to find RANS, which nobody but ``python -P`` can help."""
-    needed = subprocess.run([sys.executable, "-P", "-c", "import runpy, sys; print(*sys.modules)"],
-                            capture_output=True, text=True, check=True)
+    needed = subprocess.run(
+        [sys.executable, "-P", "-c", "import runpy, sys; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     for name in needed.stdout.split():
         (folder / f"{name}.py").unlink(missing_ok=True)
-    assert "floating-platform" in imported_in(folder, [sys.executable, "-m", "rans", "list", "SPACECRAFT"])
+    assert "floating-platform" in imported_in(
+        folder, [sys.executable, "-m", "rans", "list", "SPACECRAFT"]
+    )
 
 
 WORKERS = """
@@ -75,8 +99,12 @@ with submitted(act, [(1,)], 1, dict, ()) as futures:
 """
 
 
-def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(folder: Path, tmp_path: Path) -> None:
-    (folder / "my_plugin.py").write_text("import random\n\ndef act(number):\n    return number + 41\n")
+def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
+    folder: Path, tmp_path: Path
+) -> None:
+    (folder / "my_plugin.py").write_text(
+        "import random\n\ndef act(number):\n    return number + 41\n"
+    )
     script = tmp_path / "script.py"
     script.write_text(TYPED)
     assert imported_in(folder, [sys.executable, script]) == "42\n"

@@ -14,7 +14,14 @@ def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str])
     terminal.print(named)
     terminal.print("[/]sentence\x07 of :rocket:")
     printed = capsys.readouterr().out
-    for text in (":rocket:", "[/red]column", "[/bold]title", r"\x1b[31mred[/]", "FAIL", r"[/]sentence\x07"):
+    for text in (
+        ":rocket:",
+        "[/red]column",
+        "[/bold]title",
+        r"\x1b[31mred[/]",
+        "FAIL",
+        r"[/]sentence\x07",
+    ):
         assert text in printed
     assert "\x1b" not in printed
 
@@ -32,19 +39,25 @@ def test_long_values_are_cut() -> None:
     assert legible("y" * 2000) == "y" * 2000
 
 
-def test_a_file_has_room(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_has_room(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     assert Terminal(room=110).width == 110
     assert Terminal().width == 40
 
 
 WIDE = ("score", "go-to-pose-2d-robust", "mpc", "python:my_policy:act")
-ROWS = [("settled, %", "100 (97 to 100)", "99", None), ("thrust-time of the episode, N s", "27.8", "2", "3")]
+ROWS = [
+    ("settled, %", "100 (97 to 100)", "99", None),
+    ("thrust-time of the episode, N s", "27.8", "2", "3"),
+]
 SHORT = [("settled, %", "100", "99", None), ROWS[1]]
 
 
-def test_a_table_that_does_not_fit_is_several(capsys: pytest.CaptureFixture[str],
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_that_does_not_fit_is_several(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In 60 columns: first column in each, every cell once and whole, shorter ones where there are some."""
     monkeypatch.setenv("COLUMNS", "60")
     Terminal().show("Title", WIDE, ROWS)
@@ -60,8 +73,9 @@ def test_a_table_that_does_not_fit_is_several(capsys: pytest.CaptureFixture[str]
     assert "go-to-pose-" in text  # a heading breaks at hyphens
 
 
-def test_a_table_that_fits_is_one_and_whole(capsys: pytest.CaptureFixture[str],
-                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_that_fits_is_one_and_whole(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
     text = capsys.readouterr().out
@@ -71,19 +85,27 @@ def test_a_table_that_fits_is_one_and_whole(capsys: pytest.CaptureFixture[str],
     assert "Shorter." not in text
 
 
-def test_a_heading_is_as_wide_as_its_column(capsys: pytest.CaptureFixture[str],
-                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_heading_is_as_wide_as_its_column(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Above long cells it does not break, above short ones it does."""
     monkeypatch.setenv("COLUMNS", "40")
-    Terminal().show("", ("", "first thing or second", "first thing or third"),
-                    [("a", "long words of one cell", "no"), ("b", "x", "-")])
+    Terminal().show(
+        "",
+        ("", "first thing or second", "first thing or third"),
+        [("a", "long words of one cell", "no"), ("b", "x", "-")],
+    )
     headings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("┃")]
     assert [[cell.strip() for cell in line.strip("┃").split("┃")] for line in headings] == [
-        ["", "first thing or second"], ["", "first thing"], ["", "or third"]]
+        ["", "first thing or second"],
+        ["", "first thing"],
+        ["", "or third"],
+    ]
 
 
-def test_a_title_is_as_long_as_the_terminal_is_wide(capsys: pytest.CaptureFixture[str],
-                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_title_is_as_long_as_the_terminal_is_wide(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not as the table below it; what is longer breaks between words."""
     monkeypatch.setenv("COLUMNS", "40")
     made = table("A title of some words", ("x", "y"), [("1", "2")], "and of what it is made")
@@ -94,11 +116,14 @@ def test_a_title_is_as_long_as_the_terminal_is_wide(capsys: pytest.CaptureFixtur
     made.title = "A title of many more words than there is room for"
     Terminal().print(made)
     assert capsys.readouterr().out.split("\n")[:2] == [
-        "A title of many more words than there is", "room for"]
+        "A title of many more words than there is",
+        "room for",
+    ]
 
 
-def test_a_sentence_breaks_between_words_on_a_terminal_only(capsys: pytest.CaptureFixture[str],
-                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sentence_breaks_between_words_on_a_terminal_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "20")
     Terminal().say("words that are many in a line")
     assert capsys.readouterr().out == "words that are many in a line\n"

@@ -11,8 +11,12 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "examples" / "trainers"
-LIBRARIES = {"cleanrl_ppo": "torch", "torchrl_ppo": "torchrl", "rsl_rl_ppo": "rsl_rl",
-             "rl_games_ppo": "rl_games"}
+LIBRARIES = {
+    "cleanrl_ppo": "torch",
+    "torchrl_ppo": "torchrl",
+    "rsl_rl_ppo": "rsl_rl",
+    "rl_games_ppo": "rl_games",
+}
 
 
 def test_every_example_is_run() -> None:
@@ -25,9 +29,15 @@ def test_it_trains(name: str, tmp_path: Path) -> None:
     """One rollout and its update, in a process of its own."""
     if importlib.util.find_spec(LIBRARIES[name]) is None:
         pytest.skip(f"{LIBRARIES[name]} is not installed")
-    run = subprocess.run([sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192"], cwd=tmp_path,
-                         env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True,
-                         timeout=1800, check=False)
+    run = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192"],
+        cwd=tmp_path,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=1800,
+        check=False,
+    )
     assert run.returncode == 0, run.stderr
     if name in ("cleanrl_ppo", "torchrl_ppo"):
         assert "rollout 0: mean reward of a step " in run.stdout

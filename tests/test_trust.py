@@ -64,14 +64,25 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     sys.modules.pop("strangers", None)
 
 
-COMMANDS = ["evaluate run --episodes 2", "compare run --with lqr", "view run --save page.html", "stress run",
-            "assure run --episodes 2",
-            "follow run", "export run --output out", "train --resume run", "train --config run/config.json",
-            "train --config craft.json", "sweep --resume sweep"]
+COMMANDS = [
+    "evaluate run --episodes 2",
+    "compare run --with lqr",
+    "view run --save page.html",
+    "stress run",
+    "assure run --episodes 2",
+    "follow run",
+    "export run --output out",
+    "train --resume run",
+    "train --config run/config.json",
+    "train --config craft.json",
+    "sweep --resume sweep",
+]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_file_runs_nobodys_module(run: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_runs_nobodys_module(
+    run: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(command.split()) in (1, 2)
     said = capsys.readouterr()
     text = " ".join((said.out + said.err).split())
@@ -107,17 +118,29 @@ def write() -> None:
     WRITTEN.write_text("")
 
 
-@pytest.mark.parametrize("reference", ["torch:builtins.breakpoint", "torch:os.abort", "rans.errors:sys.exit",
-                                       "rans.registry:trust_files", f"{__name__}:write"])
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "torch:builtins.breakpoint",
+        "torch:os.abort",
+        "rans.errors:sys.exit",
+        "rans.registry:trust_files",
+        f"{__name__}:write",
+    ],
+)
 @pytest.mark.parametrize("entry", ["task", "spacecraft"])
 def test_a_file_calls_nothing_of_modules_that_are_loaded(
-        run: Path, reference: str, entry: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run: Path, reference: str, entry: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = json.loads((run / "config.json").read_text()) | {"task": "go-to-pose", entry: reference}
     write_json(Path("odd.json"), table)
     listed = {"command": "", "configs": [{key: table[key] for key in to_table(CONFIG)}]}
     write_json(Path("sweep/configs.json"), listed)
-    for command in (["train", "--config", "odd.json"], ["sweep", "--config", "odd.json"],
-                    ["sweep", "--resume", "sweep"]):
+    for command in (
+        ["train", "--config", "odd.json"],
+        ["sweep", "--config", "odd.json"],
+        ["sweep", "--resume", "sweep"],
+    ):
         assert main(command) == 2
         assert f"names the {entry} {reference!r}" in " ".join(capsys.readouterr().err.split())
     assert not WRITTEN.exists()
@@ -131,8 +154,13 @@ class Own(GoToPose):
 
 def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
     """It gave the class, so nothing runs that does not run anyway; other names stay refused."""
-    agent = rans.train(Own(), device="cpu", total_timesteps=CONFIG.ppo.n_envs * CONFIG.ppo.n_steps,
-                       ppo=CONFIG.ppo, run="own")
+    agent = rans.train(
+        Own(),
+        device="cpu",
+        total_timesteps=CONFIG.ppo.n_envs * CONFIG.ppo.n_steps,
+        ppo=CONFIG.ppo,
+        run="own",
+    )
     assert type(agent.task) is Own
     assert type(rans.load_agent("own").task) is Own
     with pytest.raises(ConfigError, match="would run that module's code"):
@@ -142,16 +170,25 @@ def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
 def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     trust_files()
     assert RunFolder(run).config().task == "strangers:Task"
-    code = ("from pathlib import Path\nfrom rans.fast.learn.run_folder import RunFolder\n"
-            "print(RunFolder(Path('run')).config().task)")
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
-                           env=os.environ | {"PYTHONPATH": str(ROOT)})
+    code = (
+        "from pathlib import Path\nfrom rans.fast.learn.run_folder import RunFolder\n"
+        "print(RunFolder(Path('run')).config().task)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     assert found.stdout == "strangers:Task\n", found.stderr
 
 
 def test_a_typed_name_needs_no_trust(run: Path) -> None:
-    command = ("train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
-                    "--total-timesteps 64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
-                    "--set timing.episode_steps=10")
+    command = (
+        "train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
+        "--total-timesteps 64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
+        "--set timing.episode_steps=10"
+    )
     assert main([str(word) for word in command.split()]) == 0
     assert Path("mine/policy.zip").exists()

@@ -74,5 +74,5 @@ def test_tiles(count: int, rows: int, columns: int) -> None:
     assert whole.shape == (rows * 30, columns * 40, 3)
     for k in range(rows * columns):
         row, column = divmod(k, columns)
-        tile = whole[row * 30:(row + 1) * 30, column * 40:(column + 1) * 40]
+        tile = whole[row * 30 : (row + 1) * 30, column * 40 : (column + 1) * 40]
         assert (tile == (k if k < count else 255)).all()

@@ -65,10 +65,14 @@ class Row:
         return worst if math.isfinite(worst) else math.inf
 
     def __str__(self) -> str:
-        kind = f"{self.craft.dimension}D {self.craft.actuators.kind:8} {self.craft.thrust_sharing:5}"
-        return (f"{self.number:4} {kind} {self.timing.control_period:5.3f} s  {self.timing.substeps:2} steps"
-                f"  {self.pilot:9} {self.spin:7.2f} rad/s  {self.position:7.1e} m  {self.attitude:7.1e} rad"
-                f"{'  too fast' if self.warned else ''}")
+        kind = (
+            f"{self.craft.dimension}D {self.craft.actuators.kind:8} {self.craft.thrust_sharing:5}"
+        )
+        return (
+            f"{self.number:4} {kind} {self.timing.control_period:5.3f} s  {self.timing.substeps:2} steps"
+            f"  {self.pilot:9} {self.spin:7.2f} rad/s  {self.position:7.1e} m  {self.attitude:7.1e} rad"
+            f"{'  too fast' if self.warned else ''}"
+        )
 
 
 def random_craft(seed: int) -> tuple[Spacecraft, float]:
@@ -91,7 +95,8 @@ def _drawn(random: np.random.Generator, dimension: Literal[2, 3]) -> Spacecraft:
     axes = Rotation.random(rng=random).as_matrix()
     tensor = axes @ np.diag(moments) @ axes.T
     centre = random.uniform(-0.1, 0.1, 3) * flat
-    size, force = _between(random, 0.03, 0.35), _between(random, 0.2, 4.0)
+    size = _between(random, 0.03, 0.35)
+    force = _between(random, 0.2, 4.0)
     nozzles: list[Thruster] = []
     paired = random.random() < 0.5
     for k in range(random.integers(6, 17)):
@@ -100,13 +105,29 @@ def _drawn(random: np.random.Generator, dimension: Literal[2, 3]) -> Spacecraft:
             nozzles.append(Thruster(last.position, _triple(-np.array(last.direction)), last.force))
             continue
         way = random.normal(size=3) * flat
-        nozzles.append(Thruster(_triple(centre + random.uniform(-size, size, 3) * flat),
-                                _triple(way / np.linalg.norm(way)), force * random.uniform(0.5, 1.5)))
-    kinds: list[Actuators] = [OnOff(), Throttle(), Pulsed(int(random.integers(2, 9)), 1), Pulsed(100, 5)]
-    return Spacecraft("random", dimension, _between(random, 1.0, 40.0),
-                      tuple(map(_triple, (tensor + tensor.T) / 2)), tuple(nozzles), _triple(centre),
-                      "split" if random.random() < 0.5 else "none",
-                      actuators=kinds[random.choice(4, p=[0.5, 0.2, 0.25, 0.05])])
+        nozzles.append(
+            Thruster(
+                _triple(centre + random.uniform(-size, size, 3) * flat),
+                _triple(way / np.linalg.norm(way)),
+                force * random.uniform(0.5, 1.5),
+            )
+        )
+    kinds: list[Actuators] = [
+        OnOff(),
+        Throttle(),
+        Pulsed(int(random.integers(2, 9)), 1),
+        Pulsed(100, 5),
+    ]
+    return Spacecraft(
+        "random",
+        dimension,
+        _between(random, 1.0, 40.0),
+        tuple(map(_triple, (tensor + tensor.T) / 2)),
+        tuple(nozzles),
+        _triple(centre),
+        "split" if random.random() < 0.5 else "none",
+        actuators=kinds[random.choice(4, p=[0.5, 0.2, 0.25, 0.05])],
+    )
 
 
 def _between(random: np.random.Generator, low: float, high: float) -> float:
@@ -127,12 +148,25 @@ def row(number: int, flights: int = 1, pilot: str | None = None) -> Row:
         warnings.simplefilter("always")
         timing = chosen(craft, left_open)
     name = pilot or list(_PILOTS)[number % 3]
-    flight = fly(craft, GoToPose(), _PILOTS[name](craft, timing, number),
-                 scenarios(GoToPose(), craft, number, flights), timing)
+    flight = fly(
+        craft,
+        GoToPose(),
+        _PILOTS[name](craft, timing, number),
+        scenarios(GoToPose(), craft, number, flights),
+        timing,
+    )
     spin = float(np.max(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
     off = gaps(flight.states, integrated(flight))
-    return Row(number, craft, timing, name, str(said[0].message) if said else "", spin,
-               float(np.max(off["position"])), float(np.max(off["attitude"])))
+    return Row(
+        number,
+        craft,
+        timing,
+        name,
+        str(said[0].message) if said else "",
+        spin,
+        float(np.max(off["position"])),
+        float(np.max(off["attitude"])),
+    )
 
 
 def integrated(flight: Flight) -> Any:
@@ -145,12 +179,16 @@ def integrated(flight: Flight) -> Any:
         for period, command in enumerate(flight.commands[:, k], 1):
             for duration, shares in _pieces(flight.craft, command, flight.timing.control_period):
                 rate = motion(shares)
-                state = solve_ivp(rate, (0.0, duration), state, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+                state = solve_ivp(rate, (0.0, duration), state, "DOP853", rtol=1e-12, atol=1e-13).y[
+                    :, -1
+                ]
             result[:, period, k] = state
     return unflatten(flight.states, list(result))
 
 
-def _pieces(craft: Spacecraft, command: np.ndarray, period: float) -> Iterator[tuple[float, np.ndarray]]:
+def _pieces(
+    craft: Spacecraft, command: np.ndarray, period: float
+) -> Iterator[tuple[float, np.ndarray]]:
     """Durations (s) and the share of its force that each thruster gives."""
     kind = craft.actuators
     counts = kind.counts if isinstance(kind, Pulsed) else 1
@@ -179,7 +217,8 @@ def _planar(craft: Spacecraft) -> Callable[[np.ndarray], Any]:
 
         def rate(_: float, y: np.ndarray) -> list[float]:
             _, _, angle, u, v, w = y.tolist()
-            c, s = math.cos(angle), math.sin(angle)
+            c = math.cos(angle)
+            s = math.sin(angle)
             return [u, v, w, c * a - s * b, s * a + c * b, turn]
 
         return rate
@@ -194,19 +233,32 @@ def _spatial(craft: Spacecraft) -> Callable[[np.ndarray], Any]:
 
     def motion(shares: np.ndarray) -> Any:
         force, torque = _load(craft, shares)
-        (ax, ay, az), steady = (force / craft.mass).tolist(), inverse @ torque
+        (ax, ay, az) = (force / craft.mass).tolist()
+        steady = inverse @ torque
 
         def rate(_: float, y: np.ndarray) -> list[float]:
             w, x, y_, z, u, v, s, p, q, r = y[3:].tolist()
             lx, ly, lz = (inertia @ y[10:]).tolist()
             spin = steady - inverse @ (q * lz - r * ly, r * lx - p * lz, p * ly - q * lx)
-            return [u, v, s,
-                    -0.5 * (x * p + y_ * q + z * r), 0.5 * (w * p + y_ * r - z * q),
-                    0.5 * (w * q + z * p - x * r), 0.5 * (w * r + x * q - y_ * p),
-                    (1 - 2 * (y_ * y_ + z * z)) * ax + 2 * (x * y_ - w * z) * ay + 2 * (x * z + w * y_) * az,
-                    2 * (x * y_ + w * z) * ax + (1 - 2 * (x * x + z * z)) * ay + 2 * (y_ * z - w * x) * az,
-                    2 * (x * z - w * y_) * ax + 2 * (y_ * z + w * x) * ay + (1 - 2 * (x * x + y_ * y_)) * az,
-                    *spin.tolist()]
+            return [
+                u,
+                v,
+                s,
+                -0.5 * (x * p + y_ * q + z * r),
+                0.5 * (w * p + y_ * r - z * q),
+                0.5 * (w * q + z * p - x * r),
+                0.5 * (w * r + x * q - y_ * p),
+                (1 - 2 * (y_ * y_ + z * z)) * ax
+                + 2 * (x * y_ - w * z) * ay
+                + 2 * (x * z + w * y_) * az,
+                2 * (x * y_ + w * z) * ax
+                + (1 - 2 * (x * x + z * z)) * ay
+                + 2 * (y_ * z - w * x) * az,
+                2 * (x * z - w * y_) * ax
+                + 2 * (y_ * z + w * x) * ay
+                + (1 - 2 * (x * x + y_ * y_)) * az,
+                *spin.tolist(),
+            ]
 
         return rate
 
@@ -225,8 +277,10 @@ def main() -> None:
         rows.append(row(number, given.flights))
         print(rows[-1], flush=True)  # noqa: T201
     steady = [r for r in rows if not r.warned]
-    print(f"{len(rows)} craft, {len(rows) - len(steady)} too fast for their period. Worst, "  # noqa: T201
-          f"bound {BOUND:g}: {_worst(steady)}; with those too fast {_worst(rows)}.")
+    print(  # noqa: T201
+        f"{len(rows)} craft, {len(rows) - len(steady)} too fast for their period. Worst, "
+        f"bound {BOUND:g}: {_worst(steady)}; with those too fast {_worst(rows)}."
+    )
 
 
 def _worst(rows: list[Row]) -> str:

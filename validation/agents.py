@@ -34,7 +34,8 @@ _HEADINGS = ("task, protocol", "what", "original", "target", "ours", "verdict", 
 _SOURCE = "The values of every training are in [agents.json](validation/agents.json)."
 _FLIGHTS = 16
 """Along a path."""
-_SPEED, _LOOK_AHEAD = 0.25, 0.25
+_SPEED = 0.25
+_LOOK_AHEAD = 0.25
 """m/s and m (paper, section 4.2)."""
 _CENTRES = {"settling time": np.median}
 """Of metrics that are not shown by their mean: episodes that never settle have no time."""
@@ -76,8 +77,15 @@ class Line:
         """Texts under the table's headings; says so where it is not the worst of three trainings."""
         target = f"{'≥' if self.at_least else '≤'} {joined(self.targets)} {self.unit}"
         few = "" if len(self.runs) == 3 else f" (of {len(self.runs)})"
-        return (self.row, self.what, self.original, target, f"{joined(self.worst)} {self.unit}{few}",
-                "met" if self.passed else "missed", f"`{self.command}`")
+        return (
+            self.row,
+            self.what,
+            self.original,
+            target,
+            f"{joined(self.worst)} {self.unit}{few}",
+            "met" if self.passed else "missed",
+            f"`{self.command}`",
+        )
 
 
 @dataclass(frozen=True)
@@ -100,14 +108,26 @@ class Agents:
             ConfigError: there is no such run, or an option or a file is wrong.
         """
         if not 1 <= self.starts <= self.episodes:
-            raise ConfigError(f"--starts must be from 1 to the {self.episodes} episodes, got {self.starts}.")
+            raise ConfigError(
+                f"--starts must be from 1 to the {self.episodes} episodes, got {self.starts}."
+            )
         lines = [line for row in ROWS for line in self._lines(row)]
         if not lines:
             names = ", ".join(dict.fromkeys(row.agent for row in ROWS))
-            raise ConfigError(f"{self.folder} holds no run named {names}, each followed by -seed0 and so on.")
-        write_json(self.docs / "validation" / "agents.json", {
-            "episodes": self.episodes, "seed": EVALUATION_SEED, "environment": environment(),
-            "lines": [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]})
+            raise ConfigError(
+                f"{self.folder} holds no run named {names}, each followed by -seed0 and so on."
+            )
+        write_json(
+            self.docs / "validation" / "agents.json",
+            {
+                "episodes": self.episodes,
+                "seed": EVALUATION_SEED,
+                "environment": environment(),
+                "lines": [
+                    asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines
+                ],
+            },
+        )
         in_document(self.docs).write(self.docs)
         return lines
 
@@ -126,7 +146,16 @@ class Agents:
                 best = means(optimal, goal)
                 targets = tuple(value - goal.slack for value in best)
                 what += f", first {self.starts} starts; time-optimal: {joined(best)} %"
-            yield Line(row.title, what, goal.unit, goal.original, targets, goal.at_least, values, row.command)
+            yield Line(
+                row.title,
+                what,
+                goal.unit,
+                goal.original,
+                targets,
+                goal.at_least,
+                values,
+                row.command,
+            )
 
     def _measured(self, row: Row, run: Path) -> Values:
         controller, setup = conditions_of(row, run)
@@ -160,8 +189,10 @@ def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, 
         ConfigError: something is asked that was not measured.
     """
     if missing := [name for name in goal.metrics if name not in values]:
-        raise ConfigError(f"nothing is known of {', '.join(missing)}: the run is of another task, or its "
-                          "episodes are too short.")
+        raise ConfigError(
+            f"nothing is known of {', '.join(missing)}: the run is of another task, or its "
+            "episodes are too short."
+        )
     return tuple(float(_CENTRES.get(name, np.mean)(values[name][:count])) for name in goal.metrics)
 
 

@@ -27,15 +27,29 @@ from rans.terminal import Terminal, table
 from validation.markdown import Table
 
 _COMMAND = "python -m validation.assurances"
-_HEADINGS = ("agent", "conditions", "flights", "failed", "probability of failure, 99 %", "how they fail",
-             "flown again: fail again in NumPy, Drake")
-_SOURCE = ("Everything about each is in [validation/assurance](validation/assurance). Earlier weights: the "
-           "agent was trained anew after it had been assured.")
+_HEADINGS = (
+    "agent",
+    "conditions",
+    "flights",
+    "failed",
+    "probability of failure, 99 %",
+    "how they fail",
+    "flown again: fail again in NumPy, Drake",
+)
+_SOURCE = (
+    "Everything about each is in [validation/assurance](validation/assurance). Earlier weights: the "
+    "agent was trained anew after it had been assured."
+)
 _CONFIDENCE = 0.99
 _WORST = 2
 """Failures of each kind that Drake flies, of the worst and of the first."""
-_SHORT = {Failure.NOT_FINITE: "not finite", Failure.TERMINATED: "declared failed", Failure.LEFT: "left",
-          Failure.UNSETTLED: "never there", Failure.LATE: "late"}
+_SHORT = {
+    Failure.NOT_FINITE: "not finite",
+    Failure.TERMINATED: "declared failed",
+    Failure.LEFT: "left",
+    Failure.UNSETTLED: "never there",
+    Failure.LATE: "late",
+}
 
 
 @dataclass(frozen=True)
@@ -66,13 +80,21 @@ class Assurances:
         return 0
 
     def _assure(self, spec: str, conditions: str) -> None:
-        assurance = made(spec, conditions, plan(_CONFIDENCE, self.flights, None), self.seed,
-                         f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}")
+        assurance = made(
+            spec,
+            conditions,
+            plan(_CONFIDENCE, self.flights, None),
+            self.seed,
+            f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}",
+        )
         file = _file(self.docs, spec, conditions)
         file.parent.mkdir(parents=True, exist_ok=True)
         assurance.go_on(file)
-        assurance.fly("cuda" if torch.cuda.is_available() else "cpu", lambda _: None,
-                      lambda: write_json(file, assurance.to_json()))
+        assurance.fly(
+            "cuda" if torch.cuda.is_available() else "cpu",
+            lambda _: None,
+            lambda: write_json(file, assurance.to_json()),
+        )
         if self.replay:
             assurance.replay(_WORST, _WORST)
         write_json(file, assurance.to_json())
@@ -80,8 +102,11 @@ class Assurances:
 
 def in_document(docs: Path) -> Table:
     """The table of assurance.md, from the files of all campaigns that there are."""
-    rows = [_cells(*one, read_json(file)) for one in _campaigns(pretrained_names())
-            if (file := _file(docs, *one)).exists()]
+    rows = [
+        _cells(*one, read_json(file))
+        for one in _campaigns(pretrained_names())
+        if (file := _file(docs, *one)).exists()
+    ]
     return Table("assurance.md", _COMMAND, _HEADINGS, rows, _SOURCE)
 
 
@@ -100,20 +125,40 @@ def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
 
 
 def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
-    bound, replays, low, name = told["bounds"]["any"], told["replays"], "", spec.removeprefix("pretrained:")
+    bound = told["bounds"]["any"]
+    replays = told["replays"]
+    low = ""
+    name = spec.removeprefix("pretrained:")
     if bound["failures"]:
         low = f"{bound['at least']:.2g} to "
-    kinds = ", ".join(f"{count:,} {_SHORT[Failure[kind]]}"
-                      for kind, count in told["campaign"]["failures"].items() if count)
+    kinds = ", ".join(
+        f"{count:,} {_SHORT[Failure[kind]]}"
+        for kind, count in told["campaign"]["failures"].items()
+        if count
+    )
     again = "–"  # noqa: RUF001
     if replays and replays["flown again"]:
-        judged = [one["again"]["drake"] is not None for one in replays["judged"] if "drake" in one["again"]]
-        again = (f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}")
+        judged = [
+            one["again"]["drake"] is not None
+            for one in replays["judged"]
+            if "drake" in one["again"]
+        ]
+        again = (
+            f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}"
+        )
     weights = sha256([(agent_folder(spec) / "policy.zip").read_bytes()])
-    earlier = "" if weights == told["about"]["hashes"]["weights (policy.zip)"] else " (earlier weights)"
-    return (f"`{name}`{earlier}", conditions, f"{bound['flights']:,}",
-            f"{bound['failures']:,}", f"{low or 'at most '}{bound['at most']:.2g}",
-            kinds or "–", again)  # noqa: RUF001
+    earlier = (
+        "" if weights == told["about"]["hashes"]["weights (policy.zip)"] else " (earlier weights)"
+    )
+    return (
+        f"`{name}`{earlier}",
+        conditions,
+        f"{bound['flights']:,}",
+        f"{bound['failures']:,}",
+        f"{low or 'at most '}{bound['at most']:.2g}",
+        kinds or "–",  # noqa: RUF001
+        again,
+    )
 
 
 if __name__ == "__main__":

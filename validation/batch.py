@@ -46,42 +46,64 @@ class Found(NamedTuple):
 
     def said(self) -> dict[str, Any]:
         """Share held, %, with its 95 % interval, and the median settling time, s."""
-        return {"held": {key: 100.0 * x for key, x in asdict(share(self.held)).items()},
-                "settling time": float(np.median(self.settled))}
+        return {
+            "held": {key: 100.0 * x for key, x in asdict(share(self.held)).items()},
+            "settling time": float(np.median(self.settled)),
+        }
 
 
 @torch.no_grad()
-def flown(network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int,
-          device: str) -> Found:
+def flown(
+    network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int, device: str
+) -> Found:
     """An agent's flights in the fast engine, which is told one step too many: at the last it begins anew.
 
     Kicks, which are spread over an episode, so come at other times than in its evaluation.
     """
-    steps, period = setup.timing.episode_steps, setup.timing.control_period
-    engine = Engine(setup.craft, setup.task, episodes, replace(setup.timing, episode_steps=steps + 1),
-                    seed=seed, device=device, conditions=conditions.or_none)
-    observation, memory = engine.observe(), network.blank(episodes)
+    steps = setup.timing.episode_steps
+    period = setup.timing.control_period
+    engine = Engine(
+        setup.craft,
+        setup.task,
+        episodes,
+        replace(setup.timing, episode_steps=steps + 1),
+        seed=seed,
+        device=device,
+        conditions=conditions.or_none,
+    )
+    observation = engine.observe()
+    memory = network.blank(episodes)
     ended = torch.zeros(episodes, dtype=torch.bool, device=device)
-    outside, duty = torch.zeros(episodes, device=device), torch.zeros(episodes, device=device)
+    outside = torch.zeros(episodes, device=device)
+    duty = torch.zeros(episodes, device=device)
     now = motion(engine)
     for t in range(steps):
         command, memory = likeliest(network, observation, memory)
         step = engine.step(command)
-        observation, ended = step.observation, ended | step.terminated
+        observation = step.observation
+        ended = ended | step.terminated
         outside = torch.where(step.reached & ~ended, outside, t + 1.0)
         now = torch.where(ended, now, motion(engine))
         if t >= steps - steps // 5:
             duty += command.mean(dim=1) / (steps // 5)
     settled = torch.where(outside < steps, (outside + 1.0) * period, torch.inf)
-    return Found(*(x.cpu().numpy() for x in (outside <= steps - steps // 5, settled, duty, ended, *now)))
+    return Found(
+        *(x.cpu().numpy() for x in (outside <= steps - steps // 5, settled, duty, ended, *now))
+    )
 
 
 def motion(engine: Engine) -> Tensor:
     """Distance, speed and spin, (3, N)."""
-    state, goal = engine.state, engine.goal
-    parts = [[x - y for x, y in zip(state.p.columns(), goal.p.columns(), strict=True)], state.v.columns(),
-             state.spin()]
-    return torch.stack([torch.stack([torch.as_tensor(x) for x in part]).norm(dim=0) for part in parts])
+    state = engine.state
+    goal = engine.goal
+    parts = [
+        [x - y for x, y in zip(state.p.columns(), goal.p.columns(), strict=True)],
+        state.v.columns(),
+        state.spin(),
+    ]
+    return torch.stack(
+        [torch.stack([torch.as_tensor(x) for x in part]).norm(dim=0) for part in parts]
+    )
 
 
 def loaded(name: str, device: str) -> tuple[Network, Setup]:
@@ -94,12 +116,20 @@ def loaded(name: str, device: str) -> tuple[Network, Setup]:
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{name} is not an agent: name a run folder, or pretrained:NAME.")
     lone = run.controller.network
-    network = Network.stacked(lone.architecture, [lone.member(0)], torch.device(device), torch.float32)
+    network = Network.stacked(
+        lone.architecture, [lone.member(0)], torch.device(device), torch.float32
+    )
     return network, run.judged._replace(conditions=None)
 
 
-def study(agents: Sequence[str], told: Callable[[Network, Setup, str], Rows], episodes: int, seed: int,
-          output: Path, extra: dict[str, Rows] | None = None) -> dict[str, Rows]:
+def study(
+    agents: Sequence[str],
+    told: Callable[[Network, Setup, str], Rows],
+    episodes: int,
+    seed: int,
+    output: Path,
+    extra: dict[str, Rows] | None = None,
+) -> dict[str, Rows]:
     """Write what is told of each agent and its setup, on a GPU if there is one, to a JSON file.
 
     Args:
@@ -112,5 +142,7 @@ def study(agents: Sequence[str], told: Callable[[Network, Setup, str], Rows], ep
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
     result = {name: told(*loaded(name, device), device) for name in agents} | (extra or {})
-    write_json(output, {"episodes": episodes, "seed": seed, "agents": result, "environment": environment()})
+    write_json(
+        output, {"episodes": episodes, "seed": seed, "agents": result, "environment": environment()}
+    )
     return result

@@ -33,7 +33,12 @@ from validation.checks import Check, Skipped, Study
 from validation.command import ended
 
 _PERIOD = 0.2
-_AIMS = (("attitude", "position", "spin", "velocity"), ("position", "velocity"), ("velocity",), ("spin",))
+_AIMS = (
+    ("attitude", "position", "spin", "velocity"),
+    ("position", "velocity"),
+    ("velocity",),
+    ("spin",),
+)
 _FASTEST = 3.0
 """Spin up to which eight steps a period are exact enough in space, rad/s."""
 _HASTE = Effort(1e-9, levels=1)
@@ -64,9 +69,14 @@ class Bounds:
         if self.craft < 1:
             raise ConfigError(f"--craft must be >= 1, got {self.craft}.")
         with progress() as bars:
-            ratios = [beaten(seed) for seed in bars.track(range(self.seed, self.seed + self.craft),
-                                                          description="flights and their bounds")]
-        checks, skipped = [], []
+            ratios = [
+                beaten(seed)
+                for seed in bars.track(
+                    range(self.seed, self.seed + self.craft), description="flights and their bounds"
+                )
+            ]
+        checks = []
+        skipped = []
         for name in ("least time", "least thrust-time", "dual of the certificate"):
             shares = {k: row[name] for k, row in enumerate(ratios, self.seed) if name in row}
             if not shares:
@@ -74,15 +84,31 @@ class Bounds:
                 continue
             below = [k for k, share in shares.items() if not share <= 1.0 + _ROUNDING]
             text = f"Of {len(shares)} flights; highest bound {max(shares.values()):.9f} of one"
-            checks.append(Check(f"{name}: flights below", float(len(below)), 0.0, "flights",
-                                f"{text}{f'; seeds {below}' if below else ''}."))
+            checks.append(
+                Check(
+                    f"{name}: flights below",
+                    float(len(below)),
+                    0.0,
+                    "flights",
+                    f"{text}{f'; seeds {below}' if below else ''}.",
+                )
+            )
         large = sum("too large" in row for row in ratios)
         if large:
-            skipped.append(Skipped("certificates of large lattices", f"{large} of the flights have a lattice "
-                                   f"of more than {_MOST_POINTS:,} points; what they need has no certificate "
-                                   "here."))
-        study = Study(f"bounds of {self.craft} random spacecraft", tuple(checks),
-                      {"craft": self.craft, "seed": self.seed}, tuple(skipped))
+            skipped.append(
+                Skipped(
+                    "certificates of large lattices",
+                    f"{large} of the flights have a lattice "
+                    f"of more than {_MOST_POINTS:,} points; what they need has no certificate "
+                    "here.",
+                )
+            )
+        study = Study(
+            f"bounds of {self.craft} random spacecraft",
+            tuple(checks),
+            {"craft": self.craft, "seed": self.seed},
+            tuple(skipped),
+        )
         if self.output:
             study.write(self.output)
         return study
@@ -104,9 +130,12 @@ def beaten(seed: int) -> dict[str, float]:
     found: dict[str, float] = {}
     count = points(craft, start, goal, loose, steps)
     if count > _MOST_POINTS:
-        found["too large"], wanted = float(count), _AIMS[1]
-    for name, horizon, took in (("least time", None, steps * _PERIOD),
-                                ("least thrust-time", steps * _PERIOD, spent)):
+        found["too large"] = float(count)
+        wanted = _AIMS[1]
+    for name, horizon, took in (
+        ("least time", None, steps * _PERIOD),
+        ("least thrust-time", steps * _PERIOD, spent),
+    ):
         question = Question(craft, wanted, loose, _PERIOD, horizon, _HASTE, Scenario(start, goal))
         found[name] = _share(bound(0, question).best, took)
     if 0 < count <= _MOST_POINTS:
@@ -142,8 +171,14 @@ def random_craft(random: np.random.Generator) -> Spacecraft:
     sharing = "split" if random.random() < 0.25 else "none"
     with warnings.catch_warnings():  # what cannot be steered everywhere flies as well
         warnings.simplefilter("ignore", UserWarning)
-        return Spacecraft("random", dimension, float(random.uniform(1.0, 20.0)), inertia, tuple(nozzles[:8]),
-                          thrust_sharing=sharing)
+        return Spacecraft(
+            "random",
+            dimension,
+            float(random.uniform(1.0, 20.0)),
+            inertia,
+            tuple(nozzles[:8]),
+            thrust_sharing=sharing,
+        )
 
 
 def _triple(vector: np.ndarray) -> tuple[float, float, float]:
@@ -156,17 +191,22 @@ def _flight(craft: Spacecraft, random: np.random.Generator) -> tuple[Any, Any, f
 
     Half the flights hold a random set of thrusters open all the time, which is what saturates a bound.
     """
-    steps, count = int(random.integers(1, 9)), len(craft.thrusters)
+    steps = int(random.integers(1, 9))
+    count = len(craft.thrusters)
     commands = (random.random((steps, count)) < random.uniform(0.05, 0.9)).astype(float)
     if random.random() < 0.5:
         commands[:] = random.random(count) < 0.6
-    p, v, w = random.uniform(-2, 2, 3), random.uniform(-0.3, 0.3, 3), random.uniform(-0.5, 0.5, 3)
+    p = random.uniform(-2, 2, 3)
+    v = random.uniform(-0.3, 0.3, 3)
+    w = random.uniform(-0.5, 0.5, 3)
     if random.random() < 0.5:
-        v, w = 0.0 * v, 0.0 * w
+        v = 0.0 * v
+        w = 0.0 * w
     start: Any = SpatialState(Vec3(*p), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*v), Vec3(*w))
     if craft.dimension == 2:
         start = PlanarState(Vec2(p[0], p[1]), Heading(p[2]), Vec2(v[0], v[1]), w[2])
-    state, spent = start, 0.0
+    state = start
+    spent = 0.0
     for row in commands:
         fields = tuple(float(c) for c in row)
         state = advance(state, wrench(craft, fields), Body.of(craft), _PERIOD, 8).normalised()
@@ -184,12 +224,15 @@ def points(craft: Spacecraft, start: Any, goal: Any, loose: GoalSet, steps: int)
         last = max(map(abs, loose.net_spins(lattice, start, goal)))
     except ConfigError:  # in space, of shared thrust, or of torques without a common quantum
         return 0
-    most, k = int(np.abs(lattice.patterns.torque).max()), np.arange(steps + 1)
+    most = int(np.abs(lattice.patterns.torque).max())
+    k = np.arange(steps + 1)
     limits = np.minimum(most * k, most * (steps - k) + last)
     return (steps + 1) * (2 * max(int(limits.max()), last) + 1) * (2 * int(limits[:-1].sum()) + 1)
 
 
-def _dual(craft: Spacecraft, start: Any, goal: Any, spent: float, steps: int, loose: GoalSet) -> float:
+def _dual(
+    craft: Spacecraft, start: Any, goal: Any, spent: float, steps: int, loose: GoalSet
+) -> float:
     """The certificate's bound before branching, rounded up to pulses."""
     lattice = Lattice(craft, _PERIOD)
     relaxation = Relaxation(lattice, start, goal, loose, steps, max(spent, 0.2))
@@ -203,7 +246,8 @@ def main() -> int:
     """Print the checks and the verdict; 1 if one failed."""
     import tyro
 
-    study, console = tyro.cli(Bounds).run(), Terminal()
+    study = tyro.cli(Bounds).run()
+    console = Terminal()
     console.print(study.table())
     for said in (*study.checks, *study.skipped):
         console.print(f"{said.name}: {said.reason}")

@@ -27,8 +27,14 @@ def chance_check(name: str, probability: float, reason: str, worst: str = "") ->
         worst: where it was seen.
     """
     surprise = abs(np.log10(np.clip(probability, _LEAST, 1.0)))  # that of a NaN is NaN, and fails
-    return Check(name, float(surprise), UNLIKELY, "decades",
-                 f"{reason}: a probability of 1e-8 is no chance.", worst)
+    return Check(
+        name,
+        float(surprise),
+        UNLIKELY,
+        "decades",
+        f"{reason}: a probability of 1e-8 is no chance.",
+        worst,
+    )
 
 
 def uniform_check(name: str, drawn: Mapping[str, tuple[Any, float, float]]) -> Check:
@@ -47,7 +53,9 @@ def uniform_check(name: str, drawn: Mapping[str, tuple[Any, float, float]]) -> C
         slack = 1e-9 * (high - low)
         inside = (values >= low - slack) & (values <= high + slack)
         outside = np.count_nonzero(~inside)
-        probability = stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue if not outside else 0.0
+        probability = (
+            stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue if not outside else 0.0
+        )
         if not probability > least:
             least = probability
             where = f"{quantity}, {outside} of {len(values):,} outside of {low:g} to {high:g}"
@@ -68,8 +76,12 @@ def even_check(name: str, values: Any, kinds: int) -> Check:
     probability = 0.0
     if possible.all() and counts.sum():
         probability = 1.0 if kinds == 1 else float(np.asarray(stats.chisquare(counts).pvalue))
-    return chance_check(name, probability, f"Each of {kinds} is declared as likely as the next",
-                        f"{counts.min()} to {counts.max()} times each")
+    return chance_check(
+        name,
+        probability,
+        f"Each of {kinds} is declared as likely as the next",
+        f"{counts.min()} to {counts.max()} times each",
+    )
 
 
 def share_check(name: str, hits: Any, probability: float) -> Check:
@@ -83,9 +95,12 @@ def share_check(name: str, hits: Any, probability: float) -> Check:
     hits = np.asarray(hits)
     seen = int(np.count_nonzero(hits))
     chance = float(np.asarray(stats.binomtest(seen, hits.size, probability).pvalue))
-    return chance_check(name, chance,
-                        f"Declared to happen with a probability of {probability:g}",
-                        f"{seen:,} of {hits.size:,}")
+    return chance_check(
+        name,
+        chance,
+        f"Declared to happen with a probability of {probability:g}",
+        f"{seen:,} of {hits.size:,}",
+    )
 
 
 def normal_check(name: str, values: Any, deviation: float) -> Check:
@@ -101,9 +116,12 @@ def normal_check(name: str, values: Any, deviation: float) -> Check:
     squares = stats.chi2(values.size)
     total = np.sum((values / deviation) ** 2)
     size = 2.0 * np.minimum(squares.cdf(total), squares.sf(total))
-    return chance_check(name, 2.0 * float(np.minimum(shape, size)),
-                        f"Declared as normal with a standard deviation of {deviation:g}",
-                        f"{values.size:,} draws, deviation {values.std():.3g}")
+    return chance_check(
+        name,
+        2.0 * float(np.minimum(shape, size)),
+        f"Declared as normal with a standard deviation of {deviation:g}",
+        f"{values.size:,} draws, deviation {values.std():.3g}",
+    )
 
 
 def independence_check(name: str, pairs: Mapping[str, tuple[Any, Any]]) -> Check:
@@ -128,5 +146,8 @@ def independence_check(name: str, pairs: Mapping[str, tuple[Any, Any]]) -> Check
 def all_pairs(columns: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Every pair of different columns."""
     names: Sequence[str] = list(columns)
-    return {f"{one} and {other}": (columns[one], columns[other])
-            for k, one in enumerate(names) for other in names[k + 1:]}
+    return {
+        f"{one} and {other}": (columns[one], columns[other])
+        for k, one in enumerate(names)
+        for other in names[k + 1 :]
+    }

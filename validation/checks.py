@@ -102,11 +102,15 @@ class Study:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        return {"title": self.title, "passed": self.passed, "settings": self.settings,
-                "environment": environment(),
-                "checks": [asdict(check) | {"passed": check.passed} for check in self.checks],
-                "skipped": [asdict(skipped) for skipped in self.skipped],
-                "curves": [asdict(curve) for curve in self.curves]}
+        return {
+            "title": self.title,
+            "passed": self.passed,
+            "settings": self.settings,
+            "environment": environment(),
+            "checks": [asdict(check) | {"passed": check.passed} for check in self.checks],
+            "skipped": [asdict(skipped) for skipped in self.skipped],
+            "curves": [asdict(curve) for curve in self.curves],
+        }
 
     def write(self, file: Path) -> None:
         """Write the study as a JSON file, its folder made where missing.

@@ -19,17 +19,30 @@ def closed_loop_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Che
     """An LQR that goes to a pose; `rans evaluate --engine both` does the same with an agent."""
     from rans.optimal.control.lqr import LQR
 
-    timing, task = Timing(), GoToPose().for_evaluation()
+    timing = Timing()
+    task = GoToPose().for_evaluation()
     try:
         controller = LQR(craft, task, timing)
     except ConfigError as error:
         return [Skipped("closed loop", str(error))]
     starts = scenarios(task, craft, seed, count)
-    comparison = compare_engines(fly(craft, task, controller, starts, timing),
-                                 fly_in_drake(craft, task, controller, starts, timing))
-    reason = {"solved": f"Half of the 95 % interval of a share of {count} flights.",
-              "position error": "A fiftieth of the task's tolerance.",
-              "attitude error": "A fiftieth of the task's tolerance."}
+    comparison = compare_engines(
+        fly(craft, task, controller, starts, timing),
+        fly_in_drake(craft, task, controller, starts, timing),
+    )
+    reason = {
+        "solved": f"Half of the 95 % interval of a share of {count} flights.",
+        "position error": "A fiftieth of the task's tolerance.",
+        "attitude error": "A fiftieth of the task's tolerance.",
+    }
     asked = [pair for pair in comparison.pairs if pair.bound is not None]
-    return [Check(f"closed loop, LQR: {pair.name}", pair.difference, max(map(abs, pair.bound or ())),
-                  pair.unit, reason[pair.name]) for pair in asked]
+    return [
+        Check(
+            f"closed loop, LQR: {pair.name}",
+            pair.difference,
+            max(map(abs, pair.bound or ())),
+            pair.unit,
+            reason[pair.name],
+        )
+        for pair in asked
+    ]

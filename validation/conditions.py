@@ -33,8 +33,10 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "steady pushes": ("disturbances", ("force", "torque")),
     "swinging pushes": ("disturbances", ("slow_force", "slow_torque", "slow_period")),
     "kicks": ("disturbances", ("kicks", "kick", "kick_spin")),
-    "readings": ("sensors", ("position", "attitude", "velocity", "spin", "delay", "outage",
-                             "outage_every")),
+    "readings": (
+        "sensors",
+        ("position", "attitude", "velocity", "spin", "delay", "outage", "outage_every"),
+    ),
 }
 """What belongs together, by name: where it is in `Conditions`."""
 
@@ -43,8 +45,10 @@ _TIMING = {2: Timing(), 3: Timing(substeps=16)}
 with 16 as much as with 32."""
 _DRAKE_STEP = {2: 0.005, 3: 0.0025}
 """s; in space 0.005 leaves 6e-9 of its own where valves are gradual."""
-_REASON = ("Rounding of both, which a turning craft lets grow to some 1e-10 over 25 s of closed loop; for "
-           "every 10 m of way. An effect done the wrong way shows at 1e-6 or more.")
+_REASON = (
+    "Rounding of both, which a turning craft lets grow to some 1e-10 over 25 s of closed loop; for "
+    "every 10 m of way. An effect done the wrong way shows at 1e-6 or more."
+)
 
 
 class Watching(Restless):
@@ -65,7 +69,10 @@ class Watching(Restless):
 def effect_groups(conditions: Conditions) -> dict[str, Conditions]:
     """Each group of effects alone, as far as these conditions have them, and all together."""
     alone = {name: _alone(conditions, *where) for name, where in _GROUPS.items()}
-    return {**{name: one for name, one in alone.items() if _does_something(one)}, "all together": conditions}
+    return {
+        **{name: one for name, one in alone.items() if _does_something(one)},
+        "all together": conditions,
+    }
 
 
 def _alone(conditions: Conditions, section: str, names: tuple[str, ...]) -> Conditions:
@@ -80,8 +87,9 @@ def _does_something(conditions: Conditions) -> bool:
     return any(replace(part, weight=1.0).or_none for part in parts)
 
 
-def condition_checks(craft: Spacecraft, conditions: Conditions, seed: int,
-                     count: int) -> Iterator[Check | Curve]:
+def condition_checks(
+    craft: Spacecraft, conditions: Conditions, seed: int, count: int
+) -> Iterator[Check | Curve]:
     """Flights of 25 s under a restless controller, in closed loop: one reading that differs would tell.
 
     Raises:
@@ -89,18 +97,34 @@ def condition_checks(craft: Spacecraft, conditions: Conditions, seed: int,
     """
     conditions.check_valves(craft)
     task = GoToPose(fail_distance=1e6, fail_spin=1e6)
-    starts, timing = scenarios(task, craft, seed, count), _TIMING[craft.dimension]
+    starts = scenarios(task, craft, seed, count)
+    timing = _TIMING[craft.dimension]
     for name, part in effect_groups(conditions).items():
-        ours, drakes = Watching(craft, seed), Watching(craft, seed)
+        ours = Watching(craft, seed)
+        drakes = Watching(craft, seed)
         flight = fly(craft, task, ours, starts, timing, conditions=part, draws=draws(seed, count))
-        judged = fly_in_drake(craft, task, drakes, starts, timing, conditions=part, draws=draws(seed, count),
-                              max_step=_DRAKE_STEP[craft.dimension])
+        judged = fly_in_drake(
+            craft,
+            task,
+            drakes,
+            starts,
+            timing,
+            conditions=part,
+            draws=draws(seed, count),
+            max_step=_DRAKE_STEP[craft.dimension],
+        )
         tolerance = 1e-9 * reach(judged.states)
         apart = np.max([*gaps(flight.states, judged.states).values()], axis=0)
         told = np.abs(np.array(ours.states) - drakes.states).max(axis=1)
         for what, far in (("motion", apart), ("told", told)):
             period, number = np.unravel_index(np.argmax(far), far.shape)
-            yield Check(f"{name}: {what}", float(far.max()), tolerance, "SI", _REASON,
-                        f"flight {number}, period {period}")
+            yield Check(
+                f"{name}: {what}",
+                float(far.max()),
+                tolerance,
+                "SI",
+                _REASON,
+                f"flight {number}, period {period}",
+            )
         if name == "all together":
             yield from growth("under the conditions", flight.states, judged.states, timing)

@@ -56,21 +56,37 @@ def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Chec
         drake = drake_states(craft, starts.start, commands, timing, 0.01)
         end = map_leaves(lambda x: x[-1], drake)
 
-        def error(method: Method, steps: int, start: Any = starts.start, inputs: Any = commands,
-                  period: float = timing.control_period, reference: Any = end) -> dict[str, float]:
+        def error(
+            method: Method,
+            steps: int,
+            start: Any = starts.start,
+            inputs: Any = commands,
+            period: float = timing.control_period,
+            reference: Any = end,
+        ) -> dict[str, float]:
             flown = _flown(craft, start, inputs, period, method, steps)
             return {name: float(np.median(value)) for name, value in gaps(flown, reference).items()}
 
-        euler = {per_second: error(semi_implicit_euler, per_second // rate) for per_second in _EULER_RATES}
+        euler = {
+            per_second: error(semi_implicit_euler, per_second // rate)
+            for per_second in _EULER_RATES
+        }
         ours = dict(_ours(craft, rate, error))
-        results += [*_curves(f"semi-implicit Euler, control at {rate} Hz", euler),
-                    *_curves(f"ours, control at {rate} Hz", ours)]
+        results += [
+            *_curves(f"semi-implicit Euler, control at {rate} Hz", euler),
+            *_curves(f"ours, control at {rate} Hz", ours),
+        ]
         default = rate * _EVALUATIONS[craft.dimension] * _default(craft, rate)
-        results.append(Check(
-            f"control at {rate} Hz: default over 50 Hz Euler",
-            ours[default]["position"] / euler[50]["position"], 0.1, "ratio",
-            "Median position error after 25 s over the median of the original's step: the default must "
-            "gain a decade."))
+        results.append(
+            Check(
+                f"control at {rate} Hz: default over 50 Hz Euler",
+                ours[default]["position"] / euler[50]["position"],
+                0.1,
+                "ratio",
+                "Median position error after 25 s over the median of the original's step: the default must "
+                "gain a decade.",
+            )
+        )
     return results
 
 
@@ -79,16 +95,26 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
 
     `validation.invariants` checks the slope of ours.
     """
-    states, body = random_states(craft.dimension, seed, count), Body.of(craft)
+    states = random_states(craft.dimension, seed, count)
+    body = Body.of(craft)
     period = Timing().control_period
     applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     finest = advance(states, applied, body, period, 256)
-    curves, methods = [], dict[str, Method]({"semi-implicit Euler": semi_implicit_euler, "ours": advance})
+    curves = []
+    methods = dict[str, Method]({"semi-implicit Euler": semi_implicit_euler, "ours": advance})
     for name, method in methods.items():
-        errors = [gaps(method(states, applied, body, period, steps), finest) for steps in _ORDER_STEPS]
-        sizes = tuple(float(np.sqrt(np.mean(error["position"]**2))) for error in errors)
-        curves.append(Curve("error of one control period", name,
-                            tuple(period / steps for steps in _ORDER_STEPS), sizes))
+        errors = [
+            gaps(method(states, applied, body, period, steps), finest) for steps in _ORDER_STEPS
+        ]
+        sizes = tuple(float(np.sqrt(np.mean(error["position"] ** 2))) for error in errors)
+        curves.append(
+            Curve(
+                "error of one control period",
+                name,
+                tuple(period / steps for steps in _ORDER_STEPS),
+                sizes,
+            )
+        )
     return curves
 
 
@@ -124,26 +150,34 @@ def _turn(vector: Vec3) -> Quat:
 
 def _default(craft: Spacecraft, rate: int) -> int:
     """Nodes or steps a control period."""
-    return _OUR_NODES[-1] if craft.dimension == 2 else chosen(craft, Timing(1.0 / rate)).substeps or 1
+    return (
+        _OUR_NODES[-1] if craft.dimension == 2 else chosen(craft, Timing(1.0 / rate)).substeps or 1
+    )
 
 
-def _ours(craft: Spacecraft, rate: int, error: Callable[..., dict[str, float]],
-          ) -> Iterator[tuple[int, dict[str, float]]]:
+def _ours(
+    craft: Spacecraft,
+    rate: int,
+    error: Callable[..., dict[str, float]],
+) -> Iterator[tuple[int, dict[str, float]]]:
     """Force evaluations per second and errors."""
     if craft.dimension == 3:
         for steps in sorted({*_OUR_STEPS, _default(craft, rate)}):
             yield rate * _EVALUATIONS[3] * steps, error(advance, steps)
         return
     for nodes in _OUR_NODES:
-        def one_step(state: Any, applied: Any, body: Body, duration: float, steps: int,
-                     nodes: int = nodes) -> Any:
+
+        def one_step(
+            state: Any, applied: Any, body: Body, duration: float, steps: int, nodes: int = nodes
+        ) -> Any:
             return advance(state, applied, body, duration, steps, nodes)
 
         yield rate * nodes, error(one_step, 1)
 
 
-def _flown(craft: Spacecraft, state: Any, commands: np.ndarray, period: float, method: Method,
-           steps: int) -> Any:
+def _flown(
+    craft: Spacecraft, state: Any, commands: np.ndarray, period: float, method: Method, steps: int
+) -> Any:
     body = Body.of(craft)
     for command in commands:
         state = method(state, wrench(craft, tuple(command.T)), body, period, steps).normalised()
@@ -152,5 +186,9 @@ def _flown(craft: Spacecraft, state: Any, commands: np.ndarray, period: float, m
 
 def _curves(name: str, errors: dict[int, dict[str, float]]) -> Iterator[Curve]:
     for quantity in ("position", "attitude"):
-        yield Curve(f"{quantity} error after 25 s", name, tuple(errors),
-                    tuple(error[quantity] for error in errors.values()))
+        yield Curve(
+            f"{quantity} error after 25 s",
+            name,
+            tuple(errors),
+            tuple(error[quantity] for error in errors.values()),
+        )

@@ -33,11 +33,15 @@ def engine_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | 
     flight = fly(craft, _ENDLESS, Restless(craft, seed), starts, _TIMING)
     numpy = _fly_engine(_engine(craft, seed, count, torch.float64), flight.commands)
     with torch.compiler.set_stance("force_eager"):
-        eager = _fly_engine(_engine(craft, seed, count, torch.float64, compiled=True), flight.commands)
+        eager = _fly_engine(
+            _engine(craft, seed, count, torch.float64, compiled=True), flight.commands
+        )
     single = _fly_engine(_engine(craft, seed, count, torch.float32), flight.commands)
     size = reach(flight.states)
     rounding = "The same equations: float64 rounding (1e-16) over 125 periods."
-    training = "float32 rounding (1e-7) over 125 periods, and its four quadrature nodes in the plane."
+    training = (
+        "float32 rounding (1e-7) over 125 periods, and its four quadrature nodes in the plane."
+    )
     return [
         *gap_checks("engine, NumPy float64", numpy, flight.states, 1e-11 * size, rounding),
         *gap_checks("engine, torch float64", eager, flight.states, 1e-11 * size, rounding),
@@ -50,12 +54,19 @@ def compiled_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check 
     """The step as one compiled kernel, against the same step on NumPy."""
     name = "engine, compiled float64"
     if not any(map(shutil.which, ("c++", "g++", "clang++"))):
-        return [Skipped(name, "torch.compile needs a C++ compiler, and there is none on this machine.")]
+        return [
+            Skipped(name, "torch.compile needs a C++ compiler, and there is none on this machine.")
+        ]
     commands = _commands(craft, seed, count)
     compiled = _fly_engine(_engine(craft, seed, count, torch.float64, compiled=True), commands)
     eager = _fly_engine(_engine(craft, seed, count, torch.float64), commands)
-    return gap_checks(name, compiled, eager, 1e-11 * reach(eager),
-                      "The same arithmetic in another order: float64 rounding over 125 periods.")
+    return gap_checks(
+        name,
+        compiled,
+        eager,
+        1e-11 * reach(eager),
+        "The same arithmetic in another order: float64 rounding over 125 periods.",
+    )
 
 
 def graph_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Skipped]:
@@ -63,13 +74,19 @@ def graph_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | S
     name = "engine, CUDA graph"
     if not torch.cuda.is_available():
         return [Skipped(name, "There is no CUDA device on this machine.")]
-    commands, checks = _commands(craft, seed, count), []
+    commands = _commands(craft, seed, count)
+    checks = []
     eager = _fly_engine(_engine(craft, seed, count, torch.float64), commands)
     for dtype, tolerance in ((torch.float64, 1e-11), (torch.float32, 1e-3)):
         engine = _engine(craft, seed, count, dtype, device="cuda")
         flown = _fly_engine(engine, commands, graph=True)
-        checks += gap_checks(f"{name} {str(dtype).removeprefix('torch.')}", flown, eager,
-                             tolerance * reach(eager), "Rounding over 125 periods; see the eager paths.")
+        checks += gap_checks(
+            f"{name} {str(dtype).removeprefix('torch.')}",
+            flown,
+            eager,
+            tolerance * reach(eager),
+            "Rounding over 125 periods; see the eager paths.",
+        )
     return checks
 
 
@@ -78,10 +95,17 @@ def _commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     return fly(craft, _ENDLESS, Restless(craft, seed), starts, _TIMING).commands
 
 
-def _engine(craft: Spacecraft, seed: int, count: int, dtype: torch.dtype, device: str = "cpu",
-            compiled: bool | None = None) -> Engine:
-    return Engine(craft, _ENDLESS, count, _LONGER, seed=seed, device=device, dtype=dtype,
-                  compiled=compiled)
+def _engine(
+    craft: Spacecraft,
+    seed: int,
+    count: int,
+    dtype: torch.dtype,
+    device: str = "cpu",
+    compiled: bool | None = None,
+) -> Engine:
+    return Engine(
+        craft, _ENDLESS, count, _LONGER, seed=seed, device=device, dtype=dtype, compiled=compiled
+    )
 
 
 def _fly_engine(engine: Engine, commands: np.ndarray, graph: bool = False) -> Any:

@@ -32,7 +32,8 @@ from rans.terminal import Terminal, table
 Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Of observations (N, width) and memories (N, m): commands (N, thrusters) and the next memories."""
 
-DUTY_TOLERANCE, MEMORY_TOLERANCE = 1e-4, 1e-4
+DUTY_TOLERANCE = 1e-4
+MEMORY_TOLERANCE = 1e-4
 """A hundred times what float32 loses in other orders of sums, for numbers of the order of one."""
 TIE = 1e-4
 """Log-odds in float64 below which rounding in float32 may choose either way."""
@@ -84,7 +85,9 @@ def onnx_answer(folder: Path) -> Answer:
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    session = onnxruntime.InferenceSession(str(folder / "agent.onnx"), options, ["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(
+        str(folder / "agent.onnx"), options, ["CPUExecutionProvider"]
+    )
     remembers = len(session.get_inputs()) == 2
 
     def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,14 +105,19 @@ def sb3_answer(folder: Path) -> Answer:
     policy = PPO.load(folder / "policy.zip", device="cpu").policy
 
     def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        command, after = policy.predict(observation, (memory,) if memory.size else None, deterministic=True)
+        command, after = policy.predict(
+            observation, (memory,) if memory.size else None, deterministic=True
+        )
         return command, after[0] if after else memory
 
     return answer
 
 
 ANSWERS: dict[Form, Callable[[Path], Answer]] = {
-    "sb3": sb3_answer, "onnx": onnx_answer, "numpy": numpy_answer}
+    "sb3": sb3_answer,
+    "onnx": onnx_answer,
+    "numpy": numpy_answer,
+}
 
 
 def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
@@ -122,14 +130,19 @@ def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
     yield from seen
     random = np.random.default_rng(_DRAWN_SEED)
     for _ in seen:
-        yield random.uniform(seen.min(axis=(0, 1)), seen.max(axis=(0, 1)), seen.shape[1:]).astype(np.float32)
+        yield random.uniform(seen.min(axis=(0, 1)), seen.max(axis=(0, 1)), seen.shape[1:]).astype(
+            np.float32
+        )
 
 
 @torch.no_grad()
 def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Unequal:
     """An export's answers beside the agent's, batch after batch."""
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
-    memory, commands, beyond, furthest = network.blank(len(batches[0])), 0, 0, 0.0
+    memory = network.blank(len(batches[0]))
+    commands = 0
+    beyond = 0
+    furthest = 0.0
     slack = DUTY_TOLERANCE if network.architecture.continuous else 0.0
     for batch in batches:
         rows = torch.from_numpy(batch)
@@ -140,18 +153,26 @@ def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Uneq
         different = (np.abs(told - command.numpy()) > slack).any(axis=1)
         if different.any():
             closest = exact.shown(rows, None if memory is None else memory.double())[0].policy
-            near = closest.logit.abs().amin(dim=1).numpy() < TIE if isinstance(closest, OnOff) else False
-            commands, beyond = commands + int(different.sum()), beyond + int((different & ~near).sum())
+            near = (
+                closest.logit.abs().amin(dim=1).numpy() < TIE
+                if isinstance(closest, OnOff)
+                else False
+            )
+            commands = commands + int(different.sum())
+            beyond = beyond + int((different & ~near).sum())
         memory = network.remember(columns, memory, command, output)
         if memory is not None:
-            furthest = max(furthest, float(np.abs(after - memory.numpy())[~different].max(initial=0.0)))
+            furthest = max(
+                furthest, float(np.abs(after - memory.numpy())[~different].max(initial=0.0))
+            )
     return Unequal(commands, beyond, furthest)
 
 
 def rows(name: str, count: int) -> Iterator[Row]:
     """A shipped agent in every form."""
     run = RunFolder(pretrained_folder(name))
-    config, craft = run.config(), run.spacecraft()
+    config = run.config()
+    craft = run.spacecraft()
     saved: SavedPolicy = read_policy(run.policy_file, craft, config.settings)
     batches = list(asked(saved.network, Setup(craft, config.settings, config.timing), count))
     for form in get_args(Form):
@@ -175,12 +196,30 @@ class Exports:
     def run(self) -> int:
         """Print the table; 0 if every export commands what its agent does."""
         torch.set_num_threads(1)
-        found = [row for name in self.agents or pretrained_names() for row in rows(name, self.count)]
+        found = [
+            row for name in self.agents or pretrained_names() for row in rows(name, self.count)
+        ]
         headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
-        Terminal(room=110).print(table("Exports", headings, (
-            (row.agent, row.form, f"{row.observations:,}", str(row.unequal), str(row.beyond_rounding),
-             f"{row.memory:.1e}") for row in found)))
-        write_json(self.output, {"environment": environment(), "rows": [asdict(row) for row in found]})
+        Terminal(room=110).print(
+            table(
+                "Exports",
+                headings,
+                (
+                    (
+                        row.agent,
+                        row.form,
+                        f"{row.observations:,}",
+                        str(row.unequal),
+                        str(row.beyond_rounding),
+                        f"{row.memory:.1e}",
+                    )
+                    for row in found
+                ),
+            )
+        )
+        write_json(
+            self.output, {"environment": environment(), "rows": [asdict(row) for row in found]}
+        )
         return 0 if all(row.passed for row in found) else 1
 
 

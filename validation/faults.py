@@ -43,8 +43,14 @@ _EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
 
 _COMMAND = "python -m validation.faults"
 _CELLS = "by 15 s", "any moment", "over the hull's"
-_HEADINGS = ("recoverable fault (how many; in space)", "plane: from the start", *_CELLS, "over the certified",
-             "space: from the start", *_CELLS)
+_HEADINGS = (
+    "recoverable fault (how many; in space)",
+    "plane: from the start",
+    *_CELLS,
+    "over the certified",
+    "space: from the start",
+    *_CELLS,
+)
 
 
 class Row(NamedTuple):
@@ -73,29 +79,47 @@ def rows(craft: Spacecraft, duration: float) -> Iterator[Row]:
         sets = fault_sets(craft, count, kind, shares)
         found = sum(one.recoverable == (among == "recoverable") for one in sets)
         early = 0.6 * duration
-        for moment, time in (("", 0.0), (f", by {early:g} s", (0.0, early)),
-                             (", any moment", (0.0, duration))) if found else ():
-            yield Row(f"{('one', 'two')[count - 1]} {kind}, {among} ({found}){moment}",
-                      FaultConditions(float(count), (kind,), shares, time, among))
+        for moment, time in (
+            (("", 0.0), (f", by {early:g} s", (0.0, early)), (", any moment", (0.0, duration)))
+            if found
+            else ()
+        ):
+            yield Row(
+                f"{('one', 'two')[count - 1]} {kind}, {among} ({found}){moment}",
+                FaultConditions(float(count), (kind,), shares, time, among),
+            )
 
 
-def met(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> Iterator[tuple[Any, Health]]:
+def met(
+    setup: Setup, faults: FaultConditions, episodes: int, seed: int
+) -> Iterator[tuple[Any, Health]]:
     """Start and goal of each of these episodes, and what is left of its thrusters from the start on."""
-    task, own = setup.task, draws(seed, episodes)
+    task = setup.task
+    own = draws(seed, episodes)
     world = World(setup.craft, task, setup.timing, conditions=Conditions(faults=faults).or_none)
-    case, health = world.recalled(Episode(None, None), own).case, [Health.sound(setup.craft)] * episodes
+    case = world.recalled(Episode(None, None), own).case
+    health = [Health.sound(setup.craft)] * episodes
     if case is not None:
-        left = [np.array([np.broadcast_to(x, episodes) for x in part]).T.tolist()
-                for part in (case.body_at(0.0).gain, case.body_at(0.0).leak)]
+        left = [
+            np.array([np.broadcast_to(x, episodes) for x in part]).T.tolist()
+            for part in (case.body_at(0.0).gain, case.body_at(0.0).leak)
+        ]
         health = [Health(tuple(gain), tuple(leak)) for gain, leak in zip(*left, strict=True)]
     return zip(each(scenarios(task, setup.craft, seed, episodes)), health, strict=True)
 
 
 def bounds(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:
     """(N,) least times to settle with what each of these episodes has from the start on, s."""
-    near, period = setup.task.tolerances(), setup.timing.control_period
-    return np.array([least_settling(setup.craft, one.start, one.goal, near["position"], near["attitude"],
-                                    period, health) for one, health in met(setup, faults, episodes, seed)])
+    near = setup.task.tolerances()
+    period = setup.timing.control_period
+    return np.array(
+        [
+            least_settling(
+                setup.craft, one.start, one.goal, near["position"], near["attitude"], period, health
+            )
+            for one, health in met(setup, faults, episodes, seed)
+        ]
+    )
 
 
 def certified(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:
@@ -104,16 +128,21 @@ def certified(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -
     Of thrusters that are dead or stuck open; ConfigError where there is no certificate.
     """
     jobs = [(setup, one, health) for one, health in met(setup, faults, episodes, seed)]
-    with submitted(_certified, jobs, None, Lattice, (setup.craft, setup.timing.control_period)) as futures:
+    with submitted(
+        _certified, jobs, None, Lattice, (setup.craft, setup.timing.control_period)
+    ) as futures:
         return np.array([future.result() for future in futures])
 
 
 def _certified(setup: Setup, scenario: Scenario, health: Health) -> float:
     """Of one episode."""
-    near, timing = setup.task.tolerances(), setup.timing
+    near = setup.task.tolerances()
+    timing = setup.timing
     dead = [i for i, pair in enumerate(zip(*health, strict=True)) if pair == (0.0, 0.0)]
     stuck = [i for i, leak in enumerate(health.leak) if leak == 1.0]
-    within = settling_set(setup.craft, near["position"], near["attitude"], timing.control_period, health)
+    within = settling_set(
+        setup.craft, near["position"], near["attitude"], timing.control_period, health
+    )
     start, goal = cast("tuple[PlanarState, PlanarState]", (scenario.start, scenario.goal))
     lattice = Lattice(setup.craft, timing.control_period, dead, stuck)
     return least_time(lattice, start, goal, timing.episode_steps, within, _EFFORT).lower
@@ -139,50 +168,79 @@ class Faults:
         Raises:
             ConfigError: there is no such agent.
         """
+
         def told(network: Network, setup: Setup, device: str) -> Rows:
             duration = setup.timing.episode_steps * setup.timing.control_period
-            return {row.name: self._said(network, setup, row, device) for row in rows(setup.craft, duration)}
+            return {
+                row.name: self._said(network, setup, row, device)
+                for row in rows(setup.craft, duration)
+            }
 
         return study(self.agents, told, self.episodes, self.seed, self.output)
 
     def _said(self, network: Network, setup: Setup, row: Row, device: str) -> dict[str, Any]:
-        found = flown(network, setup, Conditions(faults=row.faults), self.episodes, self.seed, device)
+        found = flown(
+            network, setup, Conditions(faults=row.faults), self.episodes, self.seed, device
+        )
         median = lambda x: float(np.median(x))  # noqa: E731
-        said = {**found.said(), "lost": 100.0 * float(found.lost.mean()),
-                **{name: [float(x) for x in np.quantile(getattr(found, name), (0.5, 0.95))]
-                   for name in ("distance", "speed", "spin")}}
+        said = {
+            **found.said(),
+            "lost": 100.0 * float(found.lost.mean()),
+            **{
+                name: [float(x) for x in np.quantile(getattr(found, name), (0.5, 0.95))]
+                for name in ("distance", "speed", "spin")
+            },
+        }
         if row.at_start and row.faults.among != "unrecoverable":
             first = min(self.episodes, self.bounded)
             settled = Amounts(_SETTLING, found.settled)
             least = Amounts(_SETTLING, bounds(setup, row.faults, first, self.seed))
-            said |= {"least time": median(least.values), "over least": median(settled[:first].over(least))}
+            said |= {
+                "least time": median(least.values),
+                "over least": median(settled[:first].over(least)),
+            }
             if self.certified and row.faults.kinds != ("weak",):
                 least = Amounts(_SETTLING, certified(setup, row.faults, self.certified, self.seed))
-                said |= {"certified": median(least.values),
-                         "over certified": median(settled[:self.certified].over(least))}
+                said |= {
+                    "certified": median(least.values),
+                    "over certified": median(settled[: self.certified].over(least)),
+                }
         return said
 
 
 def in_document(docs: Path) -> Table:
     """The table of robustness.md: of one agent in the plane, one in space, what may be recovered from."""
-    plane, space = (next(iter(read_json(docs / "validation" / f"{name}.json")["agents"].values()))
-                    for name in ("faults", "faults-space"))
+    plane, space = (
+        next(iter(read_json(docs / "validation" / f"{name}.json")["agents"].values()))
+        for name in ("faults", "faults-space")
+    )
     names = ([name for name in found if "over least" in found[name]] for found in (plane, space))
-    rows = [(_told(here, there), *_cells(plane, here), _number(plane[here].get("over certified")),
-             *_cells(space, there)) for here, there in zip(*names, strict=True)]
+    rows = [
+        (
+            _told(here, there),
+            *_cells(plane, here),
+            _number(plane[here].get("over certified")),
+            *_cells(space, there),
+        )
+        for here, there in zip(*names, strict=True)
+    ]
     return Table("robustness.md", _COMMAND, _HEADINGS, rows, "")
 
 
 def _told(plane: str, space: str) -> str:
     """A class of faults, and of how many, such as (8; 16), in the plane and in space."""
-    kind, _, count = plane.replace(", recoverable", "").replace("stuck-open", "stuck open").partition(" (")
+    kind, _, count = (
+        plane.replace(", recoverable", "").replace("stuck-open", "stuck open").partition(" (")
+    )
     unknown = f", {_HELD_OUT[0]:g} to {_HELD_OUT[1]:g}, in no training" if "weak" in kind else ""
     return f"{kind} ({count[:-1]}; {space.partition(' (')[2]}{unknown}" if count else kind
 
 
 def _cells(found: Rows, name: str) -> tuple[str, ...]:
     moments = [f"{name}, by 15 s", f"{name}, any moment"]
-    held = [_number(found[one]["held"]["value"] if one in found else None) for one in (name, *moments)]
+    held = [
+        _number(found[one]["held"]["value"] if one in found else None) for one in (name, *moments)
+    ]
     return (*held, _number(found[name]["over least"]))
 
 
@@ -197,14 +255,38 @@ def main() -> None:
     for name, found in tyro.cli(Faults).run().items():
         rows = []
         for row, x in found.items():
-            held, ends = x["held"], (f"{low:.2g}, {high:.2g}" for low, high in
-                                     (x["distance"], x["speed"], x["spin"]))
-            rows.append((row, f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
-                         f"{x['settling time']:.1f}", _number(x.get("over least")),
-                         _number(x.get("over certified")), f"{x['lost']:.1f}", *ends))
-        Terminal(room=150).print(table(name, (
-            "fault", "held, %", "settling, s", "over its bound", "certified", "lost, %", "distance, m",
-            "speed, m/s", "spin, rad/s"), rows))
+            held = x["held"]
+            ends = (
+                f"{low:.2g}, {high:.2g}" for low, high in (x["distance"], x["speed"], x["spin"])
+            )
+            rows.append(
+                (
+                    row,
+                    f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
+                    f"{x['settling time']:.1f}",
+                    _number(x.get("over least")),
+                    _number(x.get("over certified")),
+                    f"{x['lost']:.1f}",
+                    *ends,
+                )
+            )
+        Terminal(room=150).print(
+            table(
+                name,
+                (
+                    "fault",
+                    "held, %",
+                    "settling, s",
+                    "over its bound",
+                    "certified",
+                    "lost, %",
+                    "distance, m",
+                    "speed, m/s",
+                    "spin, rad/s",
+                ),
+                rows,
+            )
+        )
 
 
 if __name__ == "__main__":

@@ -19,8 +19,11 @@ def stress(docs: Path) -> Table:
     """The README's table of robustness: what each holds in worlds without a size, in %."""
     found = read_json(docs / "validation" / "stress.json")
     names = [one["spec"].removeprefix("pretrained:") for one in found["contestants"].values()]
-    rows = [(world["effect"], *map(_held, world["contestants"].values()))
-            for world in found["worlds"].values() if world["size"] is None]
+    rows = [
+        (world["effect"], *map(_held, world["contestants"].values()))
+        for world in found["worlds"].values()
+        if world["size"] is None
+    ]
     return Table("../README.md", "rans stress", ("held, %", *names), rows, "")
 
 
@@ -33,25 +36,46 @@ def validations(docs: Path) -> Table:
     rows = []
     for name, found in _studies(docs).items():
         passed = sum(check["passed"] for check in found["checks"])
-        rows.append((name, f"`rans validate --spacecraft {name} --output FOLDER`",
-                     f"{passed} of {len(found['checks'])}", f"{found['settings']['seconds']:.0f} s",
-                     f"[{name}.json](validation/{name}.json)"))
-    return Table("validation.md", "rans validate", ("spacecraft", "command", "checks", "time", "numbers"),
-                 rows, "")
+        rows.append(
+            (
+                name,
+                f"`rans validate --spacecraft {name} --output FOLDER`",
+                f"{passed} of {len(found['checks'])}",
+                f"{found['settings']['seconds']:.0f} s",
+                f"[{name}.json](validation/{name}.json)",
+            )
+        )
+    return Table(
+        "validation.md",
+        "rans validate",
+        ("spacecraft", "command", "checks", "time", "numbers"),
+        rows,
+        "",
+    )
 
 
 def values(docs: Path) -> Table:
     """The second: the largest difference that every check has found."""
-    found = {name: {check["name"]: check for check in study["checks"]}
-             for name, study in _studies(docs).items()}
+    found = {
+        name: {check["name"]: check for check in study["checks"]}
+        for name, study in _studies(docs).items()
+    }
     rows = []
     for name in dict.fromkeys(name for checks in found.values() for name in checks):
         same = [checks.get(name) for checks in found.values()]
         tolerances = dict.fromkeys(f"{one['tolerance']:.0e}" for one in same if one)
         unit = next(one["unit"] for one in same if one)
-        rows.append((name, unit, "/".join(tolerances),
-                     *(f"{one['value']:.0e}" if one else "" for one in same)))
-    return Table("validation.md", "rans validate, values", ("check", "unit", "tolerance", *found), rows, "")
+        rows.append(
+            (
+                name,
+                unit,
+                "/".join(tolerances),
+                *(f"{one['value']:.0e}" if one else "" for one in same),
+            )
+        )
+    return Table(
+        "validation.md", "rans validate, values", ("check", "unit", "tolerance", *found), rows, ""
+    )
 
 
 def _studies(docs: Path) -> dict[str, Any]:
@@ -60,9 +84,16 @@ def _studies(docs: Path) -> dict[str, Any]:
 
 
 TABLES: dict[str, Callable[[Path], Table]] = {
-    "agents": agents.in_document, "rest": rest.in_document, "assurances": assurances.in_document,
-    "robustness": robustness.in_document, "faults": faults.in_document, "stress": stress,
-    "settled gate": settled_gate_entry.in_document, "validations": validations, "values": values}
+    "agents": agents.in_document,
+    "rest": rest.in_document,
+    "assurances": assurances.in_document,
+    "robustness": robustness.in_document,
+    "faults": faults.in_document,
+    "stress": stress,
+    "settled gate": settled_gate_entry.in_document,
+    "validations": validations,
+    "values": values,
+}
 """By what measured it."""
 
 

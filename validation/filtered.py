@@ -36,8 +36,11 @@ def gains(period: float, drift: float = _DRIFT, count: int = _PERIODS) -> np.nda
     Kalman, "A new approach to linear filtering and prediction problems", 1960: of an axis that moves on as
     its velocity says.
     """
-    moves, noise = np.array([[1.0, period], [0.0, 1.0]]), np.eye(2)
-    wander, doubt, found = np.diag([drift * (0.5 * period) ** 2, drift]), np.eye(2), [np.eye(2)]
+    moves = np.array([[1.0, period], [0.0, 1.0]])
+    noise = np.eye(2)
+    wander = np.diag([drift * (0.5 * period) ** 2, drift])
+    doubt = np.eye(2)
+    found = [np.eye(2)]
     for _ in range(count - 1):
         doubt = moves @ doubt @ moves.T + wander
         found.append(doubt @ np.linalg.inv(doubt + noise))
@@ -52,8 +55,10 @@ class Filtered:
     """
 
     def __init__(self, controller: Controller, setup: Setup) -> None:
-        self.name, self._controller = f"{controller.name}, filtered", controller
-        self._world, self._gains = World(*setup[:3]), gains(setup.timing.control_period)
+        self.name = f"{controller.name}, filtered"
+        self._controller = controller
+        self._world = World(*setup[:3])
+        self._gains = gains(setup.timing.control_period)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -69,7 +74,9 @@ class Filtered:
             now = step(self._world, self._world.begin(self._state, goal), tuple(self._command.T))
             self._periods = min(self._periods + 1, len(self._gains) - 1)
             self._state = corrected(now.episode.state, state, self._gains[self._periods])
-        seen = np.stack(self._world.observe(self._world.begin(self._state, goal)), axis=1).astype(np.float32)
+        seen = np.stack(self._world.observe(self._world.begin(self._state, goal)), axis=1).astype(
+            np.float32
+        )
         self._command = np.asarray(self._controller.act(self._state, goal, seen), dtype=np.float64)
         return self._command
 
@@ -77,14 +84,25 @@ class Filtered:
 def corrected(expected: SpatialState, told: SpatialState, gain: np.ndarray) -> SpatialState:
     """The state expected, moved towards that told by these gains (2, 2) of pose and velocity."""
     turn = expected.attitude.conjugate().times(told.attitude)
-    side = np.where(np.asarray(turn.w) < 0.0, -2.0, 2.0)  # twice the vector part, the short way round
-    off = (told.p - expected.p, told.v - expected.v), (Vec3(turn.x * side, turn.y * side, turn.z * side),
-                                                       told.w - expected.w)
-    moved, turned = ([pose.scale(row[0]) + velocity.scale(row[1]) for row in gain] for pose, velocity in off)
+    side = np.where(
+        np.asarray(turn.w) < 0.0, -2.0, 2.0
+    )  # twice the vector part, the short way round
+    off = (
+        (told.p - expected.p, told.v - expected.v),
+        (Vec3(turn.x * side, turn.y * side, turn.z * side), told.w - expected.w),
+    )
+    moved, turned = (
+        [pose.scale(row[0]) + velocity.scale(row[1]) for row in gain] for pose, velocity in off
+    )
     half = turned[0].scale(0.5)
     small = Quat(np.ones_like(side), *half.columns()).normalised()
-    return replace(expected, p=expected.p + moved[0], v=expected.v + moved[1], w=expected.w + turned[1],
-                   attitude=expected.attitude.times(small).normalised())
+    return replace(
+        expected,
+        p=expected.p + moved[0],
+        v=expected.v + moved[1],
+        w=expected.w + turned[1],
+        attitude=expected.attitude.times(small).normalised(),
+    )
 
 
 @dataclass(frozen=True)
@@ -102,20 +120,30 @@ class Behind:
         Raises:
             ConfigError: there is no such agent, or it flies in the plane.
         """
-        found = [(name, row, *(f"{held:.2f}" for held in self.held(name, rows()[row])))
-                 for name in self.agents for row in ("noise", "lab")]
-        Terminal(room=100).print(table("Held, %", ("agent", "in", "as it is", "behind the filter"), found))
+        found = [
+            (name, row, *(f"{held:.2f}" for held in self.held(name, rows()[row])))
+            for name in self.agents
+            for row in ("noise", "lab")
+        ]
+        Terminal(room=100).print(
+            table("Held, %", ("agent", "in", "as it is", "behind the filter"), found)
+        )
         return 0
 
     def held(self, name: str, conditions: Conditions) -> list[float]:
         """Shares of the same episodes, %, without and with the filter."""
         run = contestant(name)
         if run.craft.dimension != 3:
-            raise ConfigError(f"{name} flies in the plane; the filter is one of attitudes in space.")
+            raise ConfigError(
+                f"{name} flies in the plane; the filter is one of attitudes in space."
+            )
         craft, task, timing, _ = setup = run.judged
-        starts, own = scenarios(task, craft, self.seed, self.episodes), draws(self.seed, self.episodes)
-        flights = (fly(craft, task, one, starts, timing, conditions=conditions, draws=own)
-                   for one in (run.controller, Filtered(run.controller, setup)))
+        starts = scenarios(task, craft, self.seed, self.episodes)
+        own = draws(self.seed, self.episodes)
+        flights = (
+            fly(craft, task, one, starts, timing, conditions=conditions, draws=own)
+            for one in (run.controller, Filtered(run.controller, setup))
+        )
         return [100.0 * float(solved(flight).mean()) for flight in flights]
 
 

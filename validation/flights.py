@@ -33,11 +33,13 @@ _HARDER = 4.0
 
 def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
     """Under a restless controller: all attitudes, always firing, near the goal."""
-    timing, task = Timing(), GoToPose()
+    timing = Timing()
+    task = GoToPose()
     starts = scenarios(task, craft, seed, count)
     flight = fly(craft, task, Restless(craft, seed), starts, timing)
-    coarse, fine = (drake_states(craft, starts.start, flight.commands, timing, step)
-                    for step in (0.01, 0.005))
+    coarse, fine = (
+        drake_states(craft, starts.start, flight.commands, timing, step) for step in (0.01, 0.005)
+    )
     reason = "Its fixed step halved: the judge must be a decade better than what it judges."
     return [
         *gap_checks("Drake's own error", coarse, fine, 0.1 * _agreement(flight.states), reason)[:2],
@@ -48,7 +50,8 @@ def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curv
 
 def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
     """Under full thrust one way or the other at every moment, the hardest input a controller gives."""
-    timing, task = Timing(), GoToPose()
+    timing = Timing()
+    task = GoToPose()
     starts = scenarios(task, craft, seed + 1, count)
     commands = fly(craft, task, Restless(craft, seed, share=0.0), starts, timing).commands
     drake = drake_states(craft, starts.start, commands, timing, 0.005)
@@ -60,7 +63,8 @@ def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Ski
     from rans.optimal.trajectory.objectives import MinimumFuel
     from rans.optimal.trajectory.transcription import Transcription
 
-    name, objective = "optimal input", MinimumFuel()
+    name = "optimal input"
+    objective = MinimumFuel()
     starts = scenarios(GoToPose().for_evaluation(), craft, seed, _OPTIMAL_STARTS)
     try:
         solver = Transcription(craft, GoToPose(), objective)
@@ -77,32 +81,51 @@ def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Ski
     return _accuracy(name, craft, start, commands, drake, timing)
 
 
-def drake_states(craft: Spacecraft, start: Any, commands: np.ndarray, timing: Timing,
-                 max_step: float) -> Any:
+def drake_states(
+    craft: Spacecraft, start: Any, commands: np.ndarray, timing: Timing, max_step: float
+) -> Any:
     """Commands (T, N, thrusters) replayed by Drake at an integration step, s."""
     plant = Plant(craft, commands.shape[1], max_step)
     rows = plant.rollout(rows_from_states(start), commands, timing.control_period)
     return states_from_rows(rows, start)
 
 
-def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, drake: Any,
-              timing: Timing, harder: float = 1.0) -> list[Check | Curve]:
+def _accuracy(
+    layer: str,
+    craft: Spacecraft,
+    start: Any,
+    commands: np.ndarray,
+    drake: Any,
+    timing: Timing,
+    harder: float = 1.0,
+) -> list[Check | Curve]:
     """Default substeps (a bound on accuracy), and in space validation substeps (the equations)."""
     default = chosen(craft, timing).substeps or 1
     ours = rollout(craft, start, commands, timing.control_period, default)
     if craft.dimension == 2:
-        reason = "The plane's step is exact: rounding, and Drake's own error, over the whole flight."
-        return [*gap_checks(layer, ours, drake, _agreement(drake), reason),
-                *growth(f"{layer}, default", ours, drake, timing)]
+        reason = (
+            "The plane's step is exact: rounding, and Drake's own error, over the whole flight."
+        )
+        return [
+            *gap_checks(layer, ours, drake, _agreement(drake), reason),
+            *growth(f"{layer}, default", ours, drake, timing),
+        ]
     substeps = VALIDATION_SUBSTEPS[3]
     fine = rollout(craft, start, commands, timing.control_period, substeps)
     reason = "A hundredth of what a task notices (1 cm, 1 mrad); more substeps lower the error."
-    position, attitude, *_ = gap_checks(f"{layer}, default substeps", ours, drake, 1e-4 * harder,
-                                         reason)
+    position, attitude, *_ = gap_checks(
+        f"{layer}, default substeps", ours, drake, 1e-4 * harder, reason
+    )
     return [
-        position, replace(attitude, tolerance=1e-5 * harder),
-        *gap_checks(f"{layer}, {substeps} substeps", fine, drake, _agreement(drake),
-                    "Truncation; a wrong term of the equations would not shrink with it."),
+        position,
+        replace(attitude, tolerance=1e-5 * harder),
+        *gap_checks(
+            f"{layer}, {substeps} substeps",
+            fine,
+            drake,
+            _agreement(drake),
+            "Truncation; a wrong term of the equations would not shrink with it.",
+        ),
         *growth(f"{layer}, default", ours, drake, timing),
         *growth(f"{layer}, {substeps} substeps", fine, drake, timing),
     ]

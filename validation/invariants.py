@@ -38,7 +38,8 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
         _work_check(states, applied, body, substeps),
         _superposition_check(states, applied, body),
         *_turned_world_checks(states, applied, body),
-        _order_check(states, applied, body) if craft.dimension == 3
+        _order_check(states, applied, body)
+        if craft.dimension == 3
         else _exactness_check(states, applied, body),
     ]
 
@@ -51,16 +52,23 @@ def _coasting_checks(states: Any, body: Body, substeps: int) -> list[Check]:
     for _ in range(periods):
         later = advance(later, silent, body, Timing().control_period, substeps).normalised()
     drift = (states.v - later.v).norm()
-    turned = np.linalg.norm(_angular_momentum(states, body) - _angular_momentum(later, body), axis=0)
+    turned = np.linalg.norm(
+        _angular_momentum(states, body) - _angular_momentum(later, body), axis=0
+    )
     gained = _rotation_energy(later, body) - _rotation_energy(states, body)
-    size, energy = _largest_momentum(states, body), np.max(_rotation_energy(states, body))
+    size = _largest_momentum(states, body)
+    energy = np.max(_rotation_energy(states, body))
     exact = "Nothing changes it without thrust: rounding of 5 s."
     truncation = "Nothing changes it without torque: truncation of 5 s at validation substeps."
     bound, reason = (1e-12, exact) if isinstance(states.p, Vec2) else (1e-9, truncation)
     return [
         Check("coasting: velocity", float(np.max(drift)), 1e-12, "m/s", exact),
-        Check("coasting: angular momentum", float(np.max(turned) / size), bound, "relative", reason),
-        Check("coasting: energy", float(np.max(np.abs(gained)) / energy), bound, "relative", reason),
+        Check(
+            "coasting: angular momentum", float(np.max(turned) / size), bound, "relative", reason
+        ),
+        Check(
+            "coasting: energy", float(np.max(np.abs(gained)) / energy), bound, "relative", reason
+        ),
     ]
 
 
@@ -75,9 +83,11 @@ def _work_check(states: Any, applied: Wrench, body: Body, substeps: int) -> Chec
     end = advance(states, applied, body, period, substeps)
     gained = _energy(end, body) - _energy(states, body)
     error = np.max(np.abs(gained - work)) / np.max(np.abs(gained))
-    bound, reason = (1e-10, "Six-node quadrature of smooth power, and rounding.")
+    bound = 1e-10
+    reason = "Six-node quadrature of smooth power, and rounding."
     if not isinstance(states.p, Vec2):
-        bound, reason = (1e-8, "Sixth-order truncation of the attitude over one period.")
+        bound = 1e-8
+        reason = "Sixth-order truncation of the attitude over one period."
     return Check("work less energy gained", float(error), bound, "relative", reason)
 
 
@@ -86,11 +96,17 @@ def _superposition_check(states: Any, applied: Wrench, body: Body) -> Check:
     period = Timing().control_period
     force: Any = applied.force
     shares = (force.scale(0.3), force.scale(0.7), force)
-    first, second, both = (advance(states, replace(applied, force=f), body, period).v - states.v
-                           for f in shares)
+    first, second, both = (
+        advance(states, replace(applied, force=f), body, period).v - states.v for f in shares
+    )
     error = np.max((first + second - both).norm())
-    return Check("superposition of forces", float(error), 1e-13 * max(1.0, float(np.max(both.norm()))),
-                 "m/s", "Motion is linear in the force where the attitude is given: rounding.")
+    return Check(
+        "superposition of forces",
+        float(error),
+        1e-13 * max(1.0, float(np.max(both.norm()))),
+        "m/s",
+        "Motion is linear in the force where the attitude is given: rounding.",
+    )
 
 
 def _turned_world_checks(states: Any, applied: Wrench, body: Body) -> list[Check]:
@@ -119,22 +135,34 @@ def _order_check(states: Any, applied: Wrench, body: Body) -> Check:
     ones rounding.
     """
     spin = float(np.max(states.w.norm()))
-    gain = np.linalg.norm(np.linalg.solve(tensor(body), np.array(applied.torque.columns())), axis=0).max()
+    gain = np.linalg.norm(
+        np.linalg.solve(tensor(body), np.array(applied.torque.columns())), axis=0
+    ).max()
     # In which a turn that gathers speed comes to 1.6 rad: spin d + gain d^2 / 2.
     duration = 3.2 / (spin + float(np.sqrt(spin**2 + 3.2 * gain)))
     runs = [advance(states, applied, body, duration, n) for n in (4, 8, 16)]
     coarse, fine = (_distance(a, b) for a, b in pairwise(runs))
-    return Check("order of integration short of 6", max(0.0, 6.0 - float(np.log2(coarse / fine))), 0.3, "-",
-                 "Magnus' series and the quadrature have order 6; the next terms take a tenth or two. The "
-                 "spin's series has 8, which shows where moments of inertia differ much.")
+    return Check(
+        "order of integration short of 6",
+        max(0.0, 6.0 - float(np.log2(coarse / fine))),
+        0.3,
+        "-",
+        "Magnus' series and the quadrature have order 6; the next terms take a tenth or two. The "
+        "spin's series has 8, which shows where moments of inertia differ much.",
+    )
 
 
 def _exactness_check(states: Any, applied: Wrench, body: Body) -> Check:
     """One substep against eight: the plane's step has nothing left to gain."""
     period = Timing().control_period
     once, eight = (advance(states, applied, body, period, n) for n in (1, 8))
-    return Check("one substep against eight", max(gap(once, eight).values()), 1e-10, "SI",
-                 "Exact but for six-node quadrature, good to 1e-10 for turns up to 2 rad a period.")
+    return Check(
+        "one substep against eight",
+        max(gap(once, eight).values()),
+        1e-10,
+        "SI",
+        "Exact but for six-node quadrature, good to 1e-10 for turns up to 2 rad a period.",
+    )
 
 
 def _silence(states: Any) -> Wrench:

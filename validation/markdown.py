@@ -33,17 +33,26 @@ class Table(NamedTuple):
         write_text(docs / self.page, self.within(docs))
 
 
-def with_table(page: str, command: str, headings: Sequence[str], rows: Iterable[Sequence[str]],
-               source: str = "") -> str:
+def with_table(
+    page: str,
+    command: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    source: str = "",
+) -> str:
     """The page with the table that this command makes replaced, and below it where its figures are.
 
     Raises:
         ConfigError: the page has no place for it.
     """
     begin = f"<!-- table: {command} -->"
-    body = "\n".join(f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows))
+    body = "\n".join(
+        f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)
+    )
     before, found, rest = page.partition(begin)
     _, end, after = rest.partition(_END)
     if not (found and end):
-        raise ConfigError(f"the page must have the lines {begin} and {_END}, between which the table goes.")
+        raise ConfigError(
+            f"the page must have the lines {begin} and {_END}, between which the table goes."
+        )
     return f"{before}{begin}\n{body}\n" + (f"\n{source}\n" if source else "") + f"{_END}{after}"

@@ -13,7 +13,12 @@ import numpy as np
 
 from rans.episode import World
 from rans.flight import Flight, fly
-from rans.model.conditions import Conditions, DisturbanceConditions, FaultConditions, ThrusterConditions
+from rans.model.conditions import (
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    ThrusterConditions,
+)
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import draws, scenarios
@@ -86,8 +91,13 @@ def _steady_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     turning = np.linalg.norm(np.stack(flight.states.spin(), axis=-1) @ _moments(craft), axis=-1)
     yield _largest("onsets: speed of a steady force", speed - 0.02 * time, 1e-12, "m/s", _EXACT)
     yield _largest("onsets: way of a steady force", way - 0.5 * 0.02 * time**2, 1e-12, "m", _EXACT)
-    yield _largest("onsets: angular momentum of a steady torque", turning / torque - time, 1e-7, "s",
-                   "Over the torque: the time since it began. In space truncation of the attitude.")
+    yield _largest(
+        "onsets: angular momentum of a steady torque",
+        turning / torque - time,
+        1e-7,
+        "s",
+        "Over the torque: the time since it began. In space truncation of the attitude.",
+    )
 
 
 def _swing_check(craft: Spacecraft, seed: int) -> Check:
@@ -101,9 +111,14 @@ def _swing_check(craft: Spacecraft, seed: int) -> Check:
     gained = (np.cos(drawn.phase) - np.cos(rate * flight.times[:, None] + drawn.phase)) / rate
     expected = np.stack([x * gained for x in drawn.amplitude.force.columns()], axis=-1)
     apart = np.linalg.norm(craft.mass * _velocity(flight) - expected, axis=-1) * rate / force
-    return _largest("onsets: momentum of a swinging force", apart, 5e-3, "relative",
-                    "A sine taken at the middle of each period: (rate * 0.2 s)^2 / 24 of twice the swing; "
-                    "a period early or late is 0.16.")
+    return _largest(
+        "onsets: momentum of a swinging force",
+        apart,
+        5e-3,
+        "relative",
+        "A sine taken at the middle of each period: (rate * 0.2 s)^2 / 24 of twice the swing; "
+        "a period early or late is 0.16.",
+    )
 
 
 def _kick_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
@@ -113,8 +128,13 @@ def _kick_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     kick = DisturbanceConditions(kicks=1, kick=(0.02 * craft.mass, 0.04 * craft.mass))
     flight = _flown(craft, Conditions(disturbances=kick), Told(craft), seed, steps, count)
     gained = np.linalg.norm(np.diff(_velocity(flight), axis=0), axis=-1)
-    yield _largest("onsets: kicks of an episode less one", (gained > 1e-9).sum(axis=0) - 1.0, 0.0, "-",
-                   "Conditions ask for one.")
+    yield _largest(
+        "onsets: kicks of an episode less one",
+        (gained > 1e-9).sum(axis=0) - 1.0,
+        0.0,
+        "-",
+        "Conditions ask for one.",
+    )
     yield even_check("onsets: control period of a kick", gained.argmax(axis=0), steps)
     yield uniform_check("onsets: speed of a kick", {"m/s": (gained.sum(axis=0), 0.02, 0.04)})
 
@@ -129,20 +149,30 @@ def _latency_check(craft: Spacecraft, seed: int) -> Check:
 def _least_time_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Of 0.2 s each: open for 0.5 s at least is three periods, shut for 0.3 s at least is two."""
     open_long = Conditions(thrusters=ThrusterConditions(least_on=0.5))
-    yield _pushed_check("onsets: open for 0.5 s at least",
-                        _flown(craft, open_long, Told(craft, 2), seed, 8), (2, 3, 4))
+    yield _pushed_check(
+        "onsets: open for 0.5 s at least",
+        _flown(craft, open_long, Told(craft, 2), seed, 8),
+        (2, 3, 4),
+    )
     shut_long = Conditions(thrusters=ThrusterConditions(least_off=0.3))
-    yield _pushed_check("onsets: shut for 0.3 s at least",
-                        _flown(craft, shut_long, Told(craft, 2, 4, 5, 7, 8), seed, 9), (2, 5, 8))
+    yield _pushed_check(
+        "onsets: shut for 0.3 s at least",
+        _flown(craft, shut_long, Told(craft, 2, 4, 5, 7, 8), seed, 9),
+        (2, 5, 8),
+    )
 
 
 def _pushed_check(name: str, flight: Flight, periods: Any) -> Check:
     """In which control periods the velocity changes; a period that should not, or does not, is wrong."""
-    weakest = min(thruster.force for thruster in flight.craft.thrusters) * _PERIOD / flight.craft.mass
+    weakest = (
+        min(thruster.force for thruster in flight.craft.thrusters) * _PERIOD / flight.craft.mass
+    )
     pushed = np.linalg.norm(np.diff(_velocity(flight), axis=0), axis=-1) > 1e-3 * weakest
     expected = np.isin(np.arange(len(pushed)), list(periods))
     wrong = pushed != expected[:, None]
-    return _largest(name, wrong.sum(axis=0), 0.0, "periods", "Each control period is pushed, or is not.")
+    return _largest(
+        name, wrong.sum(axis=0), 0.0, "periods", "Each control period is pushed, or is not."
+    )
 
 
 def _largest(name: str, values: Any, tolerance: float, unit: str, reason: str) -> Check:
@@ -154,15 +184,30 @@ def _largest(name: str, values: Any, tolerance: float, unit: str, reason: str) -
 
 def _begun(craft: Spacecraft, conditions: Conditions, seed: int, count: int) -> Any:
     starts = scenarios(_TASK, craft, seed, count)
-    return World(craft, _TASK, conditions=conditions).begin(starts.start, starts.goal, 0, draws(seed, count))
+    return World(craft, _TASK, conditions=conditions).begin(
+        starts.start, starts.goal, 0, draws(seed, count)
+    )
 
 
-def _flown(craft: Spacecraft, conditions: Conditions, pilot: Told, seed: int, steps: int,
-           count: int = _FLIGHTS) -> Flight:
+def _flown(
+    craft: Spacecraft,
+    conditions: Conditions,
+    pilot: Told,
+    seed: int,
+    steps: int,
+    count: int = _FLIGHTS,
+) -> Flight:
     """From rest."""
     timing = Timing(control_period=_PERIOD, episode_steps=steps)
-    return fly(craft, _TASK, pilot, scenarios(_TASK, craft, seed, count), timing, conditions=conditions,
-               draws=draws(seed, count))
+    return fly(
+        craft,
+        _TASK,
+        pilot,
+        scenarios(_TASK, craft, seed, count),
+        timing,
+        conditions=conditions,
+        draws=draws(seed, count),
+    )
 
 
 def _columns(vector: Any) -> np.ndarray:

@@ -72,36 +72,54 @@ class Optimality:
             print(_line(index, answer), flush=True)  # noqa: T201
         study = report(self.quantity, self.horizon, answers, craft.dimension)
         if self.output:
-            settings = {"spacecraft": self.spacecraft, "horizon": self.horizon, "seconds": self.seconds}
+            settings = {
+                "spacecraft": self.spacecraft,
+                "horizon": self.horizon,
+                "seconds": self.seconds,
+            }
             replace(study, settings=settings | study.settings).write(self.output)
         return study
 
     def _answers(self, craft: Spacecraft, batch: Scenario) -> Iterator[Certificate]:
         period = Timing().control_period
         common = (craft, period, self.quantity, max(1, round(self.horizon / period)), self.seconds)
-        jobs = [(*common, map_leaves(lambda x, k=k: float(x[k]), batch)) for k in range(self.starts)]
+        jobs = [
+            (*common, map_leaves(lambda x, k=k: float(x[k]), batch)) for k in range(self.starts)
+        ]
         with submitted(certificate, jobs, self.workers, leaves, (batch.start,)) as futures:
             for future in futures:
                 yield future.result()
 
 
-def certificate(craft: Spacecraft, period: float, quantity: Quantity, steps: int,
-                seconds: float, scenario: Scenario) -> Certificate:
+def certificate(
+    craft: Spacecraft,
+    period: float,
+    quantity: Quantity,
+    steps: int,
+    seconds: float,
+    scenario: Scenario,
+) -> Certificate:
     """One start's answer; see `rans.optimal.certificate.certificate`."""
-    effort, goals, wanted = Effort(seconds), GoalSet(), {"position", "attitude", "velocity", "spin"}
+    effort = Effort(seconds)
+    goals = GoalSet()
+    wanted = {"position", "attitude", "velocity", "spin"}
     if quantity == "settling":
         goals = settling_set(craft, goals.position, goals.heading, period)
         wanted -= {"spin"}  # of its bound the proof is for the plane, whose search always has it
     start: Any = scenario.start
     goal: Any = scenario.goal
     if craft.dimension == 3:
-        search = spatial_certificate.least_fuel if quantity == "fuel" else spatial_certificate.least_time
+        search = (
+            spatial_certificate.least_fuel if quantity == "fuel" else spatial_certificate.least_time
+        )
         return search(SpinLattice(craft, period), wanted, start, goal, steps, goals, effort)
     solve = least_fuel if quantity == "fuel" else least_time
     return solve(Lattice(craft, period), start, goal, steps, goals, effort)
 
 
-def report(quantity: Quantity, horizon: float, answers: list[Certificate], dimension: int = 2) -> Study:
+def report(
+    quantity: Quantity, horizon: float, answers: list[Certificate], dimension: int = 2
+) -> Study:
     """Mean gap and share of starts not proven optimal, against what the project promises.
 
     A gap is a start's own, (best found - bound) / bound, and their mean is not the gap of the means: starts
@@ -112,25 +130,51 @@ def report(quantity: Quantity, horizon: float, answers: list[Certificate], dimen
     target = 0.02 if quantity != "fuel" else 0.04 if horizon <= 10.0 else 0.1
     if dimension == 3:
         target = 0.3 if quantity == "fuel" else 0.15
-    mean = Check(f"least {quantity}: mean gap", float(gaps.mean()), target, "-",
-                 "Promised, of every start's own gap: of time, of fuel for 10 s, for 20 s, in space of time "
-                 "and of fuel; infinite where no control was found.")
-    proven = Check(f"least {quantity}: not proven optimal", open_share, 0.5, "share of starts",
-                   "Promised in the plane; more seconds prove more.")
+    mean = Check(
+        f"least {quantity}: mean gap",
+        float(gaps.mean()),
+        target,
+        "-",
+        "Promised, of every start's own gap: of time, of fuel for 10 s, for 20 s, in space of time "
+        "and of fuel; infinite where no control was found.",
+    )
+    proven = Check(
+        f"least {quantity}: not proven optimal",
+        open_share,
+        0.5,
+        "share of starts",
+        "Promised in the plane; more seconds prove more.",
+    )
     checks = (mean, proven) if dimension == 2 else (mean,)
     seconds = sum(answer.seconds for answer in answers)
-    lower, upper = (float(np.mean([getattr(a, end) for a in answers])) for end in ("lower", "upper"))
-    return Study(f"least {quantity} of {len(answers)} starts", checks,
-                  {"seconds per start": round(seconds / len(answers), 1), "mean certified bound": lower,
-                   "mean of the best found": upper}, curves=tuple(
-                      Curve(f"least {quantity} of every start", name, tuple(range(len(answers))),
-                            tuple(getattr(a, end) for a in answers))
-                      for name, end in (("certified bound", "lower"), ("best found", "upper"))))
+    lower, upper = (
+        float(np.mean([getattr(a, end) for a in answers])) for end in ("lower", "upper")
+    )
+    return Study(
+        f"least {quantity} of {len(answers)} starts",
+        checks,
+        {
+            "seconds per start": round(seconds / len(answers), 1),
+            "mean certified bound": lower,
+            "mean of the best found": upper,
+        },
+        curves=tuple(
+            Curve(
+                f"least {quantity} of every start",
+                name,
+                tuple(range(len(answers))),
+                tuple(getattr(a, end) for a in answers),
+            )
+            for name, end in (("certified bound", "lower"), ("best found", "upper"))
+        ),
+    )
 
 
 def _line(index: int, answer: Certificate) -> str:
-    return (f"{index:5d} {answer.dual:7.3f} {answer.lower:7.3f} {answer.upper:7.3f} "
-            f"{100 * answer.gap:5.1f}% {answer.nodes:7d} {answer.seconds:8.1f}")
+    return (
+        f"{index:5d} {answer.dual:7.3f} {answer.lower:7.3f} {answer.upper:7.3f} "
+        f"{100 * answer.gap:5.1f}% {answer.nodes:7d} {answer.seconds:8.1f}"
+    )
 
 
 def main() -> int:

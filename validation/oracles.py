@@ -44,18 +44,22 @@ def oracle_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
 
 def _fresnel_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """Random force and torque, spinning up by 0.2 to 2 rad/s^2, each constant in the body for 5 s."""
-    start, random = random_states(2, seed, count), generator(seed)
+    start = random_states(2, seed, count)
+    random = generator(seed)
     body = Body.of(craft)
     spin_up = random.uniform(0.2, 2.0, count) * random.choice((-1.0, 1.0), count)
     push = random.uniform(-1.0, 1.0, count) + 1j * random.uniform(-1.0, 1.0, count)
     force = push * craft.mass
     applied = Wrench(Vec2(force.real, force.imag), spin_up * body.inertia[0])
-    state, period = start, Timing().control_period
+    state = start
+    period = Timing().control_period
     for _ in range(_PERIODS):
         state = advance(state, applied, body, period)
     expected = spinning_up(start, push, spin_up, _PERIODS * period)
-    reason = ("Rounding and six-node quadrature of 25 periods, in which heading and spin reach 30 rad and "
-              "11 rad/s: 2 rad a period.")
+    reason = (
+        "Rounding and six-node quadrature of 25 periods, in which heading and spin reach 30 rad and "
+        "11 rad/s: 2 rad a period."
+    )
     return gap_checks("Fresnel integrals", state, expected, 1e-9, reason)
 
 
@@ -72,7 +76,8 @@ def spinning_up(start: PlanarState, push: Any, spin_up: Any, duration: float) ->
         duration: s.
     """
     root = np.sqrt(np.abs(spin_up) / np.pi)
-    first, last = start.w / spin_up, start.w / spin_up + duration
+    first = start.w / spin_up
+    last = start.w / spin_up + duration
 
     def primitive(shifted: Any) -> Any:
         sine, cosine = fresnel(shifted * root)
@@ -83,10 +88,14 @@ def spinning_up(start: PlanarState, push: Any, spin_up: Any, duration: float) ->
     total = vertex * (primitive(last) - primitive(first))
     turn = np.exp(1j * heading) - np.exp(1j * start.attitude.angle)
     moment = turn / (1j * spin_up) - start.w / spin_up * total
-    v, way = push * total, push * (duration * total - moment)
+    v = push * total
+    way = push * (duration * total - moment)
     return PlanarState(
-        p=start.p + start.v.scale(duration) + Vec2(way.real, way.imag), attitude=Heading(heading),
-        v=start.v + Vec2(v.real, v.imag), w=start.w + spin_up * duration)
+        p=start.p + start.v.scale(duration) + Vec2(way.real, way.imag),
+        attitude=Heading(heading),
+        v=start.v + Vec2(v.real, v.imag),
+        w=start.w + spin_up * duration,
+    )
 
 
 def _top_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
@@ -98,15 +107,25 @@ def _top_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     body = Body(craft.mass, tuple(inertia[np.triu_indices(3)]))
     least, largest = random.uniform(0.2, 1.0, (2, count))
     states = random_states(3, seed, count)
-    state = SpatialState(states.p, states.attitude, states.v,
-                         Vec3(*(axes @ np.array([least, 0.0 * least, largest]))))
-    period, nothing = Timing().control_period, Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+    state = SpatialState(
+        states.p, states.attitude, states.v, Vec3(*(axes @ np.array([least, 0.0 * least, largest])))
+    )
+    period = Timing().control_period
+    nothing = Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
     for _ in range(_PERIODS):
         state = advance(state, nothing, body, period, VALIDATION_SUBSTEPS[3]).normalised()
     expected = axes @ tumbling(moments, least, largest, _PERIODS * period)
     error = np.linalg.norm(np.array(state.w.columns()) - expected, axis=0)
-    return [Check("asymmetric top: spin", float(error.max()), 1e-9, "rad/s",
-                  "Sixth-order truncation of 5 s, and rounding.", f"state {error.argmax()}")]
+    return [
+        Check(
+            "asymmetric top: spin",
+            float(error.max()),
+            1e-9,
+            "rad/s",
+            "Sixth-order truncation of 5 s, and rounding.",
+            f"state {error.argmax()}",
+        )
+    ]
 
 
 def tumbling(moments: np.ndarray, least: Any, largest: Any, time: float) -> np.ndarray:
@@ -120,22 +139,27 @@ def tumbling(moments: np.ndarray, least: Any, largest: Any, time: float) -> np.n
     """
     a, b, c = moments
     energy = a * least**2 + c * largest**2  # twice
-    momentum = (a * least)**2 + (c * largest)**2  # squared
+    momentum = (a * least) ** 2 + (c * largest) ** 2  # squared
     inner = momentum < energy * b  # the path encloses the axis of least moment, not the largest
-    first, last = np.where(inner, c, a), np.where(inner, a, c)
+    first = np.where(inner, c, a)
+    last = np.where(inner, a, c)
     rate = np.sqrt((last - b) * (momentum - energy * first) / (a * b * c))
     squared = (b - first) * (energy * last - momentum) / ((last - b) * (momentum - energy * first))
     sn, cn, dn, _ = ellipj(rate * time, squared)
     at_first = np.sqrt((energy * last - momentum) / (first * (last - first))) * cn
     middle = np.sqrt((energy * last - momentum) / (b * (last - b))) * sn
     at_last = np.sqrt((momentum - energy * first) / (last * (last - first))) * dn
-    return np.array([np.where(inner, at_last, at_first), middle, np.where(inner, at_first, at_last)])
+    return np.array(
+        [np.where(inner, at_last, at_first), middle, np.where(inner, at_first, at_last)]
+    )
 
 
 def _dop853_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """5 s under a restless controller."""
-    timing, task = Timing(episode_steps=_PERIODS), GoToPose()
-    starts, period = scenarios(task, craft, seed, count), timing.control_period
+    timing = Timing(episode_steps=_PERIODS)
+    task = GoToPose()
+    starts = scenarios(task, craft, seed, count)
+    period = timing.control_period
     commands = fly(craft, task, Restless(craft, seed), starts, timing).commands
     states: Any = starts.start
     ours = rollout(craft, states, commands, period, VALIDATION_SUBSTEPS[craft.dimension])
@@ -143,12 +167,19 @@ def _dop853_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     expected: Any = states
     for command in commands:
         parts = told(craft.actuators, command, period)
-        for (begun, opened), end in zip(parts, [*(begin for begin, _ in parts[1:]), period], strict=True):
+        for (begun, opened), end in zip(
+            parts, [*(begin for begin, _ in parts[1:]), period], strict=True
+        ):
             expected = solve(craft, expected, *_geometry(craft, opened), end - begun)
     last = map_leaves(lambda x: x[-1], ours)
-    return gap_checks("DOP853", last, expected, 1e-9 if craft.dimension == 2 else 1e-8,
-                      "Its own tolerance (1e-13 a step), and our truncation at validation substeps, over "
-                      "25 periods.")
+    return gap_checks(
+        "DOP853",
+        last,
+        expected,
+        1e-9 if craft.dimension == 2 else 1e-8,
+        "Its own tolerance (1e-13 a step), and our truncation at validation substeps, over "
+        "25 periods.",
+    )
 
 
 def _geometry(craft: Spacecraft, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,8 +191,11 @@ def _geometry(craft: Spacecraft, command: np.ndarray) -> tuple[np.ndarray, np.nd
     return command @ forces, command @ np.cross(arms, forces)
 
 
-def _solve_planar(craft: Spacecraft, state: Any, force: Any, torque: Any, period: float) -> PlanarState:
-    mass, moment = craft.mass, craft.inertia[2][2]
+def _solve_planar(
+    craft: Spacecraft, state: Any, force: Any, torque: Any, period: float
+) -> PlanarState:
+    mass = craft.mass
+    moment = craft.inertia[2][2]
     push = (force[:, 0] + 1j * force[:, 1]) / mass
 
     def rate(time: float, flat: np.ndarray) -> np.ndarray:
@@ -174,12 +208,16 @@ def _solve_planar(craft: Spacecraft, state: Any, force: Any, torque: Any, period
     return PlanarState(Vec2(x, y), Heading(angle), Vec2(vx, vy), w)
 
 
-def _solve_spatial(craft: Spacecraft, state: Any, force: Any, torque: Any, period: float) -> SpatialState:
+def _solve_spatial(
+    craft: Spacecraft, state: Any, force: Any, torque: Any, period: float
+) -> SpatialState:
     """Position, velocity, spin in B and the columns of R_WB: R' = R [w]x."""
-    inertia, count = np.array(craft.inertia), len(force)
+    inertia = np.array(craft.inertia)
+    count = len(force)
 
     def rate(time: float, flat: np.ndarray) -> np.ndarray:
-        motion, R = flat[:9 * count].reshape(3, count, 3), flat[9 * count:].reshape(count, 3, 3)
+        motion = flat[: 9 * count].reshape(3, count, 3)
+        R = flat[9 * count :].reshape(count, 3, 3)
         _, v, w = motion
         spin_up = np.linalg.solve(inertia, (torque - np.cross(w, w @ inertia)).T).T
         turning = np.cross(R, w[:, None, :])  # each row of R times [w]x
@@ -190,8 +228,8 @@ def _solve_spatial(craft: Spacecraft, state: Any, force: Any, torque: Any, perio
     R = Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1)).as_matrix()
     vectors = [np.stack(v.columns(), axis=1) for v in (state.p, state.v, state.w)]
     flat = _integrated(rate, np.concatenate([np.array(vectors).ravel(), R.ravel()]), period)
-    p, v, w = flat[:9 * count].reshape(3, count, 3)
-    x, y, z, s = Rotation.from_matrix(flat[9 * count:].reshape(count, 3, 3)).as_quat().T
+    p, v, w = flat[: 9 * count].reshape(3, count, 3)
+    x, y, z, s = Rotation.from_matrix(flat[9 * count :].reshape(count, 3, 3)).as_quat().T
     return SpatialState(Vec3(*p.T), Quat(s, x, y, z), Vec3(*v.T), Vec3(*w.T))
 
 

@@ -28,17 +28,26 @@ _AXES = {
     "attitude error after 25 s": ("force evaluations per second", "median attitude error, rad"),
 }
 _SECTIONS = (
-    ("Errors over time", ("position error over time", "attitude error over time"),
-     "The largest difference over all flights at every instant. Drake's own error, from halving its step, "
-     "is the floor below which no comparison with it means anything."),
-    ("Order of convergence", ("error of one control period",),
-     "Random states under random thrust, against 256 steps. The slope of a line is the order: 1 for "
-     "semi-implicit Euler, 6 for ours in space; in the plane one step is exact to rounding."),
-    ("What the time step costs", ("position error after 25 s", "attitude error after 25 s"),
-     "25 s of closed-loop on/off thrust at 5 and 10 Hz, against Drake. The original system takes "
-     "semi-implicit Euler steps at 50 or 100 Hz, one force evaluation each (its two leftmost points). "
-     "Ours is a quadrature of 1 to 6 nodes a control period in the plane and 1 to 16 steps of three nodes "
-     "in space; the default is six nodes or one step."),
+    (
+        "Errors over time",
+        ("position error over time", "attitude error over time"),
+        "The largest difference over all flights at every instant. Drake's own error, from halving its step, "
+        "is the floor below which no comparison with it means anything.",
+    ),
+    (
+        "Order of convergence",
+        ("error of one control period",),
+        "Random states under random thrust, against 256 steps. The slope of a line is the order: 1 for "
+        "semi-implicit Euler, 6 for ours in space; in the plane one step is exact to rounding.",
+    ),
+    (
+        "What the time step costs",
+        ("position error after 25 s", "attitude error after 25 s"),
+        "25 s of closed-loop on/off thrust at 5 and 10 Hz, against Drake. The original system takes "
+        "semi-implicit Euler steps at 50 or 100 Hz, one force evaluation each (its two leftmost points). "
+        "Ours is a quadrature of 1 to 6 nodes a control period in the plane and 1 to 16 steps of three nodes "
+        "in space; the default is six nodes or one step.",
+    ),
 )
 
 
@@ -51,18 +60,31 @@ def page(study: Study, spacecraft: str, conditions: str | None = None) -> Page:
         conditions: likewise.
     """
     sections = [
-        Section("Closest to the bound", "For each group the check with the least margin, and the command "
-                "that repeats it with the same random numbers.",
-                [_worst_table(study, spacecraft, conditions)]),
+        Section(
+            "Closest to the bound",
+            "For each group the check with the least margin, and the command "
+            "that repeats it with the same random numbers.",
+            [_worst_table(study, spacecraft, conditions)],
+        ),
         *filter(None, (_figures(study, *section) for section in _SECTIONS)),
         validation_section(study.to_json()),
     ]
     settings = study.settings
-    return Page(f"Validation: {study.title}", sections, header({
-        "command": _command(study, spacecraft, conditions), "spacecraft": spacecraft,
-        "conditions": conditions or "a perfect world", "seed": settings["seed"],
-        "sample": f"{settings['states']} states, {settings['flights']} flights of 25 s",
-        "time": f"{settings['seconds']:.0f} s", "environment": environment()}))
+    return Page(
+        f"Validation: {study.title}",
+        sections,
+        header(
+            {
+                "command": _command(study, spacecraft, conditions),
+                "spacecraft": spacecraft,
+                "conditions": conditions or "a perfect world",
+                "seed": settings["seed"],
+                "sample": f"{settings['states']} states, {settings['flights']} flights of 25 s",
+                "time": f"{settings['seconds']:.0f} s",
+                "environment": environment(),
+            }
+        ),
+    )
 
 
 def _command(study: Study, spacecraft: str, conditions: str | None, layer: str = "") -> str:
@@ -77,8 +99,14 @@ def _worst_table(study: Study, spacecraft: str, conditions: str | None) -> Table
     rows = []
     for layer, checks in groupby(study.checks, key=lambda check: check.layer):
         worst = max(checks, key=_margin)
-        rows.append((worst.name, f"{_margin(worst):.1e}", worst.worst,
-                     _command(study, spacecraft, conditions, layer)))
+        rows.append(
+            (
+                worst.name,
+                f"{_margin(worst):.1e}",
+                worst.worst,
+                _command(study, spacecraft, conditions, layer),
+            )
+        )
     return Table(("check", "share of tolerance", "found at", "repeat with"), rows)
 
 
@@ -103,16 +131,20 @@ def _points(found: dict[str, list[Curve]]) -> list[Table]:
     if any("over time" in name for name in found):
         return []
     columns = (next(_AXES[name][0] for name in found), *(_AXES[name][1] for name in found))
-    rows = [(curves[0].name, f"{point[0]:g}", *(f"{y:.1e}" for y in point[1:]))
-            for curves in zip(*found.values(), strict=True)
-            for point in zip(curves[0].x, *(curve.y for curve in curves), strict=True)]
+    rows = [
+        (curves[0].name, f"{point[0]:g}", *(f"{y:.1e}" for y in point[1:]))
+        for curves in zip(*found.values(), strict=True)
+        for point in zip(curves[0].x, *(curve.y for curve in curves), strict=True)
+    ]
     return [Table(("method", *columns), rows)]
 
 
 @styled
 def _figure(found: dict[str, list[Curve]]) -> Figure:
     figure = Figure(figsize=(4.7 * len(found), 3.6), layout="constrained")
-    for axes, (name, curves) in zip(np.ravel(figure.subplots(1, len(found))), found.items(), strict=True):
+    for axes, (name, curves) in zip(
+        np.ravel(figure.subplots(1, len(found))), found.items(), strict=True
+    ):
         _draw(axes, name, curves)
     return figure
 
@@ -121,7 +153,14 @@ def _draw(axes: Axes, name: str, curves: list[Curve]) -> None:
     over_time = "over time" in name
     for curve, colour in zip(curves, _COLOURS, strict=False):
         y = np.maximum(curve.y, _SMALLEST)
-        axes.plot(curve.x, y, color=colour, label=curve.name, marker="" if over_time else "o", markersize=4)
+        axes.plot(
+            curve.x,
+            y,
+            color=colour,
+            label=curve.name,
+            marker="" if over_time else "o",
+            markersize=4,
+        )
     axes.set_yscale("log")
     if not over_time:
         axes.set_xscale("log")

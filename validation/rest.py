@@ -31,8 +31,14 @@ from validation.batch import Rows, study
 from validation.markdown import Table
 
 _COMMAND = "python -m validation.rest"
-_HEADINGS = ("agent", "duty at rest, %", "valve changes a second", "steps with opposite nozzles open, %",
-             "episodes that end in a cycle, %", "steps of the cycles")
+_HEADINGS = (
+    "agent",
+    "duty at rest, %",
+    "valve changes a second",
+    "steps with opposite nozzles open, %",
+    "episodes that end in a cycle, %",
+    "steps of the cycles",
+)
 _SOURCE = "The values are in [rest.json](validation/rest.json)."
 
 
@@ -40,9 +46,13 @@ _SOURCE = "The values are in [rest.json](validation/rest.json)."
 def last_commands(network: Network, setup: Setup, episodes: int, seed: int, device: str) -> Tensor:
     """Commands of the last fifth of an agent's flights, (T / 5, N, thrusters) bool."""
     steps = setup.timing.episode_steps
-    longer = replace(setup.timing, episode_steps=steps + 1)  # none begins anew before it was asked all
+    longer = replace(
+        setup.timing, episode_steps=steps + 1
+    )  # none begins anew before it was asked all
     engine = Engine(setup.craft, setup.task, episodes, longer, seed=seed, device=device)
-    observation, memory, kept = engine.observe(), network.blank(episodes), []
+    observation = engine.observe()
+    memory = network.blank(episodes)
+    kept = []
     for step in range(steps):
         command, memory = likeliest(network, observation, memory)
         observation = engine.step(command).observation
@@ -68,8 +78,11 @@ def opposite(craft: Spacecraft) -> list[tuple[int, int]]:
     """Pairs of thrusters whose wrenches cancel: open together they do nothing but spend."""
     wrenches = np.array(craft.wrench_map)
     close = 1e-9 * np.abs(wrenches).max()  # directions are given in decimals and normalised
-    return [(i, j) for i, j in combinations(range(len(wrenches)), 2)
-            if np.abs(wrenches[i] + wrenches[j]).max() < close]
+    return [
+        (i, j)
+        for i, j in combinations(range(len(wrenches)), 2)
+        if np.abs(wrenches[i] + wrenches[j]).max() < close
+    ]
 
 
 def said(commands: Tensor, craft: Spacecraft, period: float) -> dict[str, Any]:
@@ -78,12 +91,17 @@ def said(commands: Tensor, craft: Spacecraft, period: float) -> dict[str, Any]:
     wasted = torch.zeros(commands.shape[:2], dtype=torch.bool, device=commands.device)
     for i, j in opposite(craft):
         wasted |= commands[..., i] & commands[..., j]
-    pairs = zip(*(x.tolist() for x in torch.unique(found[found > 0], return_counts=True)), strict=True)
+    pairs = zip(
+        *(x.tolist() for x in torch.unique(found[found > 0], return_counts=True)), strict=True
+    )
     changes = (commands[1:] != commands[:-1]).sum(dim=2).float().mean() / period
-    return {"duty": 100.0 * float(commands.float().mean()), "changes": float(changes),
-            "opposite": 100.0 * float(wasted.float().mean()),
-            "cycles": 100.0 * float((found > 0).float().mean()),
-            "lengths": {str(length): count for length, count in pairs}}
+    return {
+        "duty": 100.0 * float(commands.float().mean()),
+        "changes": float(changes),
+        "opposite": 100.0 * float(wasted.float().mean()),
+        "cycles": 100.0 * float((found > 0).float().mean()),
+        "lengths": {str(length): count for length, count in pairs},
+    }
 
 
 @dataclass(frozen=True)
@@ -103,13 +121,19 @@ class Rest:
         Raises:
             ConfigError: there is no such agent, or no place for the table.
         """
+
         def told(network: Network, setup: Setup, device: str) -> Rows:
             judged = setup._replace(task=setup.task.for_evaluation())
             commands = last_commands(network, judged, self.episodes, self.seed, device)
             return {"at rest": said(commands, setup.craft, setup.timing.control_period)}
 
-        study(self.agents or tuple(_shipped()), told, self.episodes, self.seed,
-              self.docs / "validation" / "rest.json")
+        study(
+            self.agents or tuple(_shipped()),
+            told,
+            self.episodes,
+            self.seed,
+            self.docs / "validation" / "rest.json",
+        )
         found = in_document(self.docs)
         found.write(self.docs)
         Terminal(room=110).print(table("At rest", _HEADINGS, found.rows))
@@ -119,8 +143,13 @@ class Rest:
 def in_document(docs: Path) -> Table:
     """The table of agents.md, from rest.json."""
     found = read_json(docs / "validation" / "rest.json")["agents"]
-    return Table("agents.md", _COMMAND, _HEADINGS,
-                 [_cells(name, rows["at rest"]) for name, rows in found.items()], _SOURCE)
+    return Table(
+        "agents.md",
+        _COMMAND,
+        _HEADINGS,
+        [_cells(name, rows["at rest"]) for name, rows in found.items()],
+        _SOURCE,
+    )
 
 
 def _shipped() -> Iterator[str]:
@@ -129,8 +158,14 @@ def _shipped() -> Iterator[str]:
 
 
 def _cells(name: str, found: dict[str, Any]) -> tuple[str, ...]:
-    return (f"`{name.removeprefix('pretrained:')}`", f"{found['duty']:.2f}", f"{found['changes']:.2f}",
-            f"{found['opposite']:.2f}", f"{found['cycles']:.3g}", ", ".join(found["lengths"]) or "–")  # noqa: RUF001
+    return (
+        f"`{name.removeprefix('pretrained:')}`",
+        f"{found['duty']:.2f}",
+        f"{found['changes']:.2f}",
+        f"{found['opposite']:.2f}",
+        f"{found['cycles']:.3g}",
+        ", ".join(found["lengths"]) or "–",  # noqa: RUF001
+    )
 
 
 if __name__ == "__main__":

@@ -47,7 +47,9 @@ def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     size = craft.dimension
     moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
     spin_ups = np.linalg.solve(moments, np.array(craft.wrench_map)[:, size:].T)
-    most = np.linalg.norm(np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1)))
+    most = np.linalg.norm(
+        np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1))
+    )
     return commands * min(1.0, _GENTLE / max(float(most), _GENTLE))
 
 
@@ -71,9 +73,11 @@ class Restless:
     name = "restless"
 
     def __init__(self, craft: Spacecraft, seed: int, share: float = 0.5) -> None:
-        self._random, self._share = generator(seed), share
+        self._random = generator(seed)
+        self._share = share
         self._by_quarters = craft.actuators.is_continuous and share > 0.0
-        columns, size = np.array(craft.wrench_map), craft.dimension
+        columns = np.array(craft.wrench_map)
+        size = craft.dimension
         moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
         linear = columns[:, :size] / craft.mass
         angular = np.linalg.solve(moments, columns[:, size:].T).T
@@ -91,11 +95,14 @@ class Restless:
         wanted = np.stack([*linear.columns(), *angular], axis=1)
         opened = wanted @ self._projection > self._share
         opened ^= self._random.random(opened.shape) < 0.05
-        return opened * self._random.integers(1, 5, opened.shape) / 4 if self._by_quarters else opened
+        return (
+            opened * self._random.integers(1, 5, opened.shape) / 4 if self._by_quarters else opened
+        )
 
 
-def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
-            substeps: int) -> AnyState:
+def rollout(
+    craft: Spacecraft, start: AnyState, commands: Any, period: float, substeps: int
+) -> AnyState:
     """Our equations under commands given beforehand, as the fast engine applies them.
 
     Args:
@@ -108,11 +115,15 @@ def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
     Returns:
         The states with fields (T + 1, N), NumPy float64.
     """
-    body, states, timing = Body.of(craft), [start], Timing(control_period=period, substeps=substeps)
+    body = Body.of(craft)
+    states = [start]
+    timing = Timing(control_period=period, substeps=substeps)
     for command in commands:
         states.append(held(states[-1], craft, body, tuple(command.T), timing))
     columns = zip(*(leaves(state) for state in states), strict=True)
-    return unflatten(start, [np.stack([np.asarray(x, dtype=np.float64) for x in c]) for c in columns])
+    return unflatten(
+        start, [np.stack([np.asarray(x, dtype=np.float64) for x in c]) for c in columns]
+    )
 
 
 def gaps(a: Any, b: Any) -> dict[str, np.ndarray]:
@@ -133,8 +144,12 @@ def gap(a: Any, b: Any) -> dict[str, float]:
 
 def gap_checks(layer: str, ours: Any, drake: Any, tolerance: float, reason: str) -> list[Check]:
     """One check per quantity of the largest of the `gaps`, which may have the shape (N,) or (T + 1, N)."""
-    return [Check(f"{layer}: {name}", float(np.max(value)), tolerance, UNITS[name], reason, _where(value))
-            for name, value in gaps(ours, drake).items()]
+    return [
+        Check(
+            f"{layer}: {name}", float(np.max(value)), tolerance, UNITS[name], reason, _where(value)
+        )
+        for name, value in gaps(ours, drake).items()
+    ]
 
 
 def growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:

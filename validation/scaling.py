@@ -54,13 +54,25 @@ class Scaling:
         for count in self.processes:
             rate = self._measure_on(count)
             first = first or rate / count
-            Console().print(f"{count} x {self.device}: {rate / 1e6:.2f} M steps/s (median), "
-                            f"{rate / first:.2f} x one ({rate / first / count:.0%} of perfect)")
+            Console().print(
+                f"{count} x {self.device}: {rate / 1e6:.2f} M steps/s (median), "
+                f"{rate / first:.2f} x one ({rate / first / count:.0%} of perfect)"
+            )
 
     def _measure_on(self, count: int) -> float:
         """Steps/s of so many processes, started with torchrun."""
-        command = [sys.executable, "-m", "torch.distributed.run", "--standalone",
-                   "--nproc-per-node", str(count), "-m", "--", "validation.scaling", *sys.argv[1:]]
+        command = [
+            sys.executable,
+            "-m",
+            "torch.distributed.run",
+            "--standalone",
+            "--nproc-per-node",
+            str(count),
+            "-m",
+            "--",
+            "validation.scaling",
+            *sys.argv[1:],
+        ]
         result = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
         line = next(line for line in result.stdout.splitlines() if line.startswith(_MARK))
         return float(line.removeprefix(_MARK))
@@ -75,10 +87,20 @@ class Scaling:
 
     def _rate(self, world: Processes) -> float:
         total = self.n_envs * world.size
-        settings = PPOSettings(n_envs=total, n_steps=self.n_steps, batch_size=total * self.n_steps // 4,
-                               layers=self.layers, matmul=self.matmul)
-        engine = Engine(load_spacecraft("floating-platform"), GoToPose(), self.n_envs, device=self.device,
-                        processes=world)
+        settings = PPOSettings(
+            n_envs=total,
+            n_steps=self.n_steps,
+            batch_size=total * self.n_steps // 4,
+            layers=self.layers,
+            matmul=self.matmul,
+        )
+        engine = Engine(
+            load_spacecraft("floating-platform"),
+            GoToPose(),
+            self.n_envs,
+            device=self.device,
+            processes=world,
+        )
         learner = begin(engine, [settings], [0])
 
         def seconds(iterations: int) -> float:

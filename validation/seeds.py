@@ -31,8 +31,14 @@ from rans.tasks import GoToPosePriced
 from rans.terminal import Terminal, table
 
 _KNOBS = (0, 0.25, 0.5, 0.75, 1)
-_COLUMNS = {"settled": "s", "at rest": "s", "impulse": "N s", "duty at rest": "%", "error": "m or m/s",
-            "failed": "per million"}
+_COLUMNS = {
+    "settled": "s",
+    "at rest": "s",
+    "impulse": "N s",
+    "duty at rest": "%",
+    "error": "m or m/s",
+    "failed": "per million",
+}
 """Of each the mean; smaller is better in every one."""
 
 
@@ -62,33 +68,58 @@ class Seeds:
             RansError: a training ended otherwise than it should; its log is named.
         """
         if not self.seeds or min(self.at_once, self.starts, self.flights) < 1:
-            raise ConfigError("--seeds must name at least one, and --at-once, --starts and --flights must be "
-                              f">= 1, got {len(self.seeds)} seeds, {self.at_once}, {self.starts} and "
-                              f"{self.flights}.")
+            raise ConfigError(
+                "--seeds must name at least one, and --at-once, --starts and --flights must be "
+                f">= 1, got {len(self.seeds)} seeds, {self.at_once}, {self.starts} and "
+                f"{self.flights}."
+            )
         self.output.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(self.at_once) as pool:
             runs = list(pool.map(self._trained, range(len(self.seeds)), self.seeds))
         found = {run.name: judged(run, self.starts, self.flights) for run in runs}
-        write_json(self.output / f"{self.recipe}.json", {
-            "command": ["rans train", self.recipe, *self.options], "starts": self.starts,
-            "flights": self.flights, "seed": SELECTION_SEED, "runs": found, "environment": environment()})
+        write_json(
+            self.output / f"{self.recipe}.json",
+            {
+                "command": ["rans train", self.recipe, *self.options],
+                "starts": self.starts,
+                "flights": self.flights,
+                "seed": SELECTION_SEED,
+                "runs": found,
+                "environment": environment(),
+            },
+        )
         for part in next(iter(found.values())):
             rows = {name: [one[part][key] for key in _COLUMNS] for name, one in found.items()}
             values = np.array(list(rows.values()))
-            rows |= {"median": np.median(values, axis=0).tolist(), "worst": values.max(axis=0).tolist()}
-            Terminal(room=110).print(table(
-                f"{self.recipe} {part}", ("training", *(f"{key}, {unit}" for key, unit in _COLUMNS.items())),
-                [(name, *(f"{x:.4g}" for x in row)) for name, row in rows.items()]))
+            rows |= {
+                "median": np.median(values, axis=0).tolist(),
+                "worst": values.max(axis=0).tolist(),
+            }
+            Terminal(room=110).print(
+                table(
+                    f"{self.recipe} {part}",
+                    ("training", *(f"{key}, {unit}" for key, unit in _COLUMNS.items())),
+                    [(name, *(f"{x:.4g}" for x in row)) for name, row in rows.items()],
+                )
+            )
         return 0
 
     def _trained(self, number: int, seed: int) -> Path:
         run = self.output / f"{self.recipe}-seed{seed}"
-        wanted = ["--resume", str(run)] if (run / "config.json").exists() else [
-            self.recipe, "--seed", str(seed), "--output", str(run), *self.options]
+        wanted = (
+            ["--resume", str(run)]
+            if (run / "config.json").exists()
+            else [self.recipe, "--seed", str(seed), "--output", str(run), *self.options]
+        )
         log = run.with_suffix(".log")
         with log.open("w") as told:
-            ended = subprocess.run([sys.executable, "-m", "rans", "train", *wanted], stdout=told,
-                                   stderr=subprocess.STDOUT, env=_on_gpu(number), check=False)
+            ended = subprocess.run(
+                [sys.executable, "-m", "rans", "train", *wanted],
+                stdout=told,
+                stderr=subprocess.STDOUT,
+                env=_on_gpu(number),
+                check=False,
+            )
         if ended.returncode:
             raise RansError(f"the training of {run} ended with {ended.returncode}: {log} says why.")
         return run
@@ -115,7 +146,9 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
     assert isinstance(run.controller, Agent)
     setup = run.judged
     contest = Contest(*setup[:3], SELECTION_SEED, starts, conditions=setup.conditions)
-    entry = Entry(Contestant(spec, run.controller, "", ""), contest.fly(run.controller).flight, np.zeros(0))
+    entry = Entry(
+        Contestant(spec, run.controller, "", ""), contest.fly(run.controller).flight, np.zeros(0)
+    )
     commands = entry.flight.commands
     device = "cuda" if torch.cuda.is_available() else "cpu"
     failed = Flights(run.controller.network, setup, device).fly(0, flights, SELECTION_SEED)
@@ -123,11 +156,14 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
     def late(times: np.ndarray) -> float:
         return float(np.minimum(times, contest.duration).mean())
 
-    return {"settled": late(entry.settling), "at rest": late(entry.arrival),
-            "impulse": float(entry.thrust.mean()),
-            "duty at rest": 100.0 * float(commands[-last_fifth(len(commands)):].mean()),
-            "error": float(next(iter(entry.errors.values())).mean()),
-            "failed": 1e6 * failed.failed / failed.flights}
+    return {
+        "settled": late(entry.settling),
+        "at rest": late(entry.arrival),
+        "impulse": float(entry.thrust.mean()),
+        "duty at rest": 100.0 * float(commands[-last_fifth(len(commands)) :].mean()),
+        "error": float(next(iter(entry.errors.values())).mean()),
+        "failed": 1e6 * failed.failed / failed.flights,
+    }
 
 
 def _on_gpu(number: int) -> dict[str, str]:

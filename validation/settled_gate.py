@@ -34,9 +34,12 @@ from rans.tasks import GoToPose
 MOMENTS = 10.0, 8.0, 6.0  # kg m^2
 TORQUE = 0.2  # N m
 TIMING = Timing(0.5, episode_steps=400)
-GATE, DWELL = math.radians(0.2), 20
+GATE = math.radians(0.2)
+DWELL = 20
 _HEAVY = 1e9  # kg: the nozzles that stand for wheels do not move it
-_FAULTS_SEED, _FAULTS, _SEEDS = 7000, 50, 10
+_FAULTS_SEED = 7000
+_FAULTS = 50
+_SEEDS = 10
 _LEAST_GAIN = 0.3  # that the benchmark's oracles divide by
 
 Class = Literal["sign", "gain", "gain and bias", "axis lost"]
@@ -46,13 +49,24 @@ CLASSES: tuple[Class, ...] = ("sign", "gain", "gain and bias", "axis lost")
 def body_of_three_axes() -> Spacecraft:
     """Nozzles 2k and 2k + 1 turn it about axis k, to the left and to the right."""
     e = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    nozzles = tuple(Thruster(e[(k + 1) % 3], (side * e[k - 1][0], side * e[k - 1][1], side * e[k - 1][2]),
-                             TORQUE) for k in range(3) for side in (1.0, -1.0))
+    nozzles = tuple(
+        Thruster(
+            e[(k + 1) % 3], (side * e[k - 1][0], side * e[k - 1][1], side * e[k - 1][2]), TORQUE
+        )
+        for k in range(3)
+        for side in (1.0, -1.0)
+    )
     x, y, z = MOMENTS
     with warnings.catch_warnings():  # that it cannot be pushed every way
         warnings.simplefilter("ignore", UserWarning)
-        return Spacecraft("three axes", 3, _HEAVY, ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)), nozzles,
-                          actuators=Throttle())
+        return Spacecraft(
+            "three axes",
+            3,
+            _HEAVY,
+            ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)),
+            nozzles,
+            actuators=Throttle(),
+        )
 
 
 class Faults(NamedTuple):
@@ -77,7 +91,11 @@ def held_out(kind: Class, count: int = _FAULTS) -> Faults:
         gain = np.array(signs[rng.integers(4)])
         if kind != "sign":
             gain = gain * [either((0.3, 0.5), (1.5, 2.0)) for _ in range(3)]
-        bias = [either((-0.3, -0.2), (0.2, 0.3)) for _ in range(3)] if kind == "gain and bias" else [0.0] * 3
+        bias = (
+            [either((-0.3, -0.2), (0.2, 0.3)) for _ in range(3)]
+            if kind == "gain and bias"
+            else [0.0] * 3
+        )
         if kind == "axis lost":
             gain[rng.integers(3)] = 0.0
         rows.append((inertia, gain, bias))
@@ -92,12 +110,16 @@ def starts(seeds: Sequence[int]) -> Scenario:
         axis = rng.normal(size=3)
         sigma = axis / np.linalg.norm(axis) * rng.uniform(0.0, 0.3)
         square = float(sigma @ sigma)
-        rows.append(((1 - square) / (1 + square), *(2 * sigma / (1 + square)), *rng.uniform(-0.05, 0.05, 3)))
+        rows.append(
+            ((1 - square) / (1 + square), *(2 * sigma / (1 + square)), *rng.uniform(-0.05, 0.05, 3))
+        )
     columns = np.array(rows).T
     still = np.zeros(len(rows))
     at_rest = Vec3(still, still, still)
-    return Scenario(SpatialState(at_rest, Quat(*columns[:4]), at_rest, Vec3(*columns[4:])),
-                    SpatialState(at_rest, Quat(still + 1.0, still, still, still), at_rest, at_rest))
+    return Scenario(
+        SpatialState(at_rest, Quat(*columns[:4]), at_rest, Vec3(*columns[4:])),
+        SpatialState(at_rest, Quat(still + 1.0, still, still, still), at_rest, at_rest),
+    )
 
 
 def applied(told: np.ndarray, gain: np.ndarray, bias: np.ndarray) -> np.ndarray:
@@ -115,7 +137,9 @@ class Faulty:
     """A controller whose torques are faulty; what flies is told what these make of its commands."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
-        self.name, self._controller, self._faults = controller.name, controller, faults
+        self.name = controller.name
+        self._controller = controller
+        self._faults = faults
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -130,7 +154,8 @@ class Faulty:
 def turns(state: Any, goal: Any) -> np.ndarray:
     """(3, N) rotation vectors from the goal to the attitude, rad."""
     q = goal.attitude.to(state.attitude)
-    vector, w = np.array([q.x, q.y, q.z]) * np.where(q.w < 0, -1.0, 1.0), np.abs(q.w)
+    vector = np.array([q.x, q.y, q.z]) * np.where(q.w < 0, -1.0, 1.0)
+    w = np.abs(q.w)
     size = np.linalg.norm(vector, axis=0)
     return vector * (2.0 * np.arctan2(size, w) / np.maximum(size, 1e-12))
 
@@ -139,8 +164,11 @@ class Oracle:
     """The benchmark's proportional-derivative law (0.2, 1.5), told f, gains and, if it may, biases."""
 
     def __init__(self, faults: Faults, name: str, knows_bias: bool = False) -> None:
-        self.name, self._faults = name, faults
-        self._gain = np.where(faults.gain < 0, -1.0, 1.0) * np.maximum(np.abs(faults.gain), _LEAST_GAIN)
+        self.name = name
+        self._faults = faults
+        self._gain = np.where(faults.gain < 0, -1.0, 1.0) * np.maximum(
+            np.abs(faults.gain), _LEAST_GAIN
+        )
         self._bias = faults.bias * knows_bias
 
     def reset(self, count: int) -> None:
@@ -160,7 +188,9 @@ def settled(controller: Controller, faults: Faults, begun: Scenario, move: Any =
     craft = body_of_three_axes()
     nominal = Body.of(craft)
     body = replace(nominal, inertia=tuple(x * faults.inertia for x in nominal.inertia))
-    with warnings.catch_warnings():  # that who is misled spins faster than the motion is accurate for
+    with (
+        warnings.catch_warnings()
+    ):  # that who is misled spins faster than the motion is accurate for
         warnings.simplefilter("ignore", UserWarning)
         flight = move(craft, GoToPose(), Faulty(controller, faults), begun, TIMING, body=body)
     return (flight.errors()["attitude"][-DWELL:] <= GATE).all(axis=0)

@@ -76,26 +76,38 @@ class Memory(NamedTuple):
     @classmethod
     def begin(cls, spin: Tensor) -> Self:
         """The first command is told."""
-        command, rows = torch.full_like(spin, FIRST), spin.new_zeros(len(spin), 2 * _PERIODS)
-        return cls(command, spin, torch.zeros_like(spin), rows, rows[:, :_PERIODS],
-                   _pushed(rows, command, torch.zeros_like(spin)))
+        command = torch.full_like(spin, FIRST)
+        rows = spin.new_zeros(len(spin), 2 * _PERIODS)
+        return cls(
+            command,
+            spin,
+            torch.zeros_like(spin),
+            rows,
+            rows[:, :_PERIODS],
+            _pushed(rows, command, torch.zeros_like(spin)),
+        )
 
     def seen(self, angle: Tensor, spin: Tensor) -> Self:
         """A period later, at angles (N,) rad and spins (N,) rad/s."""
         change = spin - self.spin
-        return self._replace(spin=spin, change=change,
-                             motion=_pushed(self.motion, astray(angle, spin), 3.0 * change),
-                             response=_pushed(self.response, change - self.change))
+        return self._replace(
+            spin=spin,
+            change=change,
+            motion=_pushed(self.motion, astray(angle, spin), 3.0 * change),
+            response=_pushed(self.response, change - self.change),
+        )
 
     def told(self, wanted: Tensor) -> Self:
         """After such increments (N,) of the command."""
         command = (self.command + wanted).clip(-1.0, 1.0)
         done = command - self.command
-        return self._replace(command=command, increments=_pushed(self.increments, done, wanted - done))
+        return self._replace(
+            command=command, increments=_pushed(self.increments, done, wanted - done)
+        )
 
 
 def _pushed(rows: Tensor, *latest: Tensor) -> Tensor:
-    return torch.cat((rows[:, len(latest):], torch.stack(latest, 1)), 1)
+    return torch.cat((rows[:, len(latest) :], torch.stack(latest, 1)), 1)
 
 
 def _scaled(rows: Tensor) -> Tensor:
@@ -110,8 +122,12 @@ class Agent(nn.Module):
         super().__init__()
         self.motion = nn.Linear(3 * _PERIODS, width, bias=False)
         self.increments = nn.Linear(2 * _PERIODS, width, bias=False)
-        self.odd = nn.Sequential(nn.Tanh(), nn.Linear(width, width, bias=False), nn.Tanh(),
-                                 nn.Linear(width, 1, bias=False))
+        self.odd = nn.Sequential(
+            nn.Tanh(),
+            nn.Linear(width, width, bias=False),
+            nn.Tanh(),
+            nn.Linear(width, 1, bias=False),
+        )
 
     def forward(self, memory: Memory, angle: Tensor, spin: Tensor) -> Memory:
         """With the next command, at angles (N,) rad and spins (N,) rad/s."""
@@ -119,7 +135,9 @@ class Agent(nn.Module):
         motion = self.motion(torch.cat((_scaled(memory.motion), _scaled(memory.response)), 1))
         increments = self.increments(_scaled(memory.increments))
         one, other = self.odd(torch.cat((motion + increments, motion - increments))).chunk(2)
-        return memory.told(memory.increments.norm(dim=1).clip(max=_MOST) * torch.tanh(one - other)[:, 0])
+        return memory.told(
+            memory.increments.norm(dim=1).clip(max=_MOST) * torch.tanh(one - other)[:, 0]
+        )
 
 
 class Axes(NamedTuple):
@@ -141,12 +159,16 @@ class Axes(NamedTuple):
         factor, kind, size, bias = torch.rand(4, count)
         moment = torch.tensor(MOMENTS)[torch.randint(3, (count,))] * (0.8 + 1.2 * factor)
         sign = 2.0 * torch.randint(2, (count,)) - 1.0
-        return cls(moment, sign * torch.where(kind < 1 / 3, torch.ones_like(size), 0.5 + size),
-                   torch.where(kind < 2 / 3, torch.zeros_like(bias), 0.4 * bias - 0.2))
+        return cls(
+            moment,
+            sign * torch.where(kind < 1 / 3, torch.ones_like(size), 0.5 + size),
+            torch.where(kind < 2 / 3, torch.zeros_like(bias), 0.4 * bias - 0.2),
+        )
 
     def move(self, angle: Tensor, spin: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
         """Angles and spins a period later, exactly."""
-        period, torque = TIMING.control_period, TORQUE * (self.gain * command + self.bias).clip(-1.0, 1.0)
+        period = TIMING.control_period
+        torque = TORQUE * (self.gain * command + self.bias).clip(-1.0, 1.0)
         gained = torque / self.moment * period
         return angle + period * (spin + gained / 2), spin + gained
 
@@ -154,7 +176,8 @@ class Axes(NamedTuple):
 @torch.no_grad()
 def flown(agent: Agent, axes: Axes, angle: Tensor, spin: Tensor) -> Tensor:
     """(T, N) angles over a flight of the benchmark's length, rad."""
-    memory, angles = Memory.begin(spin), []
+    memory = Memory.begin(spin)
+    angles = []
     for _ in range(TIMING.episode_steps):
         angle, spin = axes.move(angle, spin, memory.command)
         memory = agent(memory, angle, spin)
@@ -170,8 +193,10 @@ def loss(agent: Agent, axes: Axes, periods: int, scale: float) -> Tensor:
     """
     count = len(axes.gain)
     limit = 10.0 / (count * periods * scale)
-    angle, spin = 1.2 * (2 * torch.rand(count) - 1), 0.1 * (2 * torch.rand(count) - 1)
-    memory, total = Memory.begin(spin), torch.zeros(())
+    angle = 1.2 * (2 * torch.rand(count) - 1)
+    spin = 0.1 * (2 * torch.rand(count) - 1)
+    memory = Memory.begin(spin)
+    total = torch.zeros(())
     for _ in range(periods):
         angle, spin = (_limited(x, limit) for x in axes.move(angle, spin, memory.command))
         memory = Memory(*(_limited(x, limit) for x in agent(memory, angle, spin)))
@@ -193,8 +218,11 @@ class Training:
     """Of one agent, by steps of Adam, each with as many new axes for so many periods."""
 
     def __init__(self, iterations: int, count: int, periods: int) -> None:
-        self.agent, self.losses = Agent(), list[float]()
-        self._iterations, self._count, self._periods = iterations, count, periods
+        self.agent = Agent()
+        self.losses = list[float]()
+        self._iterations = iterations
+        self._count = count
+        self._periods = periods
         self._optimiser = torch.optim.Adam(self.agent.parameters())
 
     def go_on(self, until: int, report: Report) -> None:
@@ -205,11 +233,16 @@ class Training:
         """
         for done in range(len(self.losses), until):
             share = done / self._iterations
-            warm, cool = min(1.0, 0.05 + 20 * share), (1 + math.cos(math.pi * share)) / 2
+            warm = min(1.0, 0.05 + 20 * share)
+            cool = (1 + math.cos(math.pi * share)) / 2
             self._optimiser.param_groups[0]["lr"] = 2e-3 * warm * cool
             self._optimiser.zero_grad()
-            found = loss(self.agent, Axes.of_training(self._count), self._periods,
-                         0.1 * 0.05**min(1.0, 1.25 * share))
+            found = loss(
+                self.agent,
+                Axes.of_training(self._count),
+                self._periods,
+                0.1 * 0.05 ** min(1.0, 1.25 * share),
+            )
             found.backward()
             nn.utils.clip_grad_norm_(self.agent.parameters(), 1.0, error_if_nonfinite=True)
             self._optimiser.step()
@@ -217,8 +250,13 @@ class Training:
             report(done, self.losses[-1])
 
 
-def trained(iterations: int, seed: int = 0, count: int = 1024, periods: int = 128,
-            report: Report = lambda *_: None) -> Agent:
+def trained(
+    iterations: int,
+    seed: int = 0,
+    count: int = 1024,
+    periods: int = 128,
+    report: Report = lambda *_: None,
+) -> Agent:
     """The better of two agents that learn, by their last losses; reported are iterations' numbers and losses.
 
     Some beginnings do not learn, as is to be seen after a seventh of the iterations: they are left for

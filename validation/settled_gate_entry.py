@@ -41,10 +41,14 @@ from validation.settled_gate import (
 from validation.settled_gate_agent import Agent, Axes, Memory, flown, trained
 
 AGENT = "agent.safetensors"
-GAINS, BIASES = (0.3, 0.4, 0.5, 1.0, 1.5, 2.0), (0.0, 0.1, 0.2, 0.25, 0.3)
+GAINS = (0.3, 0.4, 0.5, 1.0, 1.5, 2.0)
+BIASES = (0.0, 0.1, 0.2, 0.25, 0.3)
 """Of the table of single axes."""
-PUBLISHED = {"end-to-end GRU + PPO": (0.0, 0.0, 0.0, 0.0), "RMA student": (97.8, 94.4, 0.0, 0.0),
-             "RMA + disturbance observer": (97.2, 96.8, 59.4, 0.0)}
+PUBLISHED = {
+    "end-to-end GRU + PPO": (0.0, 0.0, 0.0, 0.0),
+    "RMA student": (97.8, 94.4, 0.0, 0.0),
+    "RMA + disturbance observer": (97.2, 96.8, 59.4, 0.0),
+}
 """% settled by class (paper/benchmark/tables/tab_battery.tex)."""
 
 
@@ -52,7 +56,9 @@ class ThreeAxes:
     """One agent of one axis for each of three."""
 
     def __init__(self, agent: Agent, name: str = "by axis") -> None:
-        self.name, self._agent, self._memory = name, agent, None
+        self.name = name
+        self._agent = agent
+        self._memory = None
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -61,10 +67,13 @@ class ThreeAxes:
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`: the turn so far is shared out by its rotation vector."""
-        angle, spin = (torch.from_numpy(np.concatenate(x)).float() for x in (
-            turns(state, goal), state.w.columns()))
-        self._memory = (Memory.begin(spin) if self._memory is None else
-                        self._agent(self._memory, angle, spin))
+        angle, spin = (
+            torch.from_numpy(np.concatenate(x)).float()
+            for x in (turns(state, goal), state.w.columns())
+        )
+        self._memory = (
+            Memory.begin(spin) if self._memory is None else self._agent(self._memory, angle, spin)
+        )
         return nozzles(self._memory.command.numpy().reshape(3, -1).T)
 
 
@@ -79,8 +88,13 @@ class Train:
 
     def run(self) -> None:
         """Says how far it is."""
-        agent = trained(self.iterations, self.seed, report=lambda done, loss: sys.stderr.write(
-            f"\r{done + 1} of {self.iterations} iterations; loss {loss:.3f} "))
+        agent = trained(
+            self.iterations,
+            self.seed,
+            report=lambda done, loss: sys.stderr.write(
+                f"\r{done + 1} of {self.iterations} iterations; loss {loss:.3f} "
+            ),
+        )
         self.run_folder.mkdir(parents=True, exist_ok=True)
         save_file(agent.state_dict(), self.run_folder / AGENT)
 
@@ -103,7 +117,9 @@ class Fly:
 
         move = fly
         if self.drake:
-            from rans.reference.flight import fly_in_drake as move  # Drake is imported where it flies
+            from rans.reference.flight import (
+                fly_in_drake as move,
+            )  # Drake is imported where it flies
         result: dict[str, dict[Class, Estimate]] = {}
         for kind in CLASSES:
             each, begun = battery(kind, self.faults, self.seeds)
@@ -116,11 +132,21 @@ class Fly:
         for name, numbers in PUBLISHED.items():
             table.add_row(f"{name} (published)", *map("{:.1f}".format, numbers))
         Console().print(table)
-        write_json(self.output, {"settled": {name: {kind: vars(x) for kind, x in row.items()}
-                                             for name, row in result.items()},
-                                 "alone": {str(folder): alone(saved(folder), self.faults * self.seeds)
-                                           for folder in self.run_folders},
-                                 "faults": self.faults, "seeds": self.seeds, "environment": environment()})
+        write_json(
+            self.output,
+            {
+                "settled": {
+                    name: {kind: vars(x) for kind, x in row.items()} for name, row in result.items()
+                },
+                "alone": {
+                    str(folder): alone(saved(folder), self.faults * self.seeds)
+                    for folder in self.run_folders
+                },
+                "faults": self.faults,
+                "seeds": self.seeds,
+                "environment": environment(),
+            },
+        )
         return result
 
     def _controllers(self, each: Faults) -> Iterator[Controller]:
@@ -144,10 +170,14 @@ def alone(agent: Agent, count: int) -> list[list[float]]:
     Of moments and starts of the benchmark's test, and either sign of both.
     """
     torch.manual_seed(0)
-    gain, bias = (x.flatten().repeat_interleave(count) for x in torch.meshgrid(
-        torch.tensor(GAINS), torch.tensor(BIASES), indexing="ij"))
-    unit, sign = torch.rand(3, len(gain)), 2.0 * torch.randint(2, (2, len(gain))) - 1.0
-    least, most = 0.7 * min(MOMENTS), 2.3 * max(MOMENTS)
+    gain, bias = (
+        x.flatten().repeat_interleave(count)
+        for x in torch.meshgrid(torch.tensor(GAINS), torch.tensor(BIASES), indexing="ij")
+    )
+    unit = torch.rand(3, len(gain))
+    sign = 2.0 * torch.randint(2, (2, len(gain))) - 1.0
+    least = 0.7 * min(MOMENTS)
+    most = 2.3 * max(MOMENTS)
     axes = Axes(least + (most - least) * unit[0], sign[0] * gain, sign[1] * bias)
     angles = flown(agent, axes, 1.17 * (2.0 * unit[1] - 1.0), 0.05 * (2.0 * unit[2] - 1.0))
     behind = (angles[-DWELL:].abs() <= GATE).all(dim=0).double()
@@ -157,14 +187,23 @@ def alone(agent: Agent, count: int) -> list[list[float]]:
 def in_document(docs: Path) -> markdown.Table:
     """The table of faults.md: single axes by gain and bias, of the first agent."""
     cells = next(iter(read_json(docs / "validation" / "settled-gate.json")["alone"].values()))
-    rows = [(f"{gain:g}", *(f"{x:.1f}" for x in row)) for gain, row in zip(GAINS, cells, strict=True)]
-    return markdown.Table("faults.md", "python -m validation.settled_gate_entry fly", (
-        "gain", *(f"bias {bias:g}" for bias in BIASES)), rows, "")
+    rows = [
+        (f"{gain:g}", *(f"{x:.1f}" for x in row)) for gain, row in zip(GAINS, cells, strict=True)
+    ]
+    return markdown.Table(
+        "faults.md",
+        "python -m validation.settled_gate_entry fly",
+        ("gain", *(f"bias {bias:g}" for bias in BIASES)),
+        rows,
+        "",
+    )
 
 
 def sound(faults: Faults) -> Faults:
     """What a controller believes that knows of no fault."""
-    return Faults(np.ones_like(faults.inertia), np.ones_like(faults.gain), np.zeros_like(faults.bias))
+    return Faults(
+        np.ones_like(faults.inertia), np.ones_like(faults.gain), np.zeros_like(faults.bias)
+    )
 
 
 def main() -> None:

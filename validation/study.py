@@ -56,8 +56,9 @@ LAYERS: dict[str, Layer] = {
     "accelerations": lambda s: acceleration_checks(s.craft, s.seed, s.states),
     "period": lambda s: period_checks(s.craft, s.seed, s.states),
     "disturbances": lambda s: disturbance_checks(s.craft, s.seed, s.states),
-    "invariants": lambda s: invariant_checks(s.craft, s.seed, s.states,
-                                             VALIDATION_SUBSTEPS[s.craft.dimension]),
+    "invariants": lambda s: invariant_checks(
+        s.craft, s.seed, s.states, VALIDATION_SUBSTEPS[s.craft.dimension]
+    ),
     "oracles": lambda s: oracle_checks(s.craft, s.seed, s.states),
     "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
     "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
@@ -66,8 +67,11 @@ LAYERS: dict[str, Layer] = {
     "readings": lambda s: reading_checks(s.craft, s.seed),
     "onsets": lambda s: onset_checks(s.craft, s.seed),
     "tasks": lambda s: task_checks(s.craft),
-    "conditions": lambda s: () if s.conditions is None else condition_checks(
-        s.craft, s.conditions, s.seed, s.flights // 8),
+    "conditions": lambda s: (
+        ()
+        if s.conditions is None
+        else condition_checks(s.craft, s.conditions, s.seed, s.flights // 8)
+    ),
 }
 """Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
 look."""
@@ -83,9 +87,14 @@ FULL_LAYERS: dict[str, Layer] = LAYERS | {
 """With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""
 
 
-def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | None = None,
-          progress: Callable[[str, int], object] = lambda _name, _count: None,
-          conditions: Conditions | None = None) -> Study:
+def study(
+    craft: Spacecraft,
+    seed: int = 0,
+    quick: bool = False,
+    layer: str | None = None,
+    progress: Callable[[str, int], object] = lambda _name, _count: None,
+    conditions: Conditions | None = None,
+) -> Study:
     """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
 
     Args:
@@ -112,23 +121,38 @@ def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | No
         begun = time.perf_counter()
         found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
         seconds[name] = round(time.perf_counter() - begun, 2)
-    settings = {"spacecraft": craft.name, "seed": seed, "quick": quick, "states": scope.states,
-                "flights": scope.flights, "seconds": round(time.perf_counter() - started, 2),
-                "layers": seconds}
-    return Study(f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
-                  tuple(x for x in found if isinstance(x, Check)), settings,
-                  tuple(x for x in found if isinstance(x, Skipped)),
-                  tuple(x for x in found if isinstance(x, Curve)))
+    settings = {
+        "spacecraft": craft.name,
+        "seed": seed,
+        "quick": quick,
+        "states": scope.states,
+        "flights": scope.flights,
+        "seconds": round(time.perf_counter() - started, 2),
+        "layers": seconds,
+    }
+    return Study(
+        f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
+        tuple(x for x in found if isinstance(x, Check)),
+        settings,
+        tuple(x for x in found if isinstance(x, Skipped)),
+        tuple(x for x in found if isinstance(x, Curve)),
+    )
 
 
-def _chosen(layer: str | None, layers: dict[str, Layer], conditions: Conditions | None) -> dict[str, Layer]:
+def _chosen(
+    layer: str | None, layers: dict[str, Layer], conditions: Conditions | None
+) -> dict[str, Layer]:
     if conditions is None:
         layers = {name: look for name, look in layers.items() if name != "conditions"}
         if layer == "conditions":
-            raise ConfigError("the layer conditions needs some to fly under, as in --conditions lab.")
+            raise ConfigError(
+                "the layer conditions needs some to fly under, as in --conditions lab."
+            )
     if layer is None:
         return layers
     if layer not in layers:
-        raise ConfigError(f"there is no layer named {brief(layer)}{meant(layer, layers)}; known are "
-                          f"{', '.join(layers)}.")
+        raise ConfigError(
+            f"there is no layer named {brief(layer)}{meant(layer, layers)}; known are "
+            f"{', '.join(layers)}."
+        )
     return {layer: layers[layer]}

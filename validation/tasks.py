@@ -41,8 +41,14 @@ _REWARDS = {
     # With the knob in the middle, prices are 0.5 * sqrt(8 / 0.5) = 2 times as high.
     "go-to-pose-priced": 2 * _NEAR + _APPROACH + _TURN - 2 * 0.02 * 2,
 }
-_FLAGS = {"go-to-position": 0.0, "go-to-pose": 1.0, "track-velocity": 2.0, "track-twist": 3.0,
-          "track-velocity-heading": 4.0, "go-to-pose-priced": 1.0}
+_FLAGS = {
+    "go-to-position": 0.0,
+    "go-to-pose": 1.0,
+    "track-velocity": 2.0,
+    "track-twist": 3.0,
+    "track-velocity-heading": 4.0,
+    "go-to-pose-priced": 1.0,
+}
 _KNOB = 0.5
 _REASON = "The sum of the documented terms: rounding."
 _AXIS = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -68,9 +74,14 @@ class Moment:
     def data(self) -> Mapping[str, tuple[float, ...]]:
         """What each task shows of it."""
         pose = self.way + self.turn
-        return {"go-to-position": self.way, "go-to-pose": pose, "track-velocity": self.faster,
-                "track-twist": self.faster + self.spin, "track-velocity-heading": self.faster + self.turn,
-                "go-to-pose-priced": (*pose, _KNOB)}
+        return {
+            "go-to-position": self.way,
+            "go-to-pose": pose,
+            "track-velocity": self.faster,
+            "track-twist": self.faster + self.spin,
+            "track-velocity-heading": self.faster + self.turn,
+            "go-to-pose-priced": (*pose, _KNOB),
+        }
 
 
 def task_checks(craft: Spacecraft) -> Iterator[Check]:
@@ -84,20 +95,34 @@ def task_checks(craft: Spacecraft) -> Iterator[Check]:
 def _in_plane() -> Moment:
     state = PlanarState(Vec2(0.15, -0.2), Heading(0.75), Vec2(0.03, -0.04), -0.2)
     goal = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.33, 0.36), 0.3)
-    return Moment(state, goal, (cos(0.75), sin(0.75), 0.03, -0.04, -0.2), (-0.15, 0.2),
-                  (cos(0.25), sin(0.25)), (0.3, 0.4), (0.5,))
+    return Moment(
+        state,
+        goal,
+        (cos(0.75), sin(0.75), 0.03, -0.04, -0.2),
+        (-0.15, 0.2),
+        (cos(0.25), sin(0.25)),
+        (0.3, 0.4),
+        (0.5,),
+    )
 
 
 def _in_space() -> Moment:
     attitude = Rotation.from_rotvec([0.4, -0.9, 0.7])
     turn = Rotation.from_rotvec(0.25 * _AXIS)
     spin = 0.2 * np.array([1.0, 2.0, -2.0]) / 3.0
-    state = SpatialState(Vec3(0.09, -0.12, 0.2), _quat(attitude), Vec3(0.03, -0.04, 0.0), Vec3(*spin))
-    goal = SpatialState(Vec3(0.0, 0.0, 0.0), _quat(attitude * turn), Vec3(0.33, 0.36, 0.0),
-                        Vec3(*(spin + 0.5 * _AXIS)))
+    state = SpatialState(
+        Vec3(0.09, -0.12, 0.2), _quat(attitude), Vec3(0.03, -0.04, 0.0), Vec3(*spin)
+    )
+    goal = SpatialState(
+        Vec3(0.0, 0.0, 0.0),
+        _quat(attitude * turn),
+        Vec3(0.33, 0.36, 0.0),
+        Vec3(*(spin + 0.5 * _AXIS)),
+    )
     own = (*_two_rows(attitude), 0.03, -0.04, 0.0, *spin)
-    return Moment(state, goal, own, (-0.09, 0.12, -0.2), _two_rows(turn), (0.3, 0.4, 0.0),
-                  tuple(0.5 * _AXIS))
+    return Moment(
+        state, goal, own, (-0.09, 0.12, -0.2), _two_rows(turn), (0.3, 0.4, 0.0), tuple(0.5 * _AXIS)
+    )
 
 
 def _reward_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
@@ -105,17 +130,32 @@ def _reward_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
         paid = _arrived(craft, TASKS[name](), moment).reward
         yield _gap(f"tasks: reward of {name}", paid, expected, _REASON)
     several = MultiTask()
-    paid = [float(_arrived(craft, several, moment, (_FLAGS[name],)).reward) - _REWARDS[name]
-            for name in several.parts()]
-    yield Check("tasks: reward of multi-task", max(map(abs, paid)), 1e-12, "-",
-                "That of the task which was drawn.")
+    paid = [
+        float(_arrived(craft, several, moment, (_FLAGS[name],)).reward) - _REWARDS[name]
+        for name in several.parts()
+    ]
+    yield Check(
+        "tasks: reward of multi-task",
+        max(map(abs, paid)),
+        1e-12,
+        "-",
+        "That of the task which was drawn.",
+    )
     # One valve has opened and one has shut since the step before; speeds are 0.05 m/s and 0.2 rad/s.
     dear = GoToPose(thrust_weight=0.3, switching_weight=0.1, speed_weight=2.0, spin_weight=0.7)
     prices = 0.3 * 2 + 0.1 * 2 + 2.0 * 0.05 + 0.7 * 0.2
-    yield _gap("tasks: prices", _arrived(craft, dear, moment).reward,
-               _REWARDS["go-to-pose"] + 0.02 * 2 - prices, _REASON)
-    yield _gap("tasks: reward where sensors err", _misled(craft, moment).reward, _REWARDS["go-to-pose"],
-               "Rewards are of the true state, whatever sensors say.")
+    yield _gap(
+        "tasks: prices",
+        _arrived(craft, dear, moment).reward,
+        _REWARDS["go-to-pose"] + 0.02 * 2 - prices,
+        _REASON,
+    )
+    yield _gap(
+        "tasks: reward where sensors err",
+        _misled(craft, moment).reward,
+        _REWARDS["go-to-pose"],
+        "Rewards are of the true state, whatever sensors say.",
+    )
 
 
 def _sight_check(craft: Spacecraft, moment: Moment) -> Check:
@@ -133,8 +173,14 @@ def _sight_check(craft: Spacecraft, moment: Moment) -> Check:
         if not apart <= worst:
             worst = apart
             where = name
-    return Check("tasks: observations", worst, 1e-12, "SI", "Documented columns in their order: rounding.",
-                 where)
+    return Check(
+        "tasks: observations",
+        worst,
+        1e-12,
+        "SI",
+        "Documented columns in their order: rounding.",
+        where,
+    )
 
 
 def _end_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
@@ -142,28 +188,48 @@ def _end_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
     task = GoToPose()
     direction = (0.6, 0.8) if craft.dimension == 2 else (0.6, 0.8, 0.0)
     kind = type(moment.state.p)
-    at = {far: _arrived(craft, task, replace(moment, state=replace(
-        moment.state, p=kind(*(far * x for x in direction)), attitude=moment.goal.attitude)))
-        for far in (0.049, 0.051, 7.99, 8.01)}
+    at = {
+        far: _arrived(
+            craft,
+            task,
+            replace(
+                moment,
+                state=replace(
+                    moment.state,
+                    p=kind(*(far * x for x in direction)),
+                    attitude=moment.goal.attitude,
+                ),
+            ),
+        )
+        for far in (0.049, 0.051, 7.99, 8.01)
+    }
     failed = [bool(at[far].terminated) for far in at] != [False, False, False, True]
     reached = [bool(at[far].reached) for far in at] != [True, False, False, False]
     yield _right("tasks: failing beyond 8 m", not failed)
     yield _right("tasks: reached within 5 cm", not reached)
     tracking = TASKS["track-twist"]()
-    spins = [_arrived(craft, tracking, replace(moment, state=_spinning(moment.state, rate))).terminated
-             for rate in (5.9, 6.1)]
+    spins = [
+        _arrived(craft, tracking, replace(moment, state=_spinning(moment.state, rate))).terminated
+        for rate in (5.9, 6.1)
+    ]
     yield _right("tasks: tracking fails beyond 6 rad/s", [bool(x) for x in spins] == [False, True])
     ends = [bool(_arrived(craft, task, moment, clock=clock).truncated) for clock in (0, 123, 124)]
     yield _right("tasks: cut off after 125 control periods", ends == [False, False, True])
 
 
-def _arrived(craft: Spacecraft, task: Task, moment: Moment, notes: tuple[float, ...] | None = None,
-             clock: int = 0) -> Outcome:
+def _arrived(
+    craft: Spacecraft,
+    task: Task,
+    moment: Moment,
+    notes: tuple[float, ...] | None = None,
+    clock: int = 0,
+) -> Outcome:
     """One control period that ends in the state: the first and third valve open, the second one before."""
     goal = _noted(task, moment.goal) if notes is None else replace(moment.goal, notes=notes)
     episode = Episode(moment.state, goal, clock=clock, commands=(_valves(craft, 0, 1),))
-    return step(World(craft, task, Timing()), episode, _valves(craft, 0, 2), None,
-                lambda *_: moment.state)
+    return step(
+        World(craft, task, Timing()), episode, _valves(craft, 0, 2), None, lambda *_: moment.state
+    )
 
 
 def _misled(craft: Spacecraft, moment: Moment) -> Outcome:

@@ -20,8 +20,9 @@ from rans.scenario import each, scenarios
 from rans.tasks import Task
 
 
-def time_optimal(craft: Spacecraft, task: Task, timing: Timing, seed: int, count: int,
-                 workers: int | None = None) -> dict[str, np.ndarray]:
+def time_optimal(
+    craft: Spacecraft, task: Task, timing: Timing, seed: int, count: int, workers: int | None = None
+) -> dict[str, np.ndarray]:
     """Every metric of the relaxed time-optimal trajectories, one value per start.
 
     Args:
@@ -39,9 +40,12 @@ def time_optimal(craft: Spacecraft, task: Task, timing: Timing, seed: int, count
     [trajectories] = solve_all(craft, task, [MinimumTime()], starts, workers)
     lost = [k for k, trajectory in enumerate(trajectories) if not trajectory.solved]
     if lost:
-        raise SolverFailed(f"no time-optimal trajectory was found from the starts {lost} of seed {seed}; the "
-                           f"first ended with {trajectories[lost[0]].status}.")
-    found = [{sample.name: sample.values for sample in samples(episode(craft, task, timing, *pair))}
-             for pair in zip(each(starts), trajectories, strict=True)]
+        raise SolverFailed(
+            f"no time-optimal trajectory was found from the starts {lost} of seed {seed}; the "
+            f"first ended with {trajectories[lost[0]].status}."
+        )
+    found = [
+        {sample.name: sample.values for sample in samples(episode(craft, task, timing, *pair))}
+        for pair in zip(each(starts), trajectories, strict=True)
+    ]
     return {name: np.concatenate([values[name] for values in found]) for name in found[0]}
-

@@ -15,8 +15,14 @@ from torch.distributions import Bernoulli
 
 import rans  # registers the environments
 
-N_ENVS, N_STEPS, EPOCHS, MINIBATCHES = 128, 64, 4, 4
-GAMMA, LAMBDA, CLIP, RATE = 0.98, 0.95, 0.2, 1e-3
+N_ENVS = 128
+N_STEPS = 64
+EPOCHS = 4
+MINIBATCHES = 4
+GAMMA = 0.98
+LAMBDA = 0.95
+CLIP = 0.2
+RATE = 1e-3
 
 
 def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
@@ -32,10 +38,13 @@ def train(steps: int) -> list[float]:
     """Mean reward of a step in every rollout."""
     torch.manual_seed(0)
     envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=N_ENVS)
-    width, valves = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
-    actor, critic = network(width, valves, 0.01), network(width, 1, 1.0)
+    width = envs.single_observation_space.shape[0]
+    valves = envs.single_action_space.shape[0]
+    actor = network(width, valves, 0.01)
+    critic = network(width, 1, 1.0)
     weights = [*actor.parameters(), *critic.parameters()]
-    adam, updates = torch.optim.Adam(weights, RATE, eps=1e-5), max(1, steps // (N_ENVS * N_STEPS))
+    adam = torch.optim.Adam(weights, RATE, eps=1e-5)
+    updates = max(1, steps // (N_ENVS * N_STEPS))
     seen, _ = envs.reset(seed=0)
     told = []
     for update in range(updates):
@@ -43,16 +52,20 @@ def train(steps: int) -> list[float]:
         rows: list[tuple[Tensor, ...]] = []
         with torch.no_grad():
             for _ in range(N_STEPS):
-                policy, value = Bernoulli(logits=actor(seen)), critic(seen)[:, 0]
+                policy = Bernoulli(logits=actor(seen))
+                value = critic(seen)[:, 0]
                 action = policy.sample()
                 after, reward, terminated, truncated, info = envs.step(action)
                 # Time that runs out is no end of the task: what would have followed counts.
                 rest = critic(info["final_obs"])[:, 0] * truncated
                 said = policy.log_prob(action).sum(1)
-                rows.append((seen, action, said, value, reward + GAMMA * rest, terminated | truncated))
+                rows.append(
+                    (seen, action, said, value, reward + GAMMA * rest, terminated | truncated)
+                )
                 seen = after
             told.append(float(torch.stack([row[4] for row in rows]).mean()))
-            follows, advantages = critic(seen)[:, 0], []
+            follows = critic(seen)[:, 0]
+            advantages = []
             advantage = torch.zeros(N_ENVS)
             for _, _, _, value, reward, over in reversed(rows):
                 error = reward + GAMMA * follows * ~over - value
@@ -64,11 +77,17 @@ def train(steps: int) -> list[float]:
     return told
 
 
-def learn(actor: nn.Module, critic: nn.Module, adam: torch.optim.Optimizer, rows: list[Tensor],
-          advantages: Tensor) -> None:
+def learn(
+    actor: nn.Module,
+    critic: nn.Module,
+    adam: torch.optim.Optimizer,
+    rows: list[Tensor],
+    advantages: Tensor,
+) -> None:
     """Some passes over a rollout in minibatches."""
     seen, action, before, value = rows[:4]
-    returns, weights = advantages + value, adam.param_groups[0]["params"]
+    returns = advantages + value
+    weights = adam.param_groups[0]["params"]
     for _ in range(EPOCHS):
         for some in torch.randperm(len(seen)).chunk(MINIBATCHES):
             policy = Bernoulli(logits=actor(seen[some]))

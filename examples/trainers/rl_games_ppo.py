@@ -31,24 +31,63 @@ class Valves(vecenv.IVecEnv):
     def get_env_info(self) -> dict[str, Any]:
         """The spaces."""
         valves = [Discrete(2)] * self.envs.single_action_space.shape[0]
-        return {"action_space": Tuple(valves), "observation_space": self.envs.single_observation_space}
+        return {
+            "action_space": Tuple(valves),
+            "observation_space": self.envs.single_observation_space,
+        }
 
 
 def config(steps: int) -> dict[str, Any]:
     """As rl_games reads it from YAML."""
-    return {"params": {
-        "seed": 0, "algo": {"name": "a2c_discrete"}, "model": {"name": "multi_discrete_a2c"},
-        "network": {"name": "actor_critic", "separate": False, "space": {"multi_discrete": {}},
-                    "mlp": {"units": [64, 64], "activation": "tanh", "initializer": {"name": "default"}}},
-        "config": {
-            "name": "rans", "env_name": "rans", "device": "cpu", "device_name": "cpu", "num_actors": 128,
-            "horizon_length": 64, "minibatch_size": 2048, "mini_epochs": 4, "gamma": 0.98, "tau": 0.95,
-            "learning_rate": 1e-3, "lr_schedule": "adaptive", "kl_threshold": 0.016, "e_clip": 0.2,
-            "clip_value": True, "critic_coef": 1.0, "entropy_coef": 0.0, "grad_norm": 1.0, "ppo": True,
-            "truncate_grads": True, "normalize_input": True, "normalize_value": True, "value_bootstrap": True,
-            "normalize_advantage": True, "reward_shaper": {"scale_value": 0.1}, "score_to_win": 1e9,
-            "max_epochs": max(1, steps // (128 * 64)), "save_best_after": 10**9, "save_frequency": 0,
-            "torch_compile": False}}}
+    return {
+        "params": {
+            "seed": 0,
+            "algo": {"name": "a2c_discrete"},
+            "model": {"name": "multi_discrete_a2c"},
+            "network": {
+                "name": "actor_critic",
+                "separate": False,
+                "space": {"multi_discrete": {}},
+                "mlp": {
+                    "units": [64, 64],
+                    "activation": "tanh",
+                    "initializer": {"name": "default"},
+                },
+            },
+            "config": {
+                "name": "rans",
+                "env_name": "rans",
+                "device": "cpu",
+                "device_name": "cpu",
+                "num_actors": 128,
+                "horizon_length": 64,
+                "minibatch_size": 2048,
+                "mini_epochs": 4,
+                "gamma": 0.98,
+                "tau": 0.95,
+                "learning_rate": 1e-3,
+                "lr_schedule": "adaptive",
+                "kl_threshold": 0.016,
+                "e_clip": 0.2,
+                "clip_value": True,
+                "critic_coef": 1.0,
+                "entropy_coef": 0.0,
+                "grad_norm": 1.0,
+                "ppo": True,
+                "truncate_grads": True,
+                "normalize_input": True,
+                "normalize_value": True,
+                "value_bootstrap": True,
+                "normalize_advantage": True,
+                "reward_shaper": {"scale_value": 0.1},
+                "score_to_win": 1e9,
+                "max_epochs": max(1, steps // (128 * 64)),
+                "save_best_after": 10**9,
+                "save_frequency": 0,
+                "torch_compile": False,
+            },
+        }
+    }
 
 
 def train(steps: int) -> Runner:

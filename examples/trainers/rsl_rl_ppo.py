@@ -14,21 +14,38 @@ from tensordict import TensorDict
 import rans  # registers the environments
 
 CONFIG: dict[str, Any] = {
-    "num_steps_per_env": 64, "save_interval": 10_000,
+    "num_steps_per_env": 64,
+    "save_interval": 10_000,
     "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
-    "actor": {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "tanh",
-              "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 1.0}},
+    "actor": {
+        "class_name": "MLPModel",
+        "hidden_dims": [64, 64],
+        "activation": "tanh",
+        "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 1.0},
+    },
     "critic": {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "tanh"},
-    "algorithm": {"class_name": "PPO", "gamma": 0.98, "lam": 0.95, "learning_rate": 1e-3, "entropy_coef": 0.0,
-                  "num_learning_epochs": 4, "num_mini_batches": 4, "desired_kl": 0.016,
-                  "schedule": "adaptive"}}
+    "algorithm": {
+        "class_name": "PPO",
+        "gamma": 0.98,
+        "lam": 0.95,
+        "learning_rate": 1e-3,
+        "entropy_coef": 0.0,
+        "num_learning_epochs": 4,
+        "num_mini_batches": 4,
+        "desired_kl": 0.016,
+        "schedule": "adaptive",
+    },
+}
 
 
 class Valves(VecEnv):
     """The glue."""
 
     def __init__(self, envs: Any) -> None:
-        self.envs, self.num_envs, self.device, self.cfg = envs, envs.num_envs, envs.device, {}
+        self.envs = envs
+        self.num_envs = envs.num_envs
+        self.device = envs.device
+        self.cfg = {}
         self.num_actions = envs.single_action_space.shape[0]
         self.max_episode_length = envs.spec.max_episode_steps
         self.episode_length_buf = torch.zeros(envs.num_envs, dtype=torch.long, device=envs.device)
@@ -38,7 +55,9 @@ class Valves(VecEnv):
         """What is seen now."""
         return TensorDict({"policy": self.seen}, [self.num_envs])
 
-    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def step(
+        self, actions: torch.Tensor
+    ) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Open where positive."""
         self.seen, reward, terminated, truncated, _ = self.envs.step(actions > 0)
         return self.get_observations(), reward, terminated | truncated, {"time_outs": truncated}

@@ -6,7 +6,11 @@ import argparse
 
 import gymnasium
 import torch
-from tensordict.nn import ProbabilisticTensorDictModule, ProbabilisticTensorDictSequential, TensorDictModule
+from tensordict.nn import (
+    ProbabilisticTensorDictModule,
+    ProbabilisticTensorDictSequential,
+    TensorDictModule,
+)
 from torch.distributions import Bernoulli, Independent
 from torchrl.envs import GymWrapper
 from torchrl.modules import MLP, ValueOperator
@@ -15,7 +19,10 @@ from torchrl.objectives.value import GAE
 
 import rans  # registers the environments
 
-N_ENVS, N_STEPS, EPOCHS, MINIBATCHES = 128, 64, 4, 4
+N_ENVS = 128
+N_STEPS = 64
+EPOCHS = 4
+MINIBATCHES = 4
 
 
 def valves(logits: torch.Tensor) -> Independent:
@@ -32,17 +39,26 @@ def train(steps: int) -> list[float]:
     layers = {"num_cells": [64, 64], "activation_class": torch.nn.Tanh}
     policy = ProbabilisticTensorDictSequential(
         TensorDictModule(MLP(out_features=count, **layers), ["observation"], ["logits"]),
-        ProbabilisticTensorDictModule(["logits"], ["action"], distribution_class=valves, return_log_prob=True,
-                                      default_interaction_type="random"))
+        ProbabilisticTensorDictModule(
+            ["logits"],
+            ["action"],
+            distribution_class=valves,
+            return_log_prob=True,
+            default_interaction_type="random",
+        ),
+    )
     critic = ValueOperator(MLP(out_features=1, **layers), in_keys=["observation"])
     state = env.reset()
     critic(policy(state.clone()))  # makes their weights
-    advantage, loss = GAE(gamma=0.98, lmbda=0.95, value_network=critic), ClipPPOLoss(policy, critic)
-    adam, told = torch.optim.Adam(loss.parameters(), 1e-3), []
+    advantage = GAE(gamma=0.98, lmbda=0.95, value_network=critic)
+    loss = ClipPPOLoss(policy, critic)
+    adam = torch.optim.Adam(loss.parameters(), 1e-3)
+    told = []
     for _ in range(max(1, steps // (N_ENVS * N_STEPS))):
         with torch.no_grad():
-            rollout = env.rollout(N_STEPS, policy, auto_reset=False, tensordict=state,
-                                  break_when_any_done=False)
+            rollout = env.rollout(
+                N_STEPS, policy, auto_reset=False, tensordict=state, break_when_any_done=False
+            )
             state = env.step_mdp(rollout[:, -1])
             advantage(rollout)
         told.append(float(rollout["next", "reward"].mean()))

@@ -19,8 +19,24 @@ from rans.registry import trust_files
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
-COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
-            "stress", "assure", "report", "export", "validate", "benchmark", "faults", "tune", "list")
+COMMANDS = (
+    "train",
+    "sweep",
+    "evaluate",
+    "follow",
+    "view",
+    "optimal",
+    "compare",
+    "stress",
+    "assure",
+    "report",
+    "export",
+    "validate",
+    "benchmark",
+    "faults",
+    "tune",
+    "list",
+)
 
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
@@ -38,7 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     if sys.stdout is None:  # a process without one, as Python has it where it was closed
         with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
             return main(arguments)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # which may know fewer letters than tables have, as in ASCII
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # which may know fewer letters than tables have, as in ASCII
         sys.stdout.reconfigure(errors="replace")
     try:
         with warnings.catch_warnings():
@@ -57,18 +75,31 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         return _end(f"rans: {error}.", 2)
     except UnicodeEncodeError as error:  # a file's name, of bytes that are no letters
-        return _end(f"rans: {brief(error.object)} cannot be written in {error.encoding}; rename the file or "
-                    "the folder that is called so.", 2)
+        return _end(
+            f"rans: {brief(error.object)} cannot be written in {error.encoding}; rename the file or "
+            "the folder that is called so.",
+            2,
+        )
     except OverflowError as error:
         return _end(f"rans: a number is too large to compute with: {error}.", 2)
-    except (MemoryError, RuntimeError) as error:  # torch has its own for a GPU, and a sentence for a CPU
-        name, line = type(error).__name__, first_line(error)
-        if (isinstance(error, MemoryError) or name == "OutOfMemoryError"
-                or "DefaultCPUAllocator: can't allocate memory" in str(error)):
+    except (
+        MemoryError,
+        RuntimeError,
+    ) as error:  # torch has its own for a GPU, and a sentence for a CPU
+        name = type(error).__name__
+        line = first_line(error)
+        if (
+            isinstance(error, MemoryError)
+            or name == "OutOfMemoryError"
+            or "DefaultCPUAllocator: can't allocate memory" in str(error)
+        ):
             return _end(f"rans: out of memory, fewer at once may do: {line}.", 2)
         if name == "InductorError" and line.startswith("ImportError: "):
-            return _end(f"rans: torch's compiler cannot load what it has kept: {line}. The usual cause is a "
-                        "process that writes it, or was ended as it did: try again, or delete that file.", 2)
+            return _end(
+                f"rans: torch's compiler cannot load what it has kept: {line}. The usual cause is a "
+                "process that writes it, or was ended as it did: try again, or delete that file.",
+                2,
+            )
         raise
 
 
@@ -89,7 +120,9 @@ def _run(arguments: list[str]) -> int:
         print(f"rans {package_version('rans')}")
         return 0
     for word in arguments:
-        if any(unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word):  # which tyro would repeat
+        if any(
+            unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word
+        ):  # which tyro would repeat
             raise ConfigError(f"an option has characters that command terminals: {brief(word)}.")
     _tell_of_options_twice(arguments)
     command = _parse(arguments or ["--help"])
@@ -116,14 +149,26 @@ def _parse(arguments: list[str]) -> Any:
     from rans.cli.numbers import registry
 
     if not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
-        raise ConfigError(f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
-                          f"commands are {', '.join(COMMANDS)}.")
+        raise ConfigError(
+            f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
+            f"commands are {', '.join(COMMANDS)}."
+        )
     # Not list(COMMANDS): once it is imported, `list` is the module of the command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
-    commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
-    parse = partial(tyro.extras.subcommand_cli_from_dict, commands, args=arguments, prog="rans",
-                    description=_ABOUT, registry=registry())
-    if arguments[0].startswith("--tyro-"):  # completion, which takes every line of a text for a word
+    commands = {
+        c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted
+    }
+    parse = partial(
+        tyro.extras.subcommand_cli_from_dict,
+        commands,
+        args=arguments,
+        prog="rans",
+        description=_ABOUT,
+        registry=registry(),
+    )
+    if arguments[0].startswith(
+        "--tyro-"
+    ):  # completion, which takes every line of a text for a word
         from rans.cli.helped import explain
 
         explain(commands.values())

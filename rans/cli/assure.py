@@ -82,7 +82,9 @@ class Assure:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
         if self.search:
             unit(self.search)  # a wrong name is told before anything flies
-        episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
+        episodes = (
+            _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
+        )
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(self.agent, self.conditions, planned, self.seed, command_line())
         if self.plan:
@@ -109,8 +111,14 @@ class Assure:
 
         from rans.fast.distributed import join
 
-        device = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
-        campaign, written, processes = assurance.campaign, time.monotonic(), join(device, apart=True)
+        device = (
+            ("cuda" if torch.cuda.is_available() else "cpu")
+            if self.device == "auto"
+            else self.device
+        )
+        campaign = assurance.campaign
+        written = time.monotonic()
+        processes = join(device, apart=True)
         if not processes.is_first:
             assurance.fly(device, lambda _: None, lambda: None, processes)
             return False
@@ -153,16 +161,22 @@ def _show(assurance: Assurance, file: Path) -> None:
     if assurance.searched and assurance.searched.breaking and has_drake():
         from rans.show.view import View
 
-        view, worst = View(), f"{file.stem}-worst-case.html"
+        view = View()
+        worst = f"{file.stem}-worst-case.html"
         view.show([assurance.searched.breaking.flight])
         view.save(file.with_name(worst))
     page(assurance, worst).write(file.with_suffix(".html"))
-    console, campaign = Terminal(room=100), assurance.campaign
+    console = Terminal(room=100)
+    campaign = assurance.campaign
     table = counts(found)
     words = ["any failure", *(kind.name.lower().replace("_", " ") for kind in Failure)]
-    console.show(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}", table.columns,
-                 table.rows, [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
-                 "A wider terminal says what each of them means, as the page does.")
+    console.show(
+        f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
+        table.columns,
+        table.rows,
+        [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
+        "A wider terminal says what each of them means, as the page does.",
+    )
     console.say(verdict(found))
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
@@ -179,8 +193,22 @@ def _show(assurance: Assurance, file: Path) -> None:
 
 def _print_plan(assurance: Assurance) -> None:
     plan = assurance.campaign.plan
-    rows = [(f"{look.flights:,}", f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
-             f"{look.high_level:.2g}", f"{look.low_level:.2g}") for look in plan.looks]
-    Terminal(room=100).show(f"At {plan.confidence:g} confidence", (
-        "flights", "failures that show the bound", "chance of error, at most", "chance of error, at least"),
-        rows)
+    rows = [
+        (
+            f"{look.flights:,}",
+            f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
+            f"{look.high_level:.2g}",
+            f"{look.low_level:.2g}",
+        )
+        for look in plan.looks
+    ]
+    Terminal(room=100).show(
+        f"At {plan.confidence:g} confidence",
+        (
+            "flights",
+            "failures that show the bound",
+            "chance of error, at most",
+            "chance of error, at least",
+        ),
+        rows,
+    )

@@ -74,8 +74,11 @@ class Benchmark:
     def _measure(self, console: Terminal, device: str, found: list[Measurement]) -> None:
         from validation.speed.suite import effort, measurements
 
-        crafts, task = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task]()
-        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        crafts = [load_spacecraft(name) for name in self.spacecraft]
+        task = TASKS[self.task]()
+        usual = (
+            (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        )
         sizes = self.num_envs or ((1024,) if self.quick else usual)
         with console.status("measuring ...") as status:
             for m in measurements(crafts, self.task, task, sizes, effort(device, self.quick)):
@@ -83,7 +86,9 @@ class Benchmark:
                 gc.collect()  # engines hang in reference cycles, and with them the device's memory
                 status.update(f"measured {m.name}")
 
-    def _compare(self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]) -> None:
+    def _compare(
+        self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]
+    ) -> None:
         """Peers, and ratios over them."""
         from validation.peers.runner import default_folder
         from validation.speed.ratios import compare_peers
@@ -93,12 +98,23 @@ class Benchmark:
             return
         folder = self.peer_folder or default_folder()
         with console.status("measuring peers ...") as status:
-            for peer, ratios in compare_peers(effort(device, self.quick), folder, self.quick, lambda name: (
-                    status.update(f"measuring {name}, and ours; it may have to be installed ..."))):
+            for peer, ratios in compare_peers(
+                effort(device, self.quick),
+                folder,
+                self.quick,
+                lambda name: status.update(
+                    f"measuring {name}, and ours; it may have to be installed ..."
+                ),
+            ):
                 found.append((peer, ratios))
 
-    def _show(self, console: Terminal, device: str, measured: list[Measurement],
-              compared: list[tuple[PeerResult, list[Ratio]]]) -> None:
+    def _show(
+        self,
+        console: Terminal,
+        device: str,
+        measured: list[Measurement],
+        compared: list[tuple[PeerResult, list[Ratio]]],
+    ) -> None:
         """Print what there is, and write it; nothing, where nothing was measured."""
         import torch
 
@@ -107,33 +123,59 @@ class Benchmark:
 
         if not measured:
             return
-        peers, ratios = [peer for peer, _ in compared], [ratio for _, some in compared for ratio in some]
+        peers = [peer for peer, _ in compared]
+        ratios = [ratio for _, some in compared for ratio in some]
         shares = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
         # The first column of a table never breaks, and names are long.
-        console.print(table(_hardware(about), ("value", "ratio", "of"),
-                            [(f"{r.value:,.3g}", r.name, r.note) for r in (*ratios, *shares)]))
-        console.print(table("", ("", "measurement", "value", "unit", "warm-up", "note"),
-                            map(_measured, measured)))
+        console.print(
+            table(
+                _hardware(about),
+                ("value", "ratio", "of"),
+                [(f"{r.value:,.3g}", r.name, r.note) for r in (*ratios, *shares)],
+            )
+        )
+        console.print(
+            table(
+                "",
+                ("", "measurement", "value", "unit", "warm-up", "note"),
+                map(_measured, measured),
+            )
+        )
         if peers:
-            console.print(table("", ("peer", "version", "environments", "M steps/s", "task", "command"),
-                                map(_peer, peers)))
+            console.print(
+                table(
+                    "",
+                    ("peer", "version", "environments", "M steps/s", "task", "command"),
+                    map(_peer, peers),
+                )
+            )
             console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
         if self.output is not None:
             self._write(self.output, about, measured, shares, peers, ratios)
 
-    def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
-               peers: list[PeerResult], ratios: list[Ratio]) -> None:
+    def _write(
+        self,
+        file: Path,
+        about: dict[str, str],
+        measured: list[Measurement],
+        shares: list[Ratio],
+        peers: list[PeerResult],
+        ratios: list[Ratio],
+    ) -> None:
         from rans.show.svg import svg
         from validation.peers.unmeasured import UNMEASURED
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {
-            "ratios": [asdict(r) for r in (*ratios, *shares)], "measurements": [asdict(m) for m in measured],
+            "ratios": [asdict(r) for r in (*ratios, *shares)],
+            "measurements": [asdict(m) for m in measured],
             "peers": [asdict(p) for p in peers],
-            "unmeasured": [asdict(u) for u in UNMEASURED] if peers else [], "environment": about,
-            "command": command_line()}
+            "unmeasured": [asdict(u) for u in UNMEASURED] if peers else [],
+            "environment": about,
+            "command": command_line(),
+        }
         write_json(file, content)
         figure = file.with_suffix(".svg")
         write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))
@@ -141,8 +183,10 @@ class Benchmark:
 
 
 def _hardware(about: dict[str, str]) -> str:
-    return (f"{about['device']} ({about['processor']}, {about['cores']} cores, {about['threads']} "
-            f"threads), torch {about['torch']}, rans {about['rans']}")
+    return (
+        f"{about['device']} ({about['processor']}, {about['cores']} cores, {about['threads']} "
+        f"threads), torch {about['torch']}, rans {about['rans']}"
+    )
 
 
 def _measured(m: Measurement) -> tuple[str, ...]:
@@ -153,13 +197,21 @@ def _measured(m: Measurement) -> tuple[str, ...]:
 def _peer(p: PeerResult) -> tuple[str, ...]:
     theirs = p.figures
     rate = theirs.get("steps_per_s") or theirs.get("trained_steps_per_s")
-    return (p.package, theirs.get("version", "-"), f"{theirs['num_envs']:,}" if theirs else "-",
-            f"{rate / 1e6:,.4g}" if rate else "-", theirs.get("task") or p.reason, p.command)
+    return (
+        p.package,
+        theirs.get("version", "-"),
+        f"{theirs['num_envs']:,}" if theirs else "-",
+        f"{rate / 1e6:,.4g}" if rate else "-",
+        theirs.get("task") or p.reason,
+        p.command,
+    )
 
 
 def _check_compiler() -> None:
     """On a CPU torch compiles the engine with the system's C++ compiler; nothing else here needs one."""
     compiler = os.environ.get("CXX") or ("clang++" if sys.platform == "darwin" else "g++")
     if shutil.which(compiler) is None:
-        raise ConfigError(f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
-                          "training works without one, only this measurement does not; --quick does too.")
+        raise ConfigError(
+            f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
+            "training works without one, only this measurement does not; --quick does too."
+        )

@@ -35,7 +35,9 @@ class Compare:
     """Run folders, pretrained:NAME, either after lookahead:, CONTROLLER:TASK-2d (see `rans list`),
     sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are
     compared with it."""
-    beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = BESIDE
+    beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = (
+        BESIDE
+    )
     """Who joins them: simple controllers, and the best that is possible."""
     conditions: str | None = None
     """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
@@ -70,15 +72,22 @@ class Compare:
         from rans.evaluation.fly.contestants import output_folder
 
         self._check()
-        named = [turned(spec, self.positions) if self.front else [spec] for spec in self.contestants]
+        named = [
+            turned(spec, self.positions) if self.front else [spec] for spec in self.contestants
+        ]
         contest = contest_of(named[0][0], self.episodes, self.seed, self.engine, self.conditions)
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)
-        between = {spec: flying.pop(spec) for line in named for spec in line[1:-1]
-                   if spec in flying and spec not in self.contestants}
+        between = {
+            spec: flying.pop(spec)
+            for line in named
+            for spec in line[1:-1]
+            if spec in flying and spec not in self.contestants
+        }
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
         with kept(partial(_write, comparison, folder)), progress() as bars:
+
             def track(what: str, count: int) -> Callable[..., None]:
                 return partial(bars.advance, bars.add_task(what, total=count))
 
@@ -96,7 +105,9 @@ class Compare:
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:
-            raise ConfigError(f"--positions must be >= 2, the ends of the knob, got {self.positions}.")
+            raise ConfigError(
+                f"--positions must be >= 2, the ends of the knob, got {self.positions}."
+            )
         if not self.budget >= 0:
             raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")
         check_count("--episodes", self.episodes)
@@ -108,26 +119,40 @@ def _write(comparison: Comparison, folder: Path) -> None:
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
-    console, board = Terminal(), scoreboard(comparison)
+    console = Terminal()
+    board = scoreboard(comparison)
     if not (comparison.entries or comparison.failures):
-        console.say(f"Nobody has flown yet: {folder / 'compare.html'} and compare.json stay as they were.")
+        console.say(
+            f"Nobody has flown yet: {folder / 'compare.html'} and compare.json stay as they were."
+        )
         return
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison, command_line()).write(folder / "compare.html")
     if board:
         keys = dict.fromkeys(key for row in board.values() for key in row)
+
         def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
             return [(key, *(text(row[key]) for row in board.values())) for key in keys]
 
-        console.show(comparison.contest.title(), ("", *board), cells(lambda one: one.text()),
-                     cells(lambda one: figure(one.value)), "A wider terminal shows intervals too.")
+        console.show(
+            comparison.contest.title(),
+            ("", *board),
+            cells(lambda one: one.text()),
+            cells(lambda one: figure(one.value)),
+            "A wider terminal shows intervals too.",
+        )
     if found := gaps(comparison):
         starts = counted(len(comparison.certified_starts()), "start")
-        console.show(f"Median multiple of the bound of the same event, {starts}",
-                     ("event", *gap_names(found)), gap_rows(found))
+        console.show(
+            f"Median multiple of the bound of the same event, {starts}",
+            ("event", *gap_names(found)),
+            gap_rows(found),
+        )
     if board and (front := comparison.front):
-        console.show(f"Front of time and impulse, bounds of {counted(len(front.starts()), 'start')}",
-                     *front_tables.table(front))
+        console.show(
+            f"Front of time and impulse, bounds of {counted(len(front.starts()), 'start')}",
+            *front_tables.table(front),
+        )
         for sentence in front_tables.sentences(front):
             console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):

@@ -69,7 +69,9 @@ class Evaluate:
         from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
-        passed = [replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)]
+        passed = [
+            replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)
+        ]
         return 0 if all(passed) else 1
 
     def judge(self) -> bool:
@@ -96,7 +98,8 @@ class Evaluate:
         if self.engine == "both":
             comparison = compare_engines(flights["fast"], flights["drake"])
             console.print(comparison.table())
-            results["both"], passed = comparison.to_json(), comparison.passed
+            results["both"] = comparison.to_json()
+            passed = comparison.passed
         Terminal().say(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
         return passed
 
@@ -104,8 +107,12 @@ class Evaluate:
         """Whether flights are too many to be kept, and can be judged without."""
         from rans.evaluation.fly.agent import Agent
 
-        return (self.episodes > _KEPT and self.engine == "fast" and not self.trajectories
-                and isinstance(run.controller, Agent))
+        return (
+            self.episodes > _KEPT
+            and self.engine == "fast"
+            and not self.trajectories
+            and isinstance(run.controller, Agent)
+        )
 
     def _judge_many(self, run: LoadedRun) -> None:
         """Print and write what verdicts tell."""
@@ -123,16 +130,26 @@ class Evaluate:
         with progress() as bars:
             step = partial(bars.advance, bars.add_task("fast engine", total=self.episodes))
             verdicts = flights.fly(0, self.episodes, self.seed, step)
-        metrics, console = measure_many(verdicts, run.controller.name, run.judged), Terminal(room=ROOM)
+        metrics = measure_many(verdicts, run.controller.name, run.judged)
+        console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {run.conditions.description or self.conditions}.")
         console.print(metrics.table(console.width))
-        listed = [{"episode": int(number), "failure": Failure(kind).name}
-                  for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)]
+        listed = [
+            {"episode": int(number), "failure": Failure(kind).name}
+            for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)
+        ]
         folder, suffix = self._place(run)
         file = folder / f"evaluation-many{suffix}.json"
-        write_json(file, {"many": metrics.to_json(), "failures": listed, "conditions": self._conditions(run),
-                          "about": _about()})
+        write_json(
+            file,
+            {
+                "many": metrics.to_json(),
+                "failures": listed,
+                "conditions": self._conditions(run),
+                "about": _about(),
+            },
+        )
         Terminal().say(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
@@ -140,16 +157,22 @@ class Evaluate:
         from rans.evaluation.fly.judge import EngineName, flown
         from rans.evaluation.measure.metrics import outran
 
-        engines: tuple[EngineName, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
+        engines: tuple[EngineName, ...] = (
+            ("fast", "drake") if self.engine == "both" else (self.engine,)
+        )
         flights = {}
         with progress() as bars:
             for engine in engines:
                 step = partial(bars.advance, bars.add_task(f"{engine} engine", total=self.episodes))
-                flights[engine], stopped = flown(run.controller, run.judged, self.seed, self.episodes, engine,
-                                                 progress=step)
+                flights[engine], stopped = flown(
+                    run.controller, run.judged, self.seed, self.episodes, engine, progress=step
+                )
                 if stopped:
-                    bars.console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
-                                       "times; the plan before was flown on.", soft_wrap=True)
+                    bars.console.print(
+                        f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
+                        "times; the plan before was flown on.",
+                        soft_wrap=True,
+                    )
                 if engine == "fast" and (said := outran(flights[engine])):
                     bars.console.print(f"rans: warning: {said}", soft_wrap=True)
         return flights
@@ -160,7 +183,8 @@ class Evaluate:
         from rans.show.figures import save_flight_figures
 
         folder, suffix = self._place(run)
-        file, conditions = self._file(run), self._conditions(run)
+        file = self._file(run)
+        conditions = self._conditions(run)
         with one_at_a_time(folder):
             before = read_json(file) if file.exists() else {}
             if not isinstance(before, dict) or before.get("conditions") != conditions:
@@ -190,8 +214,12 @@ class Evaluate:
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Under which results are comparable."""
-        given = {"contestant": self.contestant, "protocol": self.protocol, "episodes": self.episodes,
-                 "seed": self.seed}
+        given = {
+            "contestant": self.contestant,
+            "protocol": self.protocol,
+            "episodes": self.episodes,
+            "seed": self.seed,
+        }
         return given if run.conditions is None else given | {"conditions": asdict(run.conditions)}
 
 

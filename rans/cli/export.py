@@ -42,15 +42,19 @@ class Export:
         check_count("--episodes", self.episodes)
         folder = agent_folder(self.run_folder)
         if part := picked_task(self.run_folder):
-            raise ConfigError("an agent leaves whole, with its knob and all its tasks as observations: name "
-                              f"it without #{part}.")
+            raise ConfigError(
+                "an agent leaves whole, with its knob and all its tasks as observations: name "
+                f"it without #{part}."
+            )
         if folder.parent == FOLDER and self.format == "sb3":
             raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
         card = export(folder, self.output, self.format, self.episodes)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
         from rans.terminal import Terminal
 
-        Terminal().say(f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB.")
+        Terminal().say(
+            f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB."
+        )
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its figures, of {card['episodes']:,} flights.")
         return 0

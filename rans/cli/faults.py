@@ -47,9 +47,14 @@ class Faults:
         found = _looked_at(craft)
         rows = [(f"{_NUMBERS[count]} {kind}", *_row(sets)) for (kind, count), sets in found.items()]
         columns = "fault", "recoverable", "least margin", "not recoverable"
-        Terminal().print(table(
-            f"{craft.name}: recoverable faults", columns, rows,
-            "Margin: how far the others stay from always shut and always open while they hold still."))
+        Terminal().print(
+            table(
+                f"{craft.name}: recoverable faults",
+                columns,
+                rows,
+                "Margin: how far the others stay from always shut and always open while they hold still.",
+            )
+        )
         if self.picture is not None:
             from rans.drawing import save_picture
             from rans.show.faults_figure import faults_figure
@@ -66,14 +71,26 @@ def _looked_at(craft: Spacecraft) -> dict[tuple[FaultKind, int], list[FaultSet]]
 
     kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
     wanted: list[tuple[FaultKind, int]] = [
-        (kind, count) for kind in kinds for count in (1, 2) if count < len(craft.thrusters)]
+        (kind, count) for kind in kinds for count in (1, 2) if count < len(craft.thrusters)
+    ]
     with progress() as bars:
-        return {(kind, count): list(bars.track(
-            fault_sets(craft, count, kind), math.comb(len(craft.thrusters), count),
-            description=f"{_NUMBERS[count]} {kind}")) for kind, count in wanted}
+        return {
+            (kind, count): list(
+                bars.track(
+                    fault_sets(craft, count, kind),
+                    math.comb(len(craft.thrusters), count),
+                    description=f"{_NUMBERS[count]} {kind}",
+                )
+            )
+            for kind, count in wanted
+        }
 
 
 def _row(sets: list[FaultSet]) -> tuple[str, str, str]:
     good = [one.margin for one in sets if one.recoverable]
     lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
-    return f"{len(good)} of {len(sets)}", f"{min(good):.1%}" if good else "", ", ".join(lost) or "none"
+    return (
+        f"{len(good)} of {len(sets)}",
+        f"{min(good):.1%}" if good else "",
+        ", ".join(lost) or "none",
+    )

@@ -51,7 +51,9 @@ class Follow:
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         tracker, craft, task, timing, _ = contestant(self.contestant)
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.label}.json"
-        following = follow(craft, task, tracker, planner, timing, self.seed, self.flights, self.engine)
+        following = follow(
+            craft, task, tracker, planner, timing, self.seed, self.flights, self.engine
+        )
         Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))

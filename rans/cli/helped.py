@@ -20,7 +20,9 @@ class _Page(io.TextIOWrapper):
     """Is printed later, on what stands for the output now: in its letters and colours."""
 
     def __init__(self) -> None:
-        super().__init__(io.BytesIO(), encoding=(sys.stdout.encoding or "utf-8").lower(), errors="replace")
+        super().__init__(
+            io.BytesIO(), encoding=(sys.stdout.encoding or "utf-8").lower(), errors="replace"
+        )
         self.isatty = sys.stdout.isatty
 
 
@@ -43,9 +45,12 @@ def explain(commands: Iterable[type]) -> None:
     from typing_extensions import Doc
 
     for described in commands:
-        hints, texts = get_type_hints(described, include_extras=True), meanings(described)
-        described.__annotations__ = {name: Annotated[hint, Doc(texts[name])] if name in texts else hint
-                                     for name, hint in hints.items()}
+        hints = get_type_hints(described, include_extras=True)
+        texts = meanings(described)
+        described.__annotations__ = {
+            name: Annotated[hint, Doc(texts[name])] if name in texts else hint
+            for name, hint in hints.items()
+        }
 
 
 def _wrapped(line: str, width: int) -> str:

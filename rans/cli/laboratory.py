@@ -15,6 +15,8 @@ def enter() -> None:
     beside ``rans`` (decision 015).
     """
     here = Path(rans.__file__).parent
-    place = str(next(one for one in (here / "laboratory", here.parent) if (one / "validation").is_dir()))
+    place = str(
+        next(one for one in (here / "laboratory", here.parent) if (one / "validation").is_dir())
+    )
     if sys.path[:1] != [place]:
         sys.path.insert(0, place)

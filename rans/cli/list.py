@@ -53,8 +53,10 @@ class List:
         """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
         kind = self._kind()
         if self.picture is not None and kind != "spacecraft":
-            raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
-                              f"rans list floating-platform --picture {self.picture}.")
+            raise ConfigError(
+                f"--picture {self.picture} draws one spacecraft: name it, for example "
+                f"rans list floating-platform --picture {self.picture}."
+            )
         if self.picture is not None:
             from rans.drawing import draw_layout, save_picture
 
@@ -84,8 +86,12 @@ class List:
         if (every := f"all {name.lower()}") in _PARTS:
             return every
         known: dict[str, Iterable[str]] = {
-            "conditions": CONDITIONS, "task": TASKS, "agent": pretrained_names(), "controller": CONTROLLERS,
-            "spacecraft": spacecraft_names()}
+            "conditions": CONDITIONS,
+            "task": TASKS,
+            "agent": pretrained_names(),
+            "controller": CONTROLLERS,
+            "spacecraft": spacecraft_names(),
+        }
         for kind, names in known.items():
             if name in names:
                 return kind
@@ -97,7 +103,8 @@ class List:
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
             f"{brief(name)}{near}; `rans list` tells all; your own file of a spacecraft or of conditions "
-            "must end in .toml.")
+            "must end in .toml."
+        )
 
 
 def _kind_of_file(file: Path) -> str:
@@ -106,7 +113,9 @@ def _kind_of_file(file: Path) -> str:
         keys = read_toml(read_text(file, LARGEST_TOML)).keys()
     except ConfigError:
         return "spacecraft"
-    return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
+    return (
+        "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
+    )
 
 
 def _kind_of_object(reference: str) -> str:
@@ -136,24 +145,33 @@ def _all_spacecraft() -> Listing:
         c = SPACECRAFT[name].craft
         return space(c), f"{c.mass:g} kg", c.thrust, c.thrust_sharing
 
-    return Listing("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
-        _filled((_named(SPACECRAFT, name), *_or_why_not(row, name)), 5) for name in SPACECRAFT])
+    return Listing(
+        "Spacecraft",
+        ("name", "moves in", "mass", "thrusters", "thrust sharing"),
+        [_filled((_named(SPACECRAFT, name), *_or_why_not(row, name)), 5) for name in SPACECRAFT],
+    )
 
 
 def _all_tasks() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return _flag(TASKS[name]), _summary(TASKS[name])
 
-    return Listing("Tasks", ("name, Gymnasium ids", "flag", "what"), [
-        ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
+    return Listing(
+        "Tasks",
+        ("name, Gymnasium ids", "flag", "what"),
+        [("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS],
+    )
 
 
 def _all_conditions() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
 
-    return Listing("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
-                   [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
+    return Listing(
+        "Conditions (rans list NAME tells every number and its source)",
+        ("name", "what"),
+        [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS],
+    )
 
 
 def _all_controllers() -> str:
@@ -179,14 +197,18 @@ def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, 
 
 def _all_agents() -> Listing:
     cards = map(pretrained_card, pretrained_names())
-    return Listing("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
-        (card["name"], card["spacecraft"], _solved(card)) for card in cards])
+    return Listing(
+        "Agents (pretrained:NAME)",
+        ("name", "spacecraft", "solved"),
+        [(card["name"], card["spacecraft"], _solved(card)) for card in cards],
+    )
 
 
 def _solved(card: dict[str, Any]) -> str:
     """Share of episodes; of a multi-task agent those of its worst and its best task."""
     shares = [values["solved"][0] for values in card["evaluation"]["own"].values()]
-    low, high = min(shares), max(shares)
+    low = min(shares)
+    high = max(shares)
     return f"{low:.4g} %" if low == high else f"{low:.4g} to {high:.4g} %"
 
 
@@ -196,15 +218,26 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
     card = pretrained_card(name)
     training = card["training"]
     yield f"{name}: {card['task']} with {card['spacecraft']}, in {pretrained_folder(name)}"
-    yield (f"Trained with seed {training['seed']} for {training['steps']:,} steps in "
-           f"{training['seconds']:.1f} s on {training['device']}; judged on {card['episodes']:,} episodes of "
-           f"seed {card['evaluation_seed']}.")
+    yield (
+        f"Trained with seed {training['seed']} for {training['steps']:,} steps in "
+        f"{training['seconds']:.1f} s on {training['device']}; judged on {card['episodes']:,} episodes of "
+        f"seed {card['evaluation_seed']}."
+    )
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
-            yield Listing(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
-                (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
-                 f"{figure(low)} to {figure(high)}")
-                for metric, (*three, unit) in values.items() for value, low, high in [map(number, three)]])
+            yield Listing(
+                f"Protocol {protocol} {part}".rstrip(),
+                ("metric", "value", "95 % interval"),
+                [
+                    (
+                        metric,
+                        f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
+                        f"{figure(low)} to {figure(high)}",
+                    )
+                    for metric, (*three, unit) in values.items()
+                    for value, low, high in [map(number, three)]
+                ],
+            )
 
 
 def _spacecraft_details(name: str) -> Iterable[str | Listing]:
@@ -227,8 +260,10 @@ def _task_details(name: str) -> Iterable[str | Listing]:
 def _training_details(_: str) -> list[Listing]:
     from rans.fast.learn.config import PPOSettings
 
-    return [settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset"),
-            settings_listing(Timing(), "timing.", "Time")]
+    return [
+        settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset"),
+        settings_listing(Timing(), "timing.", "Time"),
+    ]
 
 
 def _conditions_details(name: str) -> Iterable[str]:
@@ -246,11 +281,19 @@ def _controller_details(name: str) -> Iterable[str]:
 
 
 _PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
-    "everything": _everything, "spacecraft": _spacecraft_details, "task": _task_details,
-    "all spacecraft": lambda _: [_all_spacecraft()], "all tasks": lambda _: [_all_tasks()],
-    "all agents": lambda _: [_all_agents()], "all controllers": lambda _: [_all_controllers()],
-    "all conditions": lambda _: [_all_conditions()], "conditions": _conditions_details,
-    "all training": _training_details, "controller": _controller_details, "agent": _agent_details}
+    "everything": _everything,
+    "spacecraft": _spacecraft_details,
+    "task": _task_details,
+    "all spacecraft": lambda _: [_all_spacecraft()],
+    "all tasks": lambda _: [_all_tasks()],
+    "all agents": lambda _: [_all_agents()],
+    "all controllers": lambda _: [_all_controllers()],
+    "all conditions": lambda _: [_all_conditions()],
+    "conditions": _conditions_details,
+    "all training": _training_details,
+    "controller": _controller_details,
+    "agent": _agent_details,
+}
 """What is printed of a name, by what it is of."""
 
 
@@ -265,31 +308,49 @@ def _environments(task: str) -> tuple[str, ...]:
 
 def _task_facts(name: str) -> dict[str, Any]:
     task: Any = load_task(name)
-    parts, works = task.parts(), dimensions(task)
-    return {"summary": _summary(type(task)), "gymnasium": _environments(name), "settings": asdict(task),
-            "flag": getattr(task, "flag", None),
-            "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
-            "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
-            "observation": {str(one): observation_columns(task, one) for one in works}}
+    parts = task.parts()
+    works = dimensions(task)
+    return {
+        "summary": _summary(type(task)),
+        "gymnasium": _environments(name),
+        "settings": asdict(task),
+        "flag": getattr(task, "flag", None),
+        "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
+        "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
+        "observation": {str(one): observation_columns(task, one) for one in works},
+    }
 
 
 def _spacecraft_facts(name: str) -> dict[str, Any]:
     craft = load_spacecraft(name)
-    return asdict(craft) | {"actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
-                            "wrench_map": craft.wrench_map}
+    return asdict(craft) | {
+        "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
+        "wrench_map": craft.wrench_map,
+    }
 
 
 _FACTS: dict[str, Callable[[str], Any]] = {
-    "spacecraft": _spacecraft_facts, "task": _task_facts, "agent": pretrained_card,
+    "spacecraft": _spacecraft_facts,
+    "task": _task_facts,
+    "agent": pretrained_card,
     "conditions": lambda name: asdict(load_conditions(name)),
     "controller": lambda name: {"summary": _summary(CONTROLLERS[name])},
-    "all spacecraft": lambda _: list(SPACECRAFT), "all tasks": lambda _: list(TASKS),
-    "all agents": lambda _: pretrained_names(), "all controllers": lambda _: list(CONTROLLERS),
-    "all conditions": lambda _: {name: CONDITIONS[name].conditions.description for name in CONDITIONS},
+    "all spacecraft": lambda _: list(SPACECRAFT),
+    "all tasks": lambda _: list(TASKS),
+    "all agents": lambda _: pretrained_names(),
+    "all controllers": lambda _: list(CONTROLLERS),
+    "all conditions": lambda _: {
+        name: CONDITIONS[name].conditions.description for name in CONDITIONS
+    },
     "all training": lambda _: {part.title: part.to_json() for part in _training_details("")},
     "everything": lambda _: {
-        "spacecraft": list(SPACECRAFT), "tasks": list(TASKS), "agents": pretrained_names(),
-        "conditions": list(CONDITIONS), "controllers": list(CONTROLLERS)}}
+        "spacecraft": list(SPACECRAFT),
+        "tasks": list(TASKS),
+        "agents": pretrained_names(),
+        "conditions": list(CONDITIONS),
+        "controllers": list(CONTROLLERS),
+    },
+}
 """The same as plain values."""
 
 

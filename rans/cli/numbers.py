@@ -29,19 +29,26 @@ def _one(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         return None
     name = kind.__name__.upper()
     return PrimitiveConstructorSpec(
-        nargs=1, metavar=f"{{None}}|{name}" if NoneType in types else name,
+        nargs=1,
+        metavar=f"{{None}}|{name}" if NoneType in types else name,
         instance_from_str=lambda words: (
-            None if words == ["None"] and NoneType in types else _read(kind, words[0])),
-        is_instance=lambda x: isinstance(x, (int, float, *types)), str_from_instance=lambda x: [str(x)])
+            None if words == ["None"] and NoneType in types else _read(kind, words[0])
+        ),
+        is_instance=lambda x: isinstance(x, (int, float, *types)),
+        str_from_instance=lambda x: [str(x)],
+    )
 
 
 def _many(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     if asked.type != tuple[int, ...]:
         return None
     return PrimitiveConstructorSpec(
-        nargs="*", metavar="[INT [INT ...]]", is_instance=lambda x: isinstance(x, tuple),
+        nargs="*",
+        metavar="[INT [INT ...]]",
+        is_instance=lambda x: isinstance(x, tuple),
         instance_from_str=lambda words: tuple(_read(int, word) for word in words),
-        str_from_instance=lambda x: [str(one) for one in x])
+        str_from_instance=lambda x: [str(one) for one in x],
+    )
 
 
 def _read(kind: type, word: str) -> Any:

@@ -70,26 +70,45 @@ class Optimal:
         from rans.optimal.trajectory.objectives import objective_of
 
         self._check()
-        task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
-        objective = objective_of(self.objective, self.horizon, self.control_period, self.ending,
-                                 self.intervals)
+        task = TASKS[self.task]().for_evaluation()
+        craft = load_spacecraft(self.spacecraft)
+        objective = objective_of(
+            self.objective, self.horizon, self.control_period, self.ending, self.intervals
+        )
         starts = scenarios(task, craft, self.seed, self.episodes)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         check_goal(task)  # before anything is written
         folder = ready_folder(self.output or Path("runs") / name)
-        answers = self._with_progress("optimal trajectories", lambda tick: optima(
-            craft, task, objective, starts, self.guesses, self.workers, tick))
-        Terminal().print(table(f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
-                               objective, answers))
-        about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
-                                 "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
+        answers = self._with_progress(
+            "optimal trajectories",
+            lambda tick: optima(craft, task, objective, starts, self.guesses, self.workers, tick),
+        )
+        Terminal().print(
+            table(
+                f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
+                objective,
+                answers,
+            )
+        )
+        about: dict[str, Any] = {
+            "task": self.task,
+            "spacecraft": craft.name,
+            "objective": objective.name,
+            "measure": objective.measure,
+            "ending": objective.ending,
+            "seed": self.seed,
+        }
         write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
         if self.certify:
-            about["bounds"] = [asdict(b) for b in self._bounds(craft, task, objective, starts, answers)]
+            about["bounds"] = [
+                asdict(b) for b in self._bounds(craft, task, objective, starts, answers)
+            ]
             write(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
-        Terminal().say(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-              f"{folder / 'optimal.json'} and optimal.npz.")
+        Terminal().say(
+            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
+            f"{folder / 'optimal.json'} and optimal.npz."
+        )
         return 1 if lost else 0
 
     def _check(self) -> None:
@@ -100,15 +119,22 @@ class Optimal:
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
-    def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
-                answers: list[Optimum]) -> list[Bound]:
+    def _bounds(
+        self,
+        craft: Spacecraft,
+        task: Task,
+        objective: Objective,
+        starts: Scenario,
+        answers: list[Optimum],
+    ) -> list[Bound]:
         """Of the trajectories' event, and of settling where that is a time; print them too."""
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.scenario import each
         from rans.tasks.goal_set import aims
 
-        period, effort = self.control_period, Effort(self.certify_seconds)
+        period = self.control_period
+        effort = Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
         costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
         asked = {bounds.Event(horizon=horizon): (objective.measure, costs)}
@@ -118,9 +144,21 @@ class Optimal:
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         every: list[Bound] = []
         for event, (measure, beside) in asked.items():
-            questions = [bounds.question(craft, task, period, event, effort, one) for one in each(starts)]
-            found = [answer for _, answer in sorted(self._with_progress("bounds", lambda tick, q=questions: [
-                *bounds.bounds(q, range(self.episodes), self.workers, tick)]), key=lambda pair: pair[0])]
+            questions = [
+                bounds.question(craft, task, period, event, effort, one) for one in each(starts)
+            ]
+            found = [
+                answer
+                for _, answer in sorted(
+                    self._with_progress(
+                        "bounds",
+                        lambda tick, q=questions: [
+                            *bounds.bounds(q, range(self.episodes), self.workers, tick)
+                        ],
+                    ),
+                    key=lambda pair: pair[0],
+                )
+            ]
             told = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
             Terminal().print(bounds.table(told, measure, found, beside))
             every += found

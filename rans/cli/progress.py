@@ -34,10 +34,16 @@ class TrainingProgress(Progress):
 
     def __init__(self, total: int, terms: bool = False) -> None:
         console = Terminal(stderr=True)
-        super().__init__(BarColumn(bar_width=_BAR), TextColumn("{task.description}"), console=console,
-                         disable=not console.is_terminal)
-        self._bar, self._total = self.add_task("compiling and warming up ...", total=total), total
-        self._plain, self._terms = NowAndThen(), terms
+        super().__init__(
+            BarColumn(bar_width=_BAR),
+            TextColumn("{task.description}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._bar = self.add_task("compiling and warming up ...", total=total)
+        self._total = total
+        self._plain = NowAndThen()
+        self._terms = terms
 
     def show(self, row: dict[str, Any]) -> None:
         """Show the newest row."""
@@ -55,12 +61,17 @@ def describe(row: dict[str, Any], total: int) -> str:
     """Steps, success, return, speed, and the longest that training can still take (h:mm:ss)."""
     reward = sum(value for key, value in row.items() if key.startswith("return/"))
     left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
-    return (f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return {reward:.0f}, "
-            f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left")
+    return (
+        f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return {reward:.0f}, "
+        f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left"
+    )
 
 
 def describe_terms(row: dict[str, Any]) -> str:
     """The return by term."""
-    terms = " ".join(f"{key.removeprefix('return/')} {value:.0f}" for key, value in row.items()
-                     if key.startswith("return/"))
+    terms = " ".join(
+        f"{key.removeprefix('return/')} {value:.0f}"
+        for key, value in row.items()
+        if key.startswith("return/")
+    )
     return f"return of {row['steps'] / 1e6:.2f} M steps: {terms}"

@@ -22,7 +22,8 @@ class Report:
         """Write report.html into the run folder and print a summary."""
         from rans.show.report import report_from_run
 
-        report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
+        report = report_from_run(self.run_folder)
+        file = self.run_folder / "report.html"
         report.write(file)
         Terminal().print(report.summary())
         Terminal().say(f"The report is {file}.")

@@ -71,7 +71,9 @@ class Stress:
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
         stress = prepared(contest, self.contestants, sets, self.only, self.slow_episodes)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        inside(folder, "stress")  # where conditions are written: a link is told before anybody flies
+        inside(
+            folder, "stress"
+        )  # where conditions are written: a link is told before anybody flies
         flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         report = StressReport(stress, folder, self.worst, command_line())
         with kept(partial(_show, report)), progress() as bars:
@@ -81,17 +83,26 @@ class Stress:
 
 
 def _show(report: StressReport) -> None:
-    console, stress = Terminal(), report.stress
+    console = Terminal()
+    stress = report.stress
     if stress.outcomes:
         report.write()
-        console.show(report.title(), ("held, %", *stress.names),
-                     [[cell or "-" for cell in row] for row in report.named_rows()])
+        console.show(
+            report.title(),
+            ("held, %", *stress.names),
+            [[cell or "-" for cell in row] for row in report.named_rows()],
+        )
         if stress.effects:
-            console.show("Size of a trouble up to which 99 % are held", report.effect_columns(),
-                         report.effect_rows())
+            console.show(
+                "Size of a trouble up to which 99 % are held",
+                report.effect_columns(),
+                report.effect_rows(),
+            )
         for world, who, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
             console.say(f"{who}, {world}, episode {episode} ({errors}): {command}")
     for sentence in (*report.notes(), *stress.failures):
         console.say(sentence)
     if stress.outcomes:
-        console.say(f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress.")
+        console.say(
+            f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress."
+        )

@@ -65,20 +65,26 @@ class Sweep:
         """Train with progress and print a table; 130 when it was stopped early."""
         compile_in_this_process()
         sweep = self._trainings()
-        folder, first, plain = sweep.path, sweep.processes.is_first, NowAndThen()
+        folder = sweep.path
+        first = sweep.processes.is_first
+        plain = NowAndThen()
         with StopGently() as stop:
-            sweep.train(lambda batch: plain.say(f"sweep: {describe(sweep, batch)}") if first else None,
-                        lambda: stop.asked)
+            sweep.train(
+                lambda batch: plain.say(f"sweep: {describe(sweep, batch)}") if first else None,
+                lambda: stop.asked,
+            )
         if not first:
             return 130 if stop.asked else 0
         _save(sweep, folder)
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
-        text = (f"{'Stopped' if stop.asked else 'Done'}: {solved} of "
-                f"{counted(len(sweep.members), 'member')} solved, {sweep.seconds:.1f} s "
-                f"of training ({rate:,.0f} steps/s of all together), "
-                f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best.")
+        text = (
+            f"{'Stopped' if stop.asked else 'Done'}: {solved} of "
+            f"{counted(len(sweep.members), 'member')} solved, {sweep.seconds:.1f} s "
+            f"of training ({rate:,.0f} steps/s of all together), "
+            f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
+        )
         if stop.asked:
             text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
         Terminal().say(text)
@@ -93,9 +99,13 @@ class Sweep:
 
         if self.resume is not None:
             if replace(self, resume=None, trust=False) != Sweep():
-                raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
+                raise ConfigError(
+                    "--resume takes everything from the sweep's folder; give nothing else."
+                )
             configs, command, parts = read_configs(self.resume)
-            return Trainings(configs, self.resume, command, join(configs[0].device, apart=True), parts)
+            return Trainings(
+                configs, self.resume, command, join(configs[0].device, apart=True), parts
+            )
         config, *_ = configs = list(self._configs())
         if self.output is not None and self.output.exists():
             raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
@@ -108,11 +118,21 @@ class Sweep:
         if self.seeds < 1:
             raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
         if self.seeds > 1 and any(text.startswith("seed=") for text in self.set):
-            raise ConfigError(f"--set seed=... would train the same {self.seeds} times; add --seeds 1.")
+            raise ConfigError(
+                f"--set seed=... would train the same {self.seeds} times; add --seeds 1."
+            )
         for changes in itertools.product(*map(_changes, self.set)):
             for seed in range(self.seeds):
-                yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps,
-                            self.conditions, set=changes, config=self.config).resolved()
+                yield Train(
+                    self.task,
+                    self.spacecraft,
+                    seed,
+                    self.device,
+                    self.total_timesteps,
+                    self.conditions,
+                    set=changes,
+                    config=self.config,
+                ).resolved()
 
 
 def _changes(text: str) -> list[str]:
@@ -131,11 +151,22 @@ def _save(sweep: Trainings, folder: Path) -> None:
     from rans.show.sweep_figure import sweep_figure
 
     best = sweep.best()
-    rows = [{"member": number} | row for number, member in enumerate(sweep.members) for row in member.rows]
+    rows = [
+        {"member": number} | row
+        for number, member in enumerate(sweep.members)
+        for row in member.rows
+    ]
     write_text(folder / "metrics.jsonl", "".join(json.dumps(plain(row)) + "\n" for row in rows))
-    write_json(folder / "sweep.json", {
-        "command": sweep.command, "environment": environment(), "seconds": sweep.seconds,
-        "best": sweep.members.index(best), "members": sweep.results()})
+    write_json(
+        folder / "sweep.json",
+        {
+            "command": sweep.command,
+            "environment": environment(),
+            "seconds": sweep.seconds,
+            "best": sweep.members.index(best),
+            "members": sweep.results(),
+        },
+    )
     write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
     agent = inside(folder, "best")
     shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
@@ -147,19 +178,42 @@ def _table(sweep: Trainings) -> Table:
     from rans.evaluation.measure.metrics import DISPLAY
     from rans.fast.learn.sweep import short
 
-    results, best = sweep.results(), sweep.members.index(sweep.best())
-    errors = {name: DISPLAY[name.rsplit("/", 1)[1]] for name in results[0] if name.startswith("error/")}
+    results = sweep.results()
+    best = sweep.members.index(sweep.best())
+    errors = {
+        name: DISPLAY[name.rsplit("/", 1)[1]] for name in results[0] if name.startswith("error/")
+    }
     heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
     varied = [short(name).replace("_", "\n") for name in sweep.varied]
-    table = Table("seed", *varied, "solved", "steps\nM", "time\ns", "success\n%", "duty\n%",
-                  *heads, box=None, padding=(0, 1, 0, 0))
+    table = Table(
+        "seed",
+        *varied,
+        "solved",
+        "steps\nM",
+        "time\ns",
+        "success\n%",
+        "duty\n%",
+        *heads,
+        box=None,
+        padding=(0, 1, 0, 0),
+    )
     for row in results:
         ended = "diverged" if row["diverged"] else "yes" if row["solved"] else "no"
         choice = [json.dumps(row[name], separators=(",", ":")) for name in sweep.varied]
-        numbers = [row["steps"] / 1e6, row["seconds"], 100.0 * row["success"], 100.0 * row["duty"],
-                   *(factor * row[name] for name, (factor, _) in errors.items())]
-        table.add_row(str(row["seed"]), *choice, ended, *(f"{number:.2f}" for number in numbers),
-                      style="bold" if row["member"] == best else None)
+        numbers = [
+            row["steps"] / 1e6,
+            row["seconds"],
+            100.0 * row["success"],
+            100.0 * row["duty"],
+            *(factor * row[name] for name, (factor, _) in errors.items()),
+        ]
+        table.add_row(
+            str(row["seed"]),
+            *choice,
+            ended,
+            *(f"{number:.2f}" for number in numbers),
+            style="bold" if row["member"] == best else None,
+        )
     return table
 
 
@@ -168,5 +222,7 @@ def describe(sweep: Trainings, batch: Sequence[Member]) -> str:
     last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
     solved = sum(member.solved for member in sweep.members)
     success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]
-    return (f"{last['steps'] / 1e6:.2f} M steps each, {solved} of {len(sweep.members)} solved, "
-            f"median success {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s")
+    return (
+        f"{last['steps'] / 1e6:.2f} M steps each, {solved} of {len(sweep.members)} solved, "
+        f"median success {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s"
+    )

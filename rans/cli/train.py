@@ -85,9 +85,11 @@ class Train:
         if self.resume is not None:
             if replace(self, resume=None, view=False, terms=False, log=(), trust=False) != Train():
                 file = self.resume / "config.json"
-                raise ConfigError("--resume takes everything from the run folder; give nothing else. To "
-                                  f"train longer, raise total_timesteps in {file} (and make solved_share "
-                                  f"null, if it is solved); to change more, begin anew with --config {file}.")
+                raise ConfigError(
+                    "--resume takes everything from the run folder; give nothing else. To "
+                    f"train longer, raise total_timesteps in {file} (and make solved_share "
+                    f"null, if it is solved); to change more, begin anew with --config {file}."
+                )
             run = RunFolder(self.resume)
             config = run.config()
             trainer = Trainer([config], run.spacecraft(), run, join(config.device))
@@ -109,11 +111,16 @@ class Train:
         from rans.model.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
-            raise ConfigError(f"--config {self.config} says what to train; leave out {brief(self.task)}.")
+            raise ConfigError(
+                f"--config {self.config} says what to train; leave out {brief(self.task)}."
+            )
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
-        begun = (read_config(self.config) if self.config else
-                 training(str(self.task), self.spacecraft or "floating-platform", self.device))
+        begun = (
+            read_config(self.config)
+            if self.config
+            else training(str(self.task), self.spacecraft or "floating-platform", self.device)
+        )
         table = json.loads(json.dumps(to_table(begun)))
         if self.config is not None and self.spacecraft is None:
             SPACECRAFT.check_file(table["spacecraft"], self.config)
@@ -125,7 +132,11 @@ class Train:
         for change in self.set:
             _change(table, change)
         config = from_table(table)
-        if self.config is not None and self.spacecraft is None and config.spacecraft == begun.spacecraft:
+        if (
+            self.config is not None
+            and self.spacecraft is None
+            and config.spacecraft == begun.spacecraft
+        ):
             _check_unchanged(config.spacecraft, self.config)
         return config
 
@@ -155,9 +166,13 @@ class Train:
         showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
         others = loggers(self.log, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
-            trainer.train(lambda members: [one(members[0].rows[-1]) for one in
-                                           (progress.show, *(other.write for other in others))],
-                          lambda: stop.asked)
+            trainer.train(
+                lambda members: [
+                    one(members[0].rows[-1])
+                    for one in (progress.show, *(other.write for other in others))
+                ],
+                lambda: stop.asked,
+            )
         for other in others:
             other.close()
         if rows := trainer.run.metrics():
@@ -179,21 +194,34 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     """One paragraph: how it ended, from so many steps on, what it took, where it is."""
     path = trainer.run.path
     if trainer.steps == begun and not stopped:
-        return (f"Nothing was left to train: {path} has {begun:,} steps. To train longer, raise "
-                f"total_timesteps in {path}/config.json (and make solved_share null, if it is solved).")
-    ending = ("Stopped" if stopped else "Solved" if trainer.solved else
-              "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
+        return (
+            f"Nothing was left to train: {path} has {begun:,} steps. To train longer, raise "
+            f"total_timesteps in {path}/config.json (and make solved_share null, if it is solved)."
+        )
+    ending = (
+        "Stopped"
+        if stopped
+        else "Solved"
+        if trainer.solved
+        else "Done"
+        if trainer.config.solved_share is None
+        else "Out of steps, not solved"
+    )
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
     by_hand = trainer.learner.by_hand
     way = f", gradients in {by_hand.way}" if by_hand else ""
-    text = (f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
-            f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "
-            f"The agent is {path}/policy.zip.")
+    text = (
+        f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
+        f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "
+        f"The agent is {path}/policy.zip."
+    )
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     elif trainer.config.solved_share is not None and not trainer.solved:
-        text += (" Another --seed may solve it; what this one lives on shows "
-                 f"{shlex.join(['rans', 'report', str(path)])}.")
+        text += (
+            " Another --seed may solve it; what this one lives on shows "
+            f"{shlex.join(['rans', 'report', str(path)])}."
+        )
     return text
 
 
@@ -205,8 +233,10 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
     """
     with socket.create_server(("localhost", 0)) as free:
         port: int = free.getsockname()[1]
-    print(f"The newest agent is to be seen at http://localhost:{port} from the first checkpoint on.",
-          file=sys.stderr)
+    print(
+        f"The newest agent is to be seen at http://localhost:{port} from the first checkpoint on.",
+        file=sys.stderr,
+    )
     return beside(_watch, run, port)
 
 
@@ -232,8 +262,10 @@ def _change(table: dict[str, Any], change: str) -> None:
         inner = inner.get(parent) if isinstance(inner, dict) else None
     if not isinstance(inner, dict) or last not in inner:
         near = meant(key, _keys(table))
-        raise ConfigError(f"--set: the config has no {brief(key)}{near}; `rans list TASK` and `rans list "
-                          "TRAINING` tell its entries, and any run's config.json.")
+        raise ConfigError(
+            f"--set: the config has no {brief(key)}{near}; `rans list TASK` and `rans list "
+            "TRAINING` tell its entries, and any run's config.json."
+        )
     try:
         inner[last] = json.loads(text)
     except (ValueError, RecursionError):
@@ -251,8 +283,10 @@ def _check_unchanged(spacecraft: str, config: Path) -> None:
     except ConfigError as error:
         raise ConfigError(f"{error} {config} names it; {then}.") from error
     if now != load_spacecraft(flown):
-        raise ConfigError(f"{spacecraft} is another spacecraft now than {config} was used with: {then}, "
-                          f"--spacecraft {shlex.quote(spacecraft)} that of now.")
+        raise ConfigError(
+            f"{spacecraft} is another spacecraft now than {config} was used with: {then}, "
+            f"--spacecraft {shlex.quote(spacecraft)} that of now."
+        )
 
 
 def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:

@@ -51,27 +51,51 @@ class Tune:
 
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
-        within, craft, task = ranges(self.controller), load_spacecraft(self.spacecraft), TASKS[self.task]()
+        within = ranges(self.controller)
+        craft = load_spacecraft(self.spacecraft)
+        task = TASKS[self.task]()
         setup = Setup(craft, task.for_evaluation(), Timing())
         file = self.output or OWN / file_name(self.controller, craft, task)
         ready_folder(file.parent)
-        known = None if self.output else tuned(self.controller, setup)  # what is damaged is told before
+        known = (
+            None if self.output else tuned(self.controller, setup)
+        )  # what is damaged is told before
         with progress() as bars:
-            step = partial(bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates))
-            found = tune(self.controller, setup, self.candidates, self.starts, self.price,
-                         command_line(), step)
+            step = partial(
+                bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates)
+            )
+            found = tune(
+                self.controller,
+                setup,
+                self.candidates,
+                self.starts,
+                self.price,
+                command_line(),
+                step,
+            )
         staying = known if known and known.outlasts(found) else None
         if staying is None:
             found.write(file)
         before = defaults(CONTROLLERS[self.controller], within)
-        Terminal().print(table(
-            f"{self.controller}, {self.task}, {craft.name}: {found.budget()}",
-            ("setting", "default", "tuned"), [
-                *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
-                ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
-        Terminal().say(f"Written to {file}." if staying is None else
-                       f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
-                       "cost no more on the same; --output FILE writes these all the same.")
+        Terminal().print(
+            table(
+                f"{self.controller}, {self.task}, {craft.name}: {found.budget()}",
+                ("setting", "default", "tuned"),
+                [
+                    *(
+                        (key, f"{before[key]:.3g}", f"{value:.3g}")
+                        for key, value in found.settings.items()
+                    ),
+                    ("cost, s", *(f"{value:.3f}" for value in found.costs.values())),
+                ],
+            )
+        )
+        Terminal().say(
+            f"Written to {file}."
+            if staying is None
+            else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
+            "cost no more on the same; --output FILE writes these all the same."
+        )
         if found.candidates < self.candidates:
             raise KeyboardInterrupt
         return 0

@@ -49,15 +49,24 @@ class Validate:
                 done = bars.tasks[0].completed if bars.tasks[0].total else -1
                 bars.update(bar, total=count, completed=done + 1, description=name)
 
-            report = study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show,
-                           None if self.conditions is None else load_conditions(self.conditions))
+            report = study(
+                load_spacecraft(self.spacecraft),
+                self.seed,
+                self.quick,
+                self.layer,
+                show,
+                None if self.conditions is None else load_conditions(self.conditions),
+            )
         console.print(report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
-            console.print(verdict(False), f"{check.name} ({check.worst}). Its tolerance: {check.reason}")
+            console.print(
+                verdict(False), f"{check.name} ({check.worst}). Its tolerance: {check.reason}"
+            )
         for skipped in report.skipped:
             console.print(Text("not run", "yellow"), f"{skipped.name}: {skipped.reason}")
-        total, seconds = len(report.checks), report.settings["seconds"]
+        total = len(report.checks)
+        seconds = report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
             report.write(self.output / "validation.json")

@@ -59,18 +59,33 @@ class View:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
         check_count("--episodes", self.episodes)
         if not 0 <= self.episode < 2**31 - self.episodes:
-            raise ConfigError(f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}.")
+            raise ConfigError(
+                f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
+            )
         if self.save is not None and self.save.suffix != ".html":
-            raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
+            raise ConfigError(
+                f"--save writes a page, whose name must end in .html, got {str(self.save)!r}."
+            )
         if self.video is not None:
             from rans.show.video import check_video
 
             check_video(self.video)
         runs = [contestant(self.contestants[0]).under(self.conditions)]
-        runs += [contestant(spec, lent=runs[0].judged).under(self.conditions)
-                 for spec in self.contestants[1:]]
-        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine,
-                         first=self.episode).flight for run in runs]
+        runs += [
+            contestant(spec, lent=runs[0].judged).under(self.conditions)
+            for spec in self.contestants[1:]
+        ]
+        flights = [
+            flown(
+                run.controller,
+                run.judged,
+                self.seed,
+                self.episodes,
+                self.engine,
+                first=self.episode,
+            ).flight
+            for run in runs
+        ]
         if self.frames is not None:
             from rans.show.frames import save_frames
 
@@ -94,7 +109,9 @@ class View:
             page.save(self.save)
             Terminal().say(f"{self.save} replays {who} in any browser.")
             return
-        with contextlib.suppress(KeyboardInterrupt):  # from the first moment the sentence asks for it
+        with contextlib.suppress(
+            KeyboardInterrupt
+        ):  # from the first moment the sentence asks for it
             url = page.serve().url
             Terminal().say(f"{who}: to be seen at {url} until Ctrl-C.")
             open_browser(url)
@@ -114,6 +131,11 @@ class View:
         """What is flown: tasks, spacecraft, conditions."""
         from rans.evaluation.fly.tuned import task_name
 
-        tasks, crafts = (" and ".join(dict.fromkeys(names)) for names in (
-            (task_name(flight.task) for flight in flights), (flight.craft.name for flight in flights)))
+        tasks, crafts = (
+            " and ".join(dict.fromkeys(names))
+            for names in (
+                (task_name(flight.task) for flight in flights),
+                (flight.craft.name for flight in flights),
+            )
+        )
         return f"{tasks}, {crafts}" + (f", conditions {self.conditions}" if self.conditions else "")

@@ -20,7 +20,9 @@ from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.derived import example
 
-FLIGHTS, STEPS, GOLDEN = 64, 125, 4
+FLIGHTS = 64
+STEPS = 125
+GOLDEN = 4
 """Flights from which the columns' ranges are taken, their most steps, and those kept as golden pairs."""
 FLIGHT_SEED = 2026
 """Of their starts, which are those of training; no training or judgement uses this seed."""
@@ -28,14 +30,17 @@ DUTY_TOLERANCE = 1e-4
 """How far golden duties may be off: rounding of float32 in another order of sums is a hundredth of it."""
 _FRAMES = {
     "W": "at rest (or, on an orbit, the Hill frame: x outwards, y along the track, z across); right-handed",
-    "B": "fixed to the spacecraft: origin at its centre of mass, axes of spacecraft.toml; right-handed"}
+    "B": "fixed to the spacecraft: origin at its centre of mass, axes of spacecraft.toml; right-handed",
+}
 
 
 class Recorder:
     """A controller that keeps every observation that it is shown."""
 
     def __init__(self, controller: Agent) -> None:
-        self.name, self._controller, self._seen = controller.name, controller, list[np.ndarray]()
+        self.name = controller.name
+        self._controller = controller
+        self._seen = list[np.ndarray]()
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -53,43 +58,79 @@ class Recorder:
         return np.stack(self._seen)
 
 
-def observed(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS) -> np.ndarray:
+def observed(
+    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+) -> np.ndarray:
     """What the network observes when it flies from the starts of training: (T, N, width) float32."""
-    recorder, timing = Recorder(Agent(network, "agent")), setup.timing
+    recorder = Recorder(Agent(network, "agent"))
+    timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
     flown(recorder, setup._replace(timing=short), seed, count)
     return recorder.seen
 
 
-def contract(name: str, config: TrainConfig, craft: Spacecraft, spacecraft_text: str, memory: int,
-             seen: np.ndarray) -> dict[str, Any]:
+def contract(
+    name: str,
+    config: TrainConfig,
+    craft: Spacecraft,
+    spacecraft_text: str,
+    memory: int,
+    seen: np.ndarray,
+) -> dict[str, Any]:
     """The contract of an agent with so much memory that observed (T, N, width) on flights."""
     shown = example(config.settings, craft.dimension)
-    lows, highs = _short(seen.min(axis=(0, 1))), _short(seen.max(axis=(0, 1)))
+    lows = _short(seen.min(axis=(0, 1)))
+    highs = _short(seen.max(axis=(0, 1)))
     columns = [
-        {"column": at, "name": row.name, "unit": row.unit, "frame": row.frame,
-         "bound": bound if math.isfinite(bound) else None, "valid": [low, high]}
-        for at, (row, bound, low, high) in enumerate(zip(
-            shown.table(), shown.bounds(), lows, highs, strict=True))]
+        {
+            "column": at,
+            "name": row.name,
+            "unit": row.unit,
+            "frame": row.frame,
+            "bound": bound if math.isfinite(bound) else None,
+            "valid": [low, high],
+        }
+        for at, (row, bound, low, high) in enumerate(
+            zip(shown.table(), shown.bounds(), lows, highs, strict=True)
+        )
+    ]
     return {
-        "format": 1, "agent": name, "task": config.task, "settings": to_table(config)["settings"],
-        "spacecraft": {"name": craft.name, "file": "spacecraft.toml",
-                       "sha256": hashlib.sha256(spacecraft_text.encode()).hexdigest()},
-        "control_period": config.timing.control_period, "frames": _FRAMES, "observation": columns,
-        "command": {"actuators": craft.actuators.kind, "values": craft.actuators.allowed,
-                    "thrusters": [_thruster(craft, at) for at in range(len(craft.thrusters))]},
+        "format": 1,
+        "agent": name,
+        "task": config.task,
+        "settings": to_table(config)["settings"],
+        "spacecraft": {
+            "name": craft.name,
+            "file": "spacecraft.toml",
+            "sha256": hashlib.sha256(spacecraft_text.encode()).hexdigest(),
+        },
+        "control_period": config.timing.control_period,
+        "frames": _FRAMES,
+        "observation": columns,
+        "command": {
+            "actuators": craft.actuators.kind,
+            "values": craft.actuators.allowed,
+            "thrusters": [_thruster(craft, at) for at in range(len(craft.thrusters))],
+        },
         "memory": memory,
         "valid": f"least and largest of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts "
-                 "of training: the agent was not tried beyond",
+        "of training: the agent was not tried beyond",
         "units": {"control_period": "s", "position": "m", "force": "N"},
-        "revision": git_revision(), "rans": package_version("rans")}
+        "revision": git_revision(),
+        "rans": package_version("rans"),
+    }
 
 
 def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
     """One entry of a command; the place is about the centre of mass."""
     thruster = craft.thrusters[at]
     place = np.subtract(thruster.position, craft.centre_of_mass).tolist()
-    return {"index": at, "position": place, "direction": list(thruster.direction), "force": thruster.force}
+    return {
+        "index": at,
+        "position": place,
+        "direction": list(thruster.direction),
+        "force": thruster.force,
+    }
 
 
 @torch.no_grad()
@@ -99,7 +140,9 @@ def golden(network: Network, seen: np.ndarray) -> dict[str, Any]:
     Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none.
     """
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
-    memory, commands, margins = exact.blank(seen.shape[1]), [], []
+    memory = exact.blank(seen.shape[1])
+    commands = []
+    margins = []
     for rows in torch.from_numpy(seen):
         output, columns = exact.shown(rows, memory)
         commands.append(output.policy.mode())
@@ -107,11 +150,16 @@ def golden(network: Network, seen: np.ndarray) -> dict[str, Any]:
         margins.append(told.mean * 0 if isinstance(told, Duty) else told.logit.abs())
         memory = exact.remember(columns, memory, commands[-1], output)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
-    kept, pairs = (x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy()))
+    kept, pairs = (
+        x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())
+    )
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
-    return {"begins": begins, "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
-            "observation": [_short(row) for row in kept.reshape(len(begins), -1)],
-            "command": [_short(row) for row in pairs.reshape(len(begins), -1)]}
+    return {
+        "begins": begins,
+        "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
+        "observation": [_short(row) for row in kept.reshape(len(begins), -1)],
+        "command": [_short(row) for row in pairs.reshape(len(begins), -1)],
+    }
 
 
 def _short(row: np.ndarray) -> list[float]:

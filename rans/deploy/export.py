@@ -27,12 +27,16 @@ from rans.scenario import EVALUATION_SEED
 
 Form = Literal["sb3", "onnx", "numpy"]
 _FILES: dict[Form, tuple[str, ...]] = {
-    "sb3": ("policy.zip", "config.json"), "onnx": ("agent.onnx",), "numpy": ("agent.py", "agent.npz")}
+    "sb3": ("policy.zip", "config.json"),
+    "onnx": ("agent.onnx",),
+    "numpy": ("agent.py", "agent.npz"),
+}
 """Of the agent, by its form."""
 
 
-def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
-           seed: int = EVALUATION_SEED) -> dict[str, Any]:
+def export(
+    run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024, seed: int = EVALUATION_SEED
+) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
     "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx":
@@ -51,16 +55,29 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
     load_agent(run)  # says what is wrong with it, if anything
-    source, target, name = RunFolder(run), RunFolder(folder), folder.resolve().name
-    craft, config, card = source.spacecraft(), source.config(), _card(source)
+    source = RunFolder(run)
+    target = RunFolder(folder)
+    name = folder.resolve().name
+    craft = source.spacecraft()
+    config = source.config()
+    card = _card(source)
     saved = read_policy(source.policy_file, craft, config.settings)
-    network, text = saved.network, source.spacecraft_file.read_text("utf-8")
-    seen = observed(network, Setup(craft, config.settings, config.timing, config.conditions.or_none))
+    network = saved.network
+    text = source.spacecraft_file.read_text("utf-8")
+    seen = observed(
+        network, Setup(craft, config.settings, config.timing, config.conditions.or_none)
+    )
     pairs = json.dumps(golden(network, seen)) + "\n"
     _check_alone(folder, form, pairs)
     about = contract(name, config, craft, text, network.architecture.memory, seen)
-    write_agent(folder, form, saved, config.ppo, f"{name}: flies {craft.name} by RANS's task {config.task}.",
-                json.dumps(plain(about)))
+    write_agent(
+        folder,
+        form,
+        saved,
+        config.ppo,
+        f"{name}: flies {craft.name} by RANS's task {config.task}.",
+        json.dumps(plain(about)),
+    )
     if form == "sb3":
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
@@ -68,9 +85,15 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     write_text(folder / "golden.json", pairs)
 
     if "evaluation" not in card:
-        card |= {"episodes": episodes, "evaluation_seed": seed, "date": datetime.now(UTC).date().isoformat(),
-                 "evaluation": {protocol: _judged(str(run), protocol, episodes, seed)
-                                for protocol in fitting_protocols(craft)}}
+        card |= {
+            "episodes": episodes,
+            "evaluation_seed": seed,
+            "date": datetime.now(UTC).date().isoformat(),
+            "evaluation": {
+                protocol: _judged(str(run), protocol, episodes, seed)
+                for protocol in fitting_protocols(craft)
+            },
+        }
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
@@ -80,17 +103,30 @@ def _check_alone(folder: Path, form: Form, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
-    others = [name for other, names in _FILES.items() if other != form for name in names
-              if (folder / name).exists()]
+    others = [
+        name
+        for other, names in _FILES.items()
+        if other != form
+        for name in names
+        if (folder / name).exists()
+    ]
     file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):
-        raise ConfigError(f"{folder} holds another agent's {' and '.join(others)}, to which this one's "
-                          "contract and golden pairs would not apply: export into another folder, or delete "
-                          "them.")
+        raise ConfigError(
+            f"{folder} holds another agent's {' and '.join(others)}, to which this one's "
+            "contract and golden pairs would not apply: export into another folder, or delete "
+            "them."
+        )
 
 
-def write_agent(folder: Path, form: Form, saved: SavedPolicy, settings: PPOSettings, title: str,
-                contract: str = "") -> None:
+def write_agent(
+    folder: Path,
+    form: Form,
+    saved: SavedPolicy,
+    settings: PPOSettings,
+    title: str,
+    contract: str = "",
+) -> None:
     """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with."""
     network = saved.network
     if form == "onnx":
@@ -99,7 +135,9 @@ def write_agent(folder: Path, form: Form, saved: SavedPolicy, settings: PPOSetti
     elif form == "numpy":
         write_numpy(folder, agent_program(network), network.architecture, title)
     else:
-        write_policy(folder / "policy.zip", network.architecture, network.member(0), settings, saved.steps)
+        write_policy(
+            folder / "policy.zip", network.architecture, network.member(0), settings, saved.steps
+        )
 
 
 def _card(run: RunFolder) -> dict[str, Any]:
@@ -109,8 +147,10 @@ def _card(run: RunFolder) -> dict[str, Any]:
     file = inside(run.path, "card.json")
     card = read_json(file) if file.exists() else None
     if not isinstance(card, dict):
-        raise ConfigError(f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "
-                          "the agent was trained: export the run itself.")
+        raise ConfigError(
+            f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "
+            "the agent was trained: export the run itself."
+        )
     return {key: value for key, value in card.items() if key not in ("name", "task", "spacecraft")}
 
 
@@ -121,16 +161,24 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
         run = contestant(one, protocol)
         rows = measure(flown(run.controller, run.judged, seed, episodes).flight).rows
         found[one.removeprefix(spec).removeprefix("#")] = {
-            r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows}
+            r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
+        }
     return found
 
 
 def _training(run: RunFolder) -> dict[str, Any]:
     """How the agent came to be."""
-    rows, config = run.metrics(), run.config()
+    rows = run.metrics()
+    config = run.config()
     if not rows:
-        raise ConfigError(f"{run.metrics_file} is empty, so that a card could not say how the agent was "
-                          "trained.")
+        raise ConfigError(
+            f"{run.metrics_file} is empty, so that a card could not say how the agent was trained."
+        )
     about = read_json(run.config_file).get("about", {})
-    return {"seed": config.seed, "steps": rows[-1]["steps"], "seconds": rows[-1]["seconds"],
-            "device": config.device, "environment": about.get("environment", {})}
+    return {
+        "seed": config.seed,
+        "steps": rows[-1]["steps"],
+        "seconds": rows[-1]["seconds"],
+        "device": config.device,
+        "environment": about.get("environment", {}),
+    }

@@ -16,21 +16,34 @@ from rans.fast.learn.architecture import Architecture
 from rans.files import replace_file, write_text
 
 _PRINTED: dict[str, str] = {
-    "Add": "{0} + {1}", "Sub": "{0} - {1}", "Mul": "{0} * {1}", "Div": "{0} / {1}",
-    "Neg": "-{0}", "Equal": "{0} == {1}",
-    "Greater": "{0} > {1}", "Where": "np.where({0}, {1}, {2})", "Clip": "np.clip({0}, {1}, {2})",
+    "Add": "{0} + {1}",
+    "Sub": "{0} - {1}",
+    "Mul": "{0} * {1}",
+    "Div": "{0} / {1}",
+    "Neg": "-{0}",
+    "Equal": "{0} == {1}",
+    "Greater": "{0} > {1}",
+    "Where": "np.where({0}, {1}, {2})",
+    "Clip": "np.clip({0}, {1}, {2})",
     "Max": "np.maximum({0}, {1})",
-    "Tanh": "np.tanh({0})", "Relu": "np.maximum({0}, 0)", "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
-    "Elu": "np.where({0} > 0, {0}, np.expm1(np.minimum({0}, 0)))", "MatMul": "{0} @ {1}",
-    "Gemm": "{0} @ {1}.T + {2}", "ArgMax": "np.argmax({0}, axis=1)", "Gather": "{0}[{1}]",
-    "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})", "Cast": "({0}).astype(np.float32)",
+    "Tanh": "np.tanh({0})",
+    "Relu": "np.maximum({0}, 0)",
+    "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
+    "Elu": "np.where({0} > 0, {0}, np.expm1(np.minimum({0}, 0)))",
+    "MatMul": "{0} @ {1}",
+    "Gemm": "{0} @ {1}.T + {2}",
+    "ArgMax": "np.argmax({0}, axis=1)",
+    "Gather": "{0}[{1}]",
+    "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})",
+    "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""
 _CALLS = {"Concat", "Gather", *(name for name, text in _PRINTED.items() if text.startswith("np."))}
 """Operations that bind tighter than any operator, whatever stands around them."""
 _PARTS = {"observation": "o", "body": "b", "memory": "m", "memory_1": "f", "command": "c"}
 """Short names for columns by themselves."""
-_ROOM, _LINE = 100, 110
+_ROOM = 100
+_LINE = 110
 """Longest operation that is written within another, and longest line; characters."""
 
 
@@ -39,15 +52,23 @@ def write_numpy(folder: Path, program: Program, given: Architecture, title: str)
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
     # The title has names that strangers may have given, and this is code.
-    places = {"TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE], "WIDTH": given.layout.width,
-              "MEMORY": given.memory, "AFTER": "memory_out" if given.memory else "memory",
-              "STEPS": "\n".join(map(_broken, lines)).lstrip()}
-    write_text(folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda found: str(places[found[1]]), frame))
+    places = {
+        "TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE],
+        "WIDTH": given.layout.width,
+        "MEMORY": given.memory,
+        "AFTER": "memory_out" if given.memory else "memory",
+        "STEPS": "\n".join(map(_broken, lines)).lstrip(),
+    }
+    write_text(
+        folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda found: str(places[found[1]]), frame)
+    )
 
     kept = {name: program.constants[name] for name in tables}
 
     def write(draft: Path) -> None:
-        with draft.open("wb") as stream:  # not a path: NumPy adds ".npz" to one that has another ending
+        with draft.open(
+            "wb"
+        ) as stream:  # not a path: NumPy adds ".npz" to one that has another ending
             np.savez_compressed(stream, allow_pickle=False, **kept)
 
     replace_file(folder / "agent.npz", write)
@@ -57,17 +78,21 @@ def printed(program: Program) -> tuple[list[str], list[str]]:
     """The program's lines, and the names of the tables in them, each ``w["name"]``."""
     uses = Counter(name for step in program.steps for name in step.inputs)
     known: dict[str, str] = {}
-    lines, tables = [], []
+    lines = []
+    tables = []
     for name, value in program.constants.items():
         known[name] = repr(float(value)) if value.ndim == 0 else f'w["{name}"]'
         tables += [name] if value.ndim else []
     for step in program.steps:
-        text, (first, *others) = _text(step, program, known), step.outputs
+        text = _text(step, program, known)
+        (first, *others) = step.outputs
         if not others and uses[first] == 1 and len(text) < _ROOM and re.fullmatch(r"x\d+", first):
             known[first] = text if step.operation in _CALLS else f"({text})"
             continue
         name = first if not others else _PARTS.get(step.inputs[0], f"{step.inputs[0]}_parts")
-        known |= {part: f"{name}[{place}]" for place, part in enumerate(step.outputs)} if others else {}
+        known |= (
+            {part: f"{name}[{place}]" for place, part in enumerate(step.outputs)} if others else {}
+        )
         lines.append(f"{name} = {text}")
     used = "\n".join(lines)
     return lines, [name for name in tables if f'w["{name}"]' in used]
@@ -78,8 +103,14 @@ def _broken(line: str) -> str:
     if len(line) + 4 > _LINE:
         name, _, text = line.partition(" = ")
         line = f"{name} = ({text})"
-    return textwrap.fill(line, _LINE, initial_indent=" " * 4, subsequent_indent=" " * 8,
-                         break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(
+        line,
+        _LINE,
+        initial_indent=" " * 4,
+        subsequent_indent=" " * 8,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _text(step: Step, program: Program, known: Mapping[str, str]) -> str:

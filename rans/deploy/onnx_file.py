@@ -12,7 +12,8 @@ from rans.errors import ConfigError
 from rans.fast.learn.architecture import Architecture
 from rans.files import replace_file
 
-OPSET, FORMAT = 17, 8
+OPSET = 17
+FORMAT = 8
 """Of ONNX 1.12 of 2022: runtimes on robots are old, and nothing here is newer."""
 
 
@@ -25,7 +26,9 @@ def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping
         import onnx
         from onnx import helper, numpy_helper
     except ImportError as error:
-        raise ConfigError("--format onnx needs the package onnx: pip install 'rans[onnx]'.") from error
+        raise ConfigError(
+            "--format onnx needs the package onnx: pip install 'rans[onnx]'."
+        ) from error
 
     def rows(name: str, width: int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", width])
@@ -33,14 +36,24 @@ def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping
     nodes = [helper.make_node(step.operation, step.inputs, step.outputs) for step in program.steps]
     for node, step in zip(nodes, program.steps, strict=True):
         node.attribute.extend(helper.make_attribute(*each) for each in step.attributes.items())
-    tables = [numpy_helper.from_array(np.asarray(value), name) for name, value in program.constants.items()]
-    takes, gives = [rows("observation", given.layout.width)], [rows("command", given.thrusters)]
+    tables = [
+        numpy_helper.from_array(np.asarray(value), name)
+        for name, value in program.constants.items()
+    ]
+    takes = [rows("observation", given.layout.width)]
+    gives = [rows("command", given.thrusters)]
     if given.memory:
         takes.append(rows("memory", given.memory))
         gives.append(rows("memory_out", given.memory))
-    graph = helper.make_graph(nodes, "agent", takes, gives, tables, doc_string=about.get("what", ""))
-    model = helper.make_model(graph, producer_name="rans", ir_version=FORMAT,
-                              opset_imports=[helper.make_opsetid("", OPSET)])
+    graph = helper.make_graph(
+        nodes, "agent", takes, gives, tables, doc_string=about.get("what", "")
+    )
+    model = helper.make_model(
+        graph,
+        producer_name="rans",
+        ir_version=FORMAT,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+    )
     helper.set_model_props(model, dict(about))
     onnx.checker.check_model(model, full_check=True)
     replace_file(file, lambda draft: draft.write_bytes(model.SerializeToString()))

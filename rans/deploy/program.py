@@ -17,8 +17,17 @@ from rans.fast.symmetry import AIM, Symmetries
 from rans.model.trace import Symbol, ordered
 from rans.tasks.sight import Columns, Layout
 
-_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "/": "Div", "==": "Equal", "neg": "Neg", "where": "Where",
-            "maximum": "Max", ">": "Greater"}
+_LOWERED = {
+    "+": "Add",
+    "-": "Sub",
+    "*": "Mul",
+    "/": "Div",
+    "==": "Equal",
+    "neg": "Neg",
+    "where": "Where",
+    "maximum": "Max",
+    ">": "Greater",
+}
 """ONNX's names of what a layout and filters do to columns."""
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 
@@ -82,11 +91,15 @@ class Program:
             if symbol.operation == "constant":
                 values[symbol] = self.constant(symbol.value)
             elif symbol.operation in _LOWERED:
-                values[symbol] = self.apply(_LOWERED[symbol.operation], *(values[x] for x in symbol.args))
+                values[symbol] = self.apply(
+                    _LOWERED[symbol.operation], *(values[x] for x in symbol.args)
+                )
             else:
-                raise ConfigError(f"the agent's layout takes {symbol.operation!r} of its columns, which no "
-                                  "export knows: only sums, products, quotients, the larger of two and "
-                                  "choices by equality do.")
+                raise ConfigError(
+                    f"the agent's layout takes {symbol.operation!r} of its columns, which no "
+                    "export knows: only sums, products, quotients, the larger of two and "
+                    "choices by equality do."
+                )
         return [values[symbol] for symbol in results]
 
 
@@ -96,9 +109,12 @@ def agent_program(network: Network) -> Program:
     The same as `rans.fast.learn.selection.likeliest`, of "observation" (N, width) and "memory" (N, m).
     What the network sees of its columns is traced from the layout's own code.
     """
-    given, program = network.architecture, Program()
-    weights = {name: program.constant(x.detach().numpy(), name.removeprefix(EXTRACTOR))
-               for name, x in _actors(network).items()}
+    given = network.architecture
+    program = Program()
+    weights = {
+        name: program.constant(x.detach().numpy(), name.removeprefix(EXTRACTOR))
+        for name, x in _actors(network).items()
+    }
 
     # Columns in the body frame, and as filters have them: first of all as they count.
     body = _in_body(program, given.layout)
@@ -113,7 +129,9 @@ def agent_program(network: Network) -> Program:
     view = _View.chosen(program, given, counted)
     x = _shown(program, network, view, columns, filtered, history)
     for layer in range(len(given.layers)):
-        weight, bias = (weights[f"{EXTRACTOR}trunk.{2 * layer}.{part}"] for part in ("weight", "bias"))
+        weight, bias = (
+            weights[f"{EXTRACTOR}trunk.{2 * layer}.{part}"] for part in ("weight", "bias")
+        )
         x = program.apply(_ACTIVATIONS[given.activation], program.linear(x, weight, bias))
     if given.units:
         x = _core(program, weights, x)
@@ -123,7 +141,9 @@ def agent_program(network: Network) -> Program:
     if view is not None:
         head = program.apply("GatherElements", head, view.place, axis=1)
     if given.continuous:
-        command = program.apply("Clip", head, program.constant(0.0), program.constant(1.0), name="command")
+        command = program.apply(
+            "Clip", head, program.constant(0.0), program.constant(1.0), name="command"
+        )
     else:
         opens = program.apply("Greater", head, program.constant(0.0))
         command = program.apply("Cast", opens, name="command", to=1)  # to float32
@@ -136,8 +156,11 @@ def agent_program(network: Network) -> Program:
 
 def _actors(network: Network) -> dict[str, Tensor]:
     """Weights without the critic's; the head of a choice is the difference of its two logits."""
-    kept = {name: x for name, x in network.tensors.items()
-            if name.startswith((f"{EXTRACTOR}trunk.", f"{EXTRACTOR}core."))}
+    kept = {
+        name: x
+        for name, x in network.tensors.items()
+        if name.startswith((f"{EXTRACTOR}trunk.", f"{EXTRACTOR}core."))
+    }
     for part in ("weight", "bias"):
         rows = network.tensors[f"action_net.{part}"]
         kept[f"head.{part}"] = rows if network.architecture.continuous else rows[1::2] - rows[0::2]
@@ -167,10 +190,11 @@ class _View:
     @classmethod
     def chosen(cls, program: Program, given: Architecture, body: Sequence[str]) -> _View | None:
         """The view that has the goal most ahead; None without symmetries or a way to go."""
-        way, views = given.layout.body.ahead(body), given.symmetries
+        way = given.layout.body.ahead(body)
+        views = given.symmetries
         if views is None or way is None:
             return None
-        aim = np.asarray(AIM[:len(way)], np.float32)
+        aim = np.asarray(AIM[: len(way)], np.float32)
         ahead = program.constant(np.einsum("i,sij->js", aim, views.turn), "ahead")
         score = program.apply("MatMul", program.joined(*way), ahead)
         which = program.apply("ArgMax", score, name="view", axis=1, keepdims=0)
@@ -180,11 +204,14 @@ class _View:
     def columns(self, program: Program, layout: Layout, value: str, rows: bool = False) -> str:
         """Columns (N, k), or several rows of them (N, rows, k), as the view shows them."""
         count, size, _ = self.views.turn.shape
-        table = np.concatenate((self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1)
+        table = np.concatenate(
+            (self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1
+        )
         told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
         if rows:
             told = _shaped(program, told, 1, size * size + 1)
-        turn, hand = _symbols("turn", size * size), Symbol.input("hand")
+        turn = _symbols("turn", size * size)
+        hand = Symbol.input("hand")
         symbols = _symbols("column", layout.width)
 
         def turned(u: Columns) -> Columns:
@@ -198,7 +225,9 @@ class _View:
         """Commands (N, rows, thrusters) as the view shows them."""
         back = np.argsort(self.views.place, axis=1)
         table = program.constant(np.tile(back, (1, rows)), "places_back", np.int64)
-        index = _shaped(program, program.apply("Gather", table, self.which, axis=0), rows, back.shape[1])
+        index = _shaped(
+            program, program.apply("Gather", table, self.which, axis=0), rows, back.shape[1]
+        )
         return program.apply("GatherElements", value, index, axis=2)
 
 
@@ -208,7 +237,8 @@ def _shaped(program: Program, value: str, *shape: int) -> str:
 
 def _looks(program: Program, network: Network, seen: str) -> str:
     """Columns normalised and clipped, and a second time magnified and squashed (decision 008)."""
-    zoom, scale = network.architecture.zoom, _scale(network)
+    zoom = network.architecture.zoom
+    scale = _scale(network)
     x = _normalised(program, network, seen)
     if not zoom:
         return x
@@ -228,43 +258,62 @@ def _normalised(program: Program, network: Network, x: str) -> str:
     return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
 
 
-def _shown(program: Program, network: Network, view: _View | None, columns: str,
-           filtered: Sequence[tuple[Layout, list[str]]], history: str) -> str:
+def _shown(
+    program: Program,
+    network: Network,
+    view: _View | None,
+    columns: str,
+    filtered: Sequence[tuple[Layout, list[str]]],
+    history: str,
+) -> str:
     """The columns, or what `_filtered` makes of them, and a history, each if there is one."""
     if filtered:
         x = _looks_at_filtered(program, network, view, filtered)
     else:
         layout = network.architecture.layout.body
-        x = _looks(program, network, columns if view is None else view.columns(program, layout, columns))
+        x = _looks(
+            program, network, columns if view is None else view.columns(program, layout, columns)
+        )
     recalled = _recalled(program, network, view, history) if history else ""
     return program.joined(x, recalled, name="shown") if filtered or recalled else x
 
 
-def _filtered(program: Program, given: Architecture, body: Sequence[str],
-              filters: Sequence[str]) -> list[tuple[Layout, list[str]]]:
+def _filtered(
+    program: Program, given: Architecture, body: Sequence[str], filters: Sequence[str]
+) -> list[tuple[Layout, list[str]]]:
     """The reading as it counts, and what each filter makes of it, with their layouts."""
-    read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
+    read = _symbols("read", given.seen)
+    memory = _symbols("filter", given.filtering)
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
     blocks = given.filtered((*read, *memory))
     found = iter(program.lowered([x for _, block in blocks for x in block], known))
     return [(layout, list(islice(found, len(block)))) for layout, block in blocks]
 
 
-def _looks_at_filtered(program: Program, network: Network, view: _View | None,
-                       filtered: Sequence[tuple[Layout, list[str]]]) -> str:
+def _looks_at_filtered(
+    program: Program,
+    network: Network,
+    view: _View | None,
+    filtered: Sequence[tuple[Layout, list[str]]],
+) -> str:
     """All of `_filtered` from the same side, each looked at in the same way."""
-    given, shown = network.architecture, []
+    given = network.architecture
+    shown = []
     for (layout, block), told in zip(filtered, given.told, strict=True):
         rows = program.joined(*block)
         rows = rows if view is None else view.columns(program, layout, rows)
         columns, beside = program.split(rows, (given.seen, told))
         bounds = [program.constant(x) for x in (-given.clip, given.clip)]
-        shown += [_looks(program, network, columns), beside and program.apply("Clip", beside, *bounds)]
+        shown += [
+            _looks(program, network, columns),
+            beside and program.apply("Clip", beside, *bounds),
+        ]
     return program.joined(*shown)
 
 
-def _expected(program: Program, given: Architecture, body: Sequence[str],
-              filters: Sequence[str]) -> list[str]:
+def _expected(
+    program: Program, given: Architecture, body: Sequence[str], filters: Sequence[str]
+) -> list[str]:
     """What filters remember once the command is given."""
     sizes = {"read": given.seen, "filter": given.filtering, "told": given.thrusters}
     symbols = [symbol for name in sizes for symbol in _symbols(name, sizes[name])]
@@ -280,14 +329,22 @@ def _recalled(program: Program, network: Network, view: _View | None, history: s
     if view is not None:
         then = then and view.columns(program, given.layout.body, then, rows=True)
         told = view.commands(program, told, given.recalled)
-    return _shaped(program, program.joined(then and _normalised(program, network, then), told), given.rows)
+    return _shaped(
+        program, program.joined(then and _normalised(program, network, then), told), given.rows
+    )
 
 
-def _remembered(program: Program, given: Architecture, history: str, columns: str, command: str) -> list[str]:
+def _remembered(
+    program: Program, given: Architecture, history: str, columns: str, command: str
+) -> list[str]:
     """Averages that move towards the newest columns and command, then the last ones, oldest first."""
     newest = command if given.commands_only else program.joined(columns, command)
-    width, count, last = given.row, len(given.averages), min(given.history, 1)
-    averages, _, others = program.split(history, [x * width for x in (count, last, given.history - last)])
+    width = given.row
+    count = len(given.averages)
+    last = min(given.history, 1)
+    averages, _, others = program.split(
+        history, [x * width for x in (count, last, given.history - last)]
+    )
     if count:
         kept = program.constant(np.repeat(np.asarray(given.averages, np.float32), width), "kept")
         often = program.joined(*[newest] * count)
@@ -298,8 +355,10 @@ def _remembered(program: Program, given: Architecture, history: str, columns: st
 
 def _core(program: Program, weights: Mapping[str, str], x: str) -> str:
     """A gated recurrent unit, torch's `GRUCell`: what it says is what it remembers."""
-    given, kept = ([weights[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
-                   for of in ("ih", "hh"))
+    given, kept = (
+        [weights[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
+        for of in ("ih", "hh")
+    )
     units = program.constants[kept[0]].shape[1]
     reset, update, fresh = program.split(program.linear(x, *given), [units] * 3)
     old_reset, old_update, old = program.split(program.linear("memory", *kept), [units] * 3)

@@ -18,8 +18,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 
-_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "envs.single", "PPO": "learn.front",
-            "SB3VecEnv": "envs.sb3", "SpacecraftVectorEnv": "envs.vector"}
+_MODULES = {
+    "Engine": "engine",
+    "Step": "step",
+    "SpacecraftEnv": "envs.single",
+    "PPO": "learn.front",
+    "SB3VecEnv": "envs.sb3",
+    "SpacecraftVectorEnv": "envs.vector",
+}
 
 
 def __getattr__(name: str) -> Any:

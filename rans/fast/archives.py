@@ -43,10 +43,15 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
             if member.compress_type not in _METHODS:
                 raise ConfigError(
                     f"{where} was not opened: its member {brief(member.filename)} is packed by "
-                    "another method than deflation, which no agent is.")
+                    "another method than deflation, which no agent is."
+                )
             is_text = member.filename == "data" or member.filename.endswith(_TEXTS)
-            _refuse_beyond(_LARGEST_TEXT if is_text else most, member.file_size, where,
-                           f"its member {brief(member.filename)}")
+            _refuse_beyond(
+                _LARGEST_TEXT if is_text else most,
+                member.file_size,
+                where,
+                f"its member {brief(member.filename)}",
+            )
         total = sum(member.file_size for member in archive.infolist())
         _refuse_beyond(most, total, where, f"its {len(archive.infolist()):,} members together")
         yield archive
@@ -72,4 +77,5 @@ def _refuse_beyond(most: int, size: int, where: object, what: str) -> None:
     if size > most:
         raise ConfigError(
             f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {most:,} "
-            "are read; no agent takes so much, so it is damaged or meant to fill the memory.")
+            "are read; no agent takes so much, so it is damaged or meant to fill the memory."
+        )

@@ -31,7 +31,9 @@ class CpuFlights:
     """
 
     def __init__(self, world: World, network: Network, program: FlightProgram) -> None:
-        self._world, self._program, self._own = world, program, threading.local()
+        self._world = world
+        self._program = program
+        self._own = threading.local()
         self._given = network.architecture
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         carried = [one.symbol for one in program.carried]
@@ -40,9 +42,12 @@ class CpuFlights:
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters))]
         self._begin = Straight(words, [one.begin for one in program.carried])
         shown = [*program.seen, program.view, *program.columns]
-        self._step = Straight([*words, *carried, *self._told], shown, [one.after for one in self._moved])
-        self._verdict = Straight(carried, [program.failure, program.settles, program.settled,
-                                           *program.totals])
+        self._step = Straight(
+            [*words, *carried, *self._told], shown, [one.after for one in self._moved]
+        )
+        self._verdict = Straight(
+            carried, [program.failure, program.settles, program.settled, *program.totals]
+        )
         self._answers = CpuNetwork(network)
         self.fly(0, _TRIED, 0, 0)
         self._answers.settle()
@@ -52,7 +57,8 @@ class CpuFlights:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict = self._memory(count)
-        history, shown = CpuHistory(self._given, count), len(self._program.seen)
+        history = CpuHistory(self._given, count)
+        shown = len(self._program.seen)
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             begin.give((*seed_words(seed), numbers))
@@ -60,24 +66,32 @@ class CpuFlights:
             step.give((*seed_words(seed), numbers, *begun))
             for _ in range(self._world.timing.episode_steps):
                 found = step.run(0)
-                seen, view, columns = found[:shown], found[shown], found[shown + 1:]
+                seen = found[:shown]
+                view = found[shown]
+                columns = found[shown + 1 :]
                 commands = self._answers(seen, view, history)
                 history.remember(columns, commands)
                 for symbol, command in zip(self._told, commands, strict=True):
                     step.put(symbol, command)
                 # What becomes another, as the last command the last but one, would be overwritten before.
-                after = [np.copy(x) if one.after in self._carried else x
-                         for one, x in zip(self._moved, step.run(1), strict=True)]
+                after = [
+                    np.copy(x) if one.after in self._carried else x
+                    for one, x in zip(self._moved, step.run(1), strict=True)
+                ]
                 for one, value in zip(self._moved, after, strict=True):
                     step.put(one.symbol, value)
             verdict.give(step.value(one.symbol) for one in self._program.carried)
             failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
-        return Verdicts.of(self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32")
+        return Verdicts.of(
+            self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
+        )
 
     def _memory(self, count: int) -> tuple[Memory, ...]:
         """This thread's; most calls are for as many flights."""
         kept = getattr(self._own, "memory", None)
         if kept is None or self._own.count != count:
             self._own.count = count
-            self._own.memory = kept = tuple(p.memory(count) for p in (self._begin, self._step, self._verdict))
+            self._own.memory = kept = tuple(
+                p.memory(count) for p in (self._begin, self._step, self._verdict)
+            )
         return kept

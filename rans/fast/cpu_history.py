@@ -20,7 +20,8 @@ class CpuHistory:
     """
 
     def __init__(self, given: Architecture, count: int) -> None:
-        self._given, self._views = given, None
+        self._given = given
+        self._views = None
         if given.symmetries is not None:
             turn, hand, place = given.symmetries
             self._views = Symmetries(turn.astype(np.float32), hand.astype(np.float32), place)
@@ -31,7 +32,8 @@ class CpuHistory:
         """Rows (recalled, row, N) of columns and commands from one side of the craft each, (N,)."""
         if self._views is None or not len(self._rows):
             return self._rows
-        width, found = self._given.answered, np.empty_like(self._rows)
+        width = self._given.answered
+        found = np.empty_like(self._rows)
         if width:
             then: list[Any] = list(self._rows[:, :width].swapaxes(0, 1))
             for i, column in enumerate(self._views.viewed(self._given.layout.body, then, view)):
@@ -42,13 +44,14 @@ class CpuHistory:
 
     def remember(self, columns: Sequence[np.ndarray], command: np.ndarray) -> None:
         """A command (thrusters, N) and the columns (N,) in the body frame that it answered."""
-        given, rows = self._given, self._rows
+        given = self._given
+        rows = self._rows
         if not given.recalled:
             return
         newest = np.empty_like(rows[0])
-        for i, column in enumerate(columns[:given.answered]):
+        for i, column in enumerate(columns[: given.answered]):
             newest[i] = column
-        newest[given.answered:] = command
+        newest[given.answered :] = command
         averages, moments = np.split(rows, [len(given.averages)])
         for row, kept in zip(averages, given.averages, strict=True):
             row[...] = newest + np.float32(kept) * (row - newest)

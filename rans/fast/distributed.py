@@ -43,12 +43,14 @@ class Processes:
     def share(self, name: str, count: int) -> int:
         """This process's part of a number of things; ConfigError where it cannot be divided."""
         if count % self.size:
-            raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
+            raise ConfigError(
+                f"{name} must be a multiple of the {self.size} processes, got {count}."
+            )
         return count // self.size
 
     def mine(self, whole: Any) -> Any:
         """This process's rows of the whole batch's."""
-        return whole[self.rank::self.size] if self.size > 1 else whole
+        return whole[self.rank :: self.size] if self.size > 1 else whole
 
     def whole(self, mine: Tensor) -> Tensor:
         """The whole batch's rows from every process's; all must ask."""
@@ -133,15 +135,19 @@ def join(device: str, apart: bool = False) -> Processes:
     if size == 1:
         return ALONE
     if device.startswith("cuda"):
-        local, count = int(os.environ["LOCAL_RANK"]), torch.cuda.device_count()
+        local = int(os.environ["LOCAL_RANK"])
+        count = torch.cuda.device_count()
         if local >= count:
-            raise ConfigError(f"torchrun started more processes than the {count} GPUs here; lower "
-                              "--nproc-per-node.")
+            raise ConfigError(
+                f"torchrun started more processes than the {count} GPUs here; lower "
+                "--nproc-per-node."
+            )
         torch.cuda.set_device(local)
     if device.startswith("cuda") and not apart:
         # Decisions travel through the CPU, so that asking does not wait for the GPU.
-        dist.init_process_group("cpu:gloo,cuda:nccl",
-                                device_id=torch.device("cuda", torch.cuda.current_device()))
+        dist.init_process_group(
+            "cpu:gloo,cuda:nccl", device_id=torch.device("cuda", torch.cuda.current_device())
+        )
     else:
         dist.init_process_group("gloo", timeout=_PATIENCE if apart else None)
         # A thread of its own that still works while Python ends would abort the process.
@@ -156,11 +162,14 @@ def leave_when_stuck(patience: float = 15.0) -> None:
     Who waits on the GPU for a process that is gone hears no signal: Python handles them between two lines
     of the main thread, which waits. torchrun would kill such a process without a word.
     """
+
     def leave() -> None:
         ears.recv(1)
         time.sleep(patience)
-        sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
-                         "the last checkpoint with --resume.\n")
+        sys.stderr.write(
+            "rans: told to stop while waiting for another process of this training; go on from "
+            "the last checkpoint with --resume.\n"
+        )
         sys.stderr.flush()
         os._exit(1)
 
@@ -175,5 +184,7 @@ def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) 
     try:
         function(*arguments, **settings)
     except RuntimeError as error:
-        raise WorkerLost("another process of this command is gone; the usual cause is lack of memory, "
-                         "and its own message is above.") from error
+        raise WorkerLost(
+            "another process of this command is gone; the usual cause is lack of memory, "
+            "and its own message is above."
+        ) from error

@@ -66,37 +66,62 @@ class Engine:
             whole number, dtype another one, or mass properties are not those of rigid bodies or not so many.
     """
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, num_envs: int,
-                 timing: Timing | None = None, *,
-                 seed: int | Sequence[int] = 0, device: str | torch.device = "cpu",
-                 dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
-                 conditions: str | Path | Conditions | None = None, remember: bool = False) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        num_envs: int,
+        timing: Timing | None = None,
+        *,
+        seed: int | Sequence[int] = 0,
+        device: str | torch.device = "cpu",
+        dtype: torch.dtype = torch.float32,
+        compiled: bool | None = None,
+        generated: bool = True,
+        processes: Processes = ALONE,
+        body: Body | None = None,
+        conditions: str | Path | Conditions | None = None,
+        remember: bool = False,
+    ) -> None:
         seeds = seed if isinstance(seed, Sequence) else [seed]
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled)
         self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
         self.timing = Timing() if timing is None else checked("timing", timing, Timing)
         conditions = None if conditions is None else load_conditions(conditions)
-        self.num_envs, self.dtype, self.device = num_envs, dtype, backend.device
+        self.num_envs = num_envs
+        self.dtype = dtype
+        self.device = backend.device
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
-        self.processes, self.members, each = processes, len(seeds), num_envs // len(seeds)
-        self.layout, nominal = layout(task, craft.dimension), Body.of(craft)
+        self.processes = processes
+        self.members = len(seeds)
+        each = num_envs // len(seeds)
+        self.layout = layout(task, craft.dimension)
+        nominal = Body.of(craft)
         self.observation_width = self.layout.width
         """Columns of an observation."""
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, backend.nodes, conditions)
-        self.known = Known(self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device))
+        self.known = Known(
+            self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
+        )
         """What `privileged` tells."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
-        self._draws = draws = Draws(*backend.words(seeds, each), backend.put(first, torch.int32),
-                                    each * processes.size, backend.fields)
+        self._draws = draws = Draws(
+            *backend.words(seeds, each),
+            backend.put(first, torch.int32),
+            each * processes.size,
+            backend.fields,
+        )
         buffers = self._world, self.body, num_envs, draws
-        self.episode, self._kernel = backend.episodes(*buffers, remember), None
+        self.episode = backend.episodes(*buffers, remember)
+        self._kernel = None
         if generated and self.compiled and self.device.type == "cuda":
-            self._kernel = Kernel.made(self._world, self.episode, draws, processes, dtype, self.members)
+            self._kernel = Kernel.made(
+                self._world, self.episode, draws, processes, dtype, self.members
+            )
         if self._kernel is None:
             self.episode = backend.episodes(*buffers, remember=True)
         self._step = stepping(backend, self.compiled and self._kernel is None)
@@ -121,16 +146,21 @@ class Engine:
         they go on counting.
         """
         check_seeds(seed, self.members)
-        world, now = self._world, self.episode
+        world = self._world
+        now = self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])
         else:
             each = self.num_envs // self.members
             # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
-            words = self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
+            words = (
+                self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
+            )
             write((self._draws.low, self._draws.high), words)
             write([now.clock], [0])
-        begun = world.begin(*world.scenario(now.clock, self._draws), now.clock, self._draws, now.body)
+        begun = world.begin(
+            *world.scenario(now.clock, self._draws), now.clock, self._draws, now.body
+        )
         write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
         return self.observe()
 
@@ -139,10 +169,14 @@ class Engine:
 
         Each generator is of the times of an equal part of the batch; by default there is only torch's own.
         """
-        limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
+        limit = self.timing.episode_steps
+        everywhere = self.num_envs * self.processes.size
         parts = generators or (None,)
-        shape, clock = (everywhere // len(parts),), self.episode.clock
-        steps = torch.cat([torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts])
+        shape = (everywhere // len(parts),)
+        clock = self.episode.clock
+        steps = torch.cat(
+            [torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts]
+        )
         clock -= self.timing.step(clock)
         clock += self._backend.put(self.processes.mine(steps), torch.int32)
 
@@ -181,8 +215,12 @@ class Engine:
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
-        return snapshot(self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
+        return snapshot(
+            self._world, self.episode, (self._draws.low, self._draws.high), self.processes
+        )
 
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
-        restore(table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
+        restore(
+            table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes
+        )

@@ -75,7 +75,9 @@ class Filter(NamedTuple):
 
     def width(self, layout: Layout) -> int:
         """Numbers that it remembers of columns of this layout, that of the body."""
-        responses = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response)
+        responses = sum(
+            Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response
+        )
         return self._known(layout) + responses
 
     def _known(self, layout: Layout) -> int:
@@ -83,7 +85,11 @@ class Filter(NamedTuple):
 
     def shown(self, layout: Layout) -> Layout:
         """The layout of an estimate: columns of this one, then steady accelerations and responses."""
-        told = (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0]))) if self.steady else ()
+        told = (
+            (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0])))
+            if self.steady
+            else ()
+        )
         return Layout((*layout.blocks, *told, *(Block(Scalar, 4),) * bool(self.response)))
 
     def estimate(self, layout: Layout, read: Columns, memory: Columns) -> list[Field]:
@@ -93,18 +99,27 @@ class Filter(NamedTuple):
         forces, then of torques, how much more comes at once than designed, and how much in the period after.
         """
         one = self._corrected(layout, read, self._unpacked(layout, memory))
-        units = [self.period / unit for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
-                 for _ in gains[0]]
-        return [*one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
-                *(x for response in one.responses for x in (response.more, response.late))]
+        units = [
+            self.period / unit
+            for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
+            for _ in gains[0]
+        ]
+        return [
+            *one.columns,
+            *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
+            *(x for response in one.responses for x in (response.more, response.late)),
+        ]
 
-    def expected(self, layout: Layout, read: Columns, memory: Columns, command: Columns) -> list[Field]:
+    def expected(
+        self, layout: Layout, read: Columns, memory: Columns, command: Columns
+    ) -> list[Field]:
         """What it remembers after columns were read and answered with this command."""
         one = self._corrected(layout, read, self._unpacked(layout, memory))
         return self._packed(self._moved(layout, one, command))
 
-    def moved_on(self, layout: Layout, read: Columns, memory: Columns, command: Columns,
-                 noisy: Field) -> Columns:
+    def moved_on(
+        self, layout: Layout, read: Columns, memory: Columns, command: Columns, noisy: Field
+    ) -> Columns:
         """Where columns will be a period after they were read and answered with this command.
 
         It moves the reading itself, not its own estimate, by what thrusters were found to give. Where
@@ -114,9 +129,13 @@ class Filter(NamedTuple):
         """
         one = self._corrected(layout, read, self._unpacked(layout, memory))
         designed = [_dot(command, gains) for gains in (self.push, self.twist)]
-        found = [response.given(mine) for response, mine in zip(one.responses, designed, strict=False)]
-        changes = [[where(noisy > 0.0, b, _lesser(a, b)) for a, b in zip(*pair, strict=True)]
-                   for pair in zip(designed, found, strict=False)] or designed
+        found = [
+            response.given(mine) for response, mine in zip(one.responses, designed, strict=False)
+        ]
+        changes = [
+            [where(noisy > 0.0, b, _lesser(a, b)) for a, b in zip(*pair, strict=True)]
+            for pair in zip(designed, found, strict=False)
+        ] or designed
         return self._carried(layout, read, *changes)[0]
 
     def begins(self, layout: Layout, memory: Columns) -> Field:
@@ -131,12 +150,17 @@ class Filter(NamedTuple):
         return [*known.columns, xx, xv, vv, *responses]
 
     def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
-        size, force = self._known(layout), Response.width(len(self.push[0]))
-        columns, rest, responses = memory[:layout.width], memory[layout.width:size], memory[size:]
-        responses = tuple(map(Response.unpacked, (responses[:force], responses[force:]) if responses else ()))
+        size = self._known(layout)
+        force = Response.width(len(self.push[0]))
+        columns = memory[: layout.width]
+        rest = memory[layout.width : size]
+        responses = memory[size:]
+        responses = tuple(
+            map(Response.unpacked, (responses[:force], responses[force:]) if responses else ())
+        )
         if self.steady:
-            xx, xv, xa, vv, va, aa = rest[self.axes:]
-            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa), responses)
+            xx, xv, xa, vv, va, aa = rest[self.axes :]
+            return _Known(columns, rest[: self.axes], (xx, xv, xa, vv, va, aa), responses)
         xx, xv, vv = rest
         none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
         return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
@@ -146,19 +170,37 @@ class Filter(NamedTuple):
         # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
         xx, xv, xa, vv, va, aa = expected.covariance
         scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
-        pose, velocity, steady = (((p * (vv + 1.0) - v * xv) * scale, (v * (xx + 1.0) - p * xv) * scale)
-                                  for p, v in ((xx, xv), (xv, vv), (xa, va)))
-        left = [value - (gain[0] * p + gain[1] * v) for value, gain, p, v in (
-            (xx, pose, xx, xv), (xv, pose, xv, vv), (xa, pose, xa, va), (vv, velocity, xv, vv),
-            (va, velocity, xa, va), (aa, steady, xa, va))]
+        pose, velocity, steady = (
+            ((p * (vv + 1.0) - v * xv) * scale, (v * (xx + 1.0) - p * xv) * scale)
+            for p, v in ((xx, xv), (xv, vv), (xa, va))
+        )
+        left = [
+            value - (gain[0] * p + gain[1] * v)
+            for value, gain, p, v in (
+                (xx, pose, xx, xv),
+                (xv, pose, xv, vv),
+                (xa, pose, xa, va),
+                (vv, velocity, xv, vv),
+                (va, velocity, xa, va),
+                (aa, steady, xa, va),
+            )
+        ]
 
         # How far off what was expected is: how B is turned, then the rest, as seen in the B expected.
-        blocks = list(zip(layout.split(read), layout.split(expected.columns), self.share, strict=True))
-        turns = [(now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)]
+        blocks = list(
+            zip(layout.split(read), layout.split(expected.columns), self.share, strict=True)
+        )
+        turns = [
+            (now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)
+        ]
         tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
-        off = [self._off(block, now, then, [-0.5 * x for x in tilt]) for (block, now), (_, then), _ in blocks]
+        off = [
+            self._off(block, now, then, [-0.5 * x for x in tilt])
+            for (block, now), (_, then), _ in blocks
+        ]
         off_place = first_of(off, self.share, 0)
-        off_velocity, off_spin = first_of(off, self.share, 1), first_of(off, self.share, 2)
+        off_velocity = first_of(off, self.share, 1)
+        off_spin = first_of(off, self.share, 2)
 
         # Each block by its own error and by that of its derivative or integral; what no motion changes is as
         # it is read.
@@ -170,23 +212,30 @@ class Filter(NamedTuple):
                 other = (off_velocity, off_place, tilt)[k]
                 error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
             found += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
-        gained = (*scaled_sum(steady[0], off_place, steady[1], off_velocity),
-                  *scaled_sum(steady[0], tilt, steady[1], off_spin))
+        gained = (
+            *scaled_sum(steady[0], off_place, steady[1], off_velocity),
+            *scaled_sum(steady[0], tilt, steady[1], off_spin),
+        )
         pushed = scaled_sum(1.0, expected.steady, 1.0, gained)
-        pushed = [*turned(pushed[:len(self.push[0])], half), *pushed[len(self.push[0]):]]
+        pushed = [*turned(pushed[: len(self.push[0])], half), *pushed[len(self.push[0]) :]]
 
         # The first reading of an episode is all there is.
-        first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
-        columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
-            (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
+        first = xx == 0.0
+        fresh = (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
+        columns, pushed, left = (
+            [where(first, a, b) for a, b in zip(*pair, strict=True)]
+            for pair in ((read, found), ((0.0,) * len(pushed), pushed), (fresh, left))
+        )
         responses = self._learnt(expected, (off_velocity, off_spin))
         return _Known(columns, pushed, cast(_Covariance, tuple(left)), responses)
 
     def _learnt(self, expected: _Known, off: tuple[Columns, Columns]) -> tuple[Response, ...]:
         """Responses, if they are looked for, once velocity and spin are off by so much from the expected."""
         xx, _, _, vv, *_ = expected.covariance
-        return tuple(response.learnt(error, (vv + 1.0) * unit**2).begun(xx == 0.0, self.response)
-                     for response, error, unit in zip(expected.responses, off, self._units, strict=False))
+        return tuple(
+            response.learnt(error, (vv + 1.0) * unit**2).begun(xx == 0.0, self.response)
+            for response, error, unit in zip(expected.responses, off, self._units, strict=False)
+        )
 
     @staticmethod
     def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
@@ -200,21 +249,31 @@ class Filter(NamedTuple):
 
         Forces are constant in B; of its turning within the period the first order is kept.
         """
-        axes, period = len(self.push[0]), self.period
-        told, responses = [_dot(command, gains) for gains in (self.push, self.twist)], known.responses
-        given = told if not responses else [
-            response.given(mine) for response, mine in zip(responses, told, strict=True)]
-        push, twist = (scaled_sum(1.0, mine, period, pushed) for mine, pushed in zip(
-            given, (known.steady[:axes], known.steady[axes:]), strict=True))
+        axes = len(self.push[0])
+        period = self.period
+        told = [_dot(command, gains) for gains in (self.push, self.twist)]
+        responses = known.responses
+        given = (
+            told
+            if not responses
+            else [response.given(mine) for response, mine in zip(responses, told, strict=True)]
+        )
+        push, twist = (
+            scaled_sum(1.0, mine, period, pushed)
+            for mine, pushed in zip(given, (known.steady[:axes], known.steady[axes:]), strict=True)
+        )
         found, half = self._carried(layout, known.columns, push, twist)
         steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        after = tuple(response.after(mine, turn) for response, mine, turn in zip(
-            responses, told, (half, ()), strict=False))  # torques are constant in B
+        after = tuple(
+            response.after(mine, turn)
+            for response, mine, turn in zip(responses, told, (half, ()), strict=False)
+        )  # torques are constant in B
         aged = _aged(known.covariance, period, self.drift, self.drift if self.steady else 0.0)
         return _Known(found, steady, aged, after)
 
-    def _carried(self, layout: Layout, columns: Columns, push: Columns,
-                 twist: Columns) -> tuple[list[Field], list[Field]]:
+    def _carried(
+        self, layout: Layout, columns: Columns, push: Columns, twist: Columns
+    ) -> tuple[list[Field], list[Field]]:
         """Columns a period later, in which thrusters gave these velocities; and half the turn of B."""
         period = self.period
         blocks = list(layout.split(columns))
@@ -235,12 +294,19 @@ class Filter(NamedTuple):
 
 def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
     """A period later: a pose moved on by its velocity, that by its acceleration, and both have wandered."""
-    t, h = period, 0.5 * period**2
+    t = period
+    h = 0.5 * period**2
     xx, xv, xa, vv, va, aa = covariance
     x = xx + t * xv + h * xa, xv + t * vv + h * va, xa + t * va + h * aa
     v = xv + t * xa, vv + t * va, va + t * aa
-    return (x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2, x[1] + t * x[2], x[2],
-            v[1] + t * v[2] + drift, v[2], aa + wander)
+    return (
+        x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2,
+        x[1] + t * x[2],
+        x[2],
+        v[1] + t * v[2] + drift,
+        v[2],
+        aa + wander,
+    )
 
 
 def _lesser(a: Field, b: Field) -> Field:
@@ -249,5 +315,10 @@ def _lesser(a: Field, b: Field) -> Field:
 
 
 def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:
-    return [sum((c * gain for c, gain in zip(command, column, strict=True) if gain), start=command[0] * 0.0)
-            for column in zip(*gains, strict=True)]
+    return [
+        sum(
+            (c * gain for c, gain in zip(command, column, strict=True) if gain),
+            start=command[0] * 0.0,
+        )
+        for column in zip(*gains, strict=True)
+    ]

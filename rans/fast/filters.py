@@ -37,8 +37,16 @@ class Filters(NamedTuple):
     repeated one too."""
 
     @classmethod
-    def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
-           steady: Sequence[float] = (), response: Sequence[float] = (), gate: float = 0.0) -> Filters:
+    def of(
+        cls,
+        craft: Spacecraft,
+        task: Task,
+        period: float,
+        drift: Sequence[float],
+        steady: Sequence[float] = (),
+        response: Sequence[float] = (),
+        gate: float = 0.0,
+    ) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
@@ -46,8 +54,16 @@ class Filters(NamedTuple):
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
         drift, steady, response = (tuple(map(float, x)) for x in (drift, steady, response))
-        return cls(drift, period, push, twist, tuple(shares(task, craft.dimension)), steady, response,
-                   float(gate))
+        return cls(
+            drift,
+            period,
+            push,
+            twist,
+            tuple(shares(task, craft.dimension)),
+            steady,
+            response,
+            float(gate),
+        )
 
     @property
     def each(self) -> tuple[Filter, ...]:
@@ -55,14 +71,21 @@ class Filters(NamedTuple):
         steady = self.steady if isinstance(self.steady, tuple) else (self.steady,) * len(self.drift)
         return tuple(
             Filter(drift, found, answer, self.period, self.push, self.twist, self.share)
-            for drift, found, answer in zip_longest(self.drift, steady, self.response, fillvalue=0.0))
+            for drift, found, answer in zip_longest(
+                self.drift, steady, self.response, fillvalue=0.0
+            )
+        )
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         count = len(self.drift)
-        told = count > 0 and np.shape(self.drift) == (count,) and np.shape(self.response) in ((0,), (count,))
+        told = (
+            count > 0
+            and np.shape(self.drift) == (count,)
+            and np.shape(self.response) in ((0,), (count,))
+        )
         steady = np.shape(self.steady) in ((), (0,), (count,))
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
         numbers = numbers and (self.gate == 0.0 or 1e-6 <= self.gate <= 1e6)

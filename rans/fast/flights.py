@@ -53,14 +53,24 @@ class Flights:
         ConfigError: there is no such device here.
     """
 
-    def __init__(self, network: Network, setup: Setup, device: str | torch.device = "cpu",
-                 listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
+    def __init__(
+        self,
+        network: Network,
+        setup: Setup,
+        device: str | torch.device = "cpu",
+        listed: int = LISTED,
+        products: Products = "bf16x3",
+        generated: bool = True,
+    ) -> None:
         craft, task, timing, conditions = self._setup = setup
         self._backend = backend = Backend.of(device, torch.float32, None)
-        self.device, self.listed = backend.device, listed
+        self.device = backend.device
+        self.listed = listed
         self.world = World(craft, task, timing, backend.nodes, conditions)
-        self._network = Network(network.architecture, {
-            name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
+        self._network = Network(
+            network.architecture,
+            {name: x.to(self.device, torch.float32) for name, x in network.tensors.items()},
+        )
         self._whole = self._made(products) if generated else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
@@ -75,8 +85,9 @@ class Flights:
         with one_thread():
             return program and CpuFlights(self.world, self._network, program)
 
-    def fly(self, first: int, count: int, seed: int,
-            progress: Callable[[int], object] = lambda _: None) -> Verdicts:
+    def fly(
+        self, first: int, count: int, seed: int, progress: Callable[[int], object] = lambda _: None
+    ) -> Verdicts:
         """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
 
         Raises:
@@ -97,8 +108,10 @@ class Flights:
             RansError: a process that flew died.
         """
         if count < 1 or first < 0 or first + count > 2**31:
-            raise ConfigError(f"scenarios have numbers from 0 to {2**31 - 1}: there are none from "
-                              f"{brief(first)} to {brief(first + count - 1)}.")
+            raise ConfigError(
+                f"scenarios have numbers from 0 to {2**31 - 1}: there are none from "
+                f"{brief(first)} to {brief(first + count - 1)}."
+            )
         if self.device.type == "cpu" and count >= _MANY:
             yield from self._divided(_parts(first, count, _SHARE), seed)
             return
@@ -123,25 +136,37 @@ class Flights:
 
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
         """One batch, step by step."""
-        world, tally = self.world, None
+        world = self.world
+        tally = None
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             for episode, outcome in self.steps(words, numbers):
                 tally = (tally or Tally.of(world, episode)).after(world, outcome)
         assert tally is not None
-        found = (tally.failure(), tally.going & tally.inside, tally.settled,
-                 tally.gained, tally.impulse, tally.opened)
+        found = (
+            tally.failure(),
+            tally.going & tally.inside,
+            tally.settled,
+            tally.gained,
+            tally.impulse,
+            tally.opened,
+        )
         arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
-        return Verdicts.of(world, numbers, arrays[:3], arrays[3:], self.listed,
-                           f"stepping, {self.device.type}")
+        return Verdicts.of(
+            world, numbers, arrays[:3], arrays[3:], self.listed, f"stepping, {self.device.type}"
+        )
 
     @torch.no_grad()
-    def steps(self, words: tuple[int, int], numbers: np.ndarray) -> Iterator[tuple[Episode, Outcome]]:
+    def steps(
+        self, words: tuple[int, int], numbers: np.ndarray
+    ) -> Iterator[tuple[Episode, Outcome]]:
         """Every step of the scenarios with these numbers, (N,) int32, of a seed's two words.
 
         As fields (N,) of the device: the episodes acted in, and what that gave.
         """
-        world, backend, network = self.world, self._backend, self._network
+        world = self.world
+        backend = self._backend
+        network = self._network
         draws = Draws(*words, backend.put(numbers, torch.int32), 0, backend.fields)
         clock = backend.put(np.zeros_like(numbers), torch.int32)
         now = world.begin(*world.scenario(clock, draws), clock, draws)
@@ -150,7 +175,9 @@ class Flights:
             seen = self._seen(world.observe(now, draws), len(numbers))
             command, memory = likeliest(network, seen, memory)
             columns = command.T.contiguous()
-            outcome = step(world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws)
+            outcome = step(
+                world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws
+            )
             yield now, outcome
             now = outcome.episode
 
@@ -183,4 +210,6 @@ def _processors() -> int:
 
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
     """First number and count of every part of at most so many scenarios."""
-    return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
+    return [
+        (begin, min(size, first + count - begin)) for begin in range(first, first + count, size)
+    ]

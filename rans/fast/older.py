@@ -59,8 +59,10 @@ def steps(archive: zipfile.ZipFile) -> int:
 def settings(archive: zipfile.ZipFile) -> dict[str, Any]:
     """Those of the training, as far as the file tells them without a pickle."""
     data = _data(archive)
-    return known({name: value for name, value in data.items() if not isinstance(value, dict)}
-                 | data.get(_SETTINGS, {}))
+    return known(
+        {name: value for name, value in data.items() if not isinstance(value, dict)}
+        | data.get(_SETTINGS, {})
+    )
 
 
 def known(table: dict[str, Any]) -> dict[str, Any]:
@@ -73,23 +75,37 @@ def known(table: dict[str, Any]) -> dict[str, Any]:
 
 def architecture(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> Architecture:
     """The network's, if it is for this spacecraft and this task."""
-    data, tensors, said = _data(archive), weights(archive), _arguments(archive)
-    width, continuous = int(data["observation_space"]["_shape"][0]), "log_std" in tensors
+    data = _data(archive)
+    tensors = weights(archive)
+    said = _arguments(archive)
+    width = int(data["observation_space"]["_shape"][0])
+    continuous = "log_std" in tensors
     seen = layout(task, craft.dimension) if "'layout'" in said else paper_layout(width)
-    rows, privileged = len(tensors["action_net.bias"]), int(_number(said, "privileged"))
+    rows = len(tensors["action_net.bias"])
+    privileged = int(_number(said, "privileged"))
     nominal = tuple(relative(Body.of(craft), craft)) if "'nominal': (" in said else ()
     return Architecture(
-        layout=seen, thrusters=rows if continuous else rows // 2, layers=_layers(tensors),
-        activation=_word(said, "activation"), zoom=_number(said, "zoom"),
+        layout=seen,
+        thrusters=rows if continuous else rows // 2,
+        layers=_layers(tensors),
+        activation=_word(said, "activation"),
+        zoom=_number(said, "zoom"),
         symmetries=symmetries(craft) if "'symmetries': Symmetries(" in said else None,
-        bf16="'bf16': True" in said, continuous=continuous, history=int(_number(said, "history")),
-        units=int(_number(said, "units")), privileged=privileged, nominal=nominal if privileged else (),
-        bounds=example(task, craft.dimension).bounds())
+        bf16="'bf16': True" in said,
+        continuous=continuous,
+        history=int(_number(said, "history")),
+        units=int(_number(said, "units")),
+        privileged=privileged,
+        nominal=nominal if privileged else (),
+        bounds=example(task, craft.dimension).bounds(),
+    )
 
 
 def _layers(tensors: dict[str, Tensor]) -> tuple[int, ...]:
     trunk = f"{EXTRACTOR}trunk."
-    return tuple(len(x) for name, x in tensors.items() if name.startswith(trunk) and name.endswith(".bias"))
+    return tuple(
+        len(x) for name, x in tensors.items() if name.startswith(trunk) and name.endswith(".bias")
+    )
 
 
 def _data(archive: zipfile.ZipFile) -> dict[str, Any]:

@@ -41,16 +41,20 @@ def unpack(content: bytes, where: object, device: str | torch.device = "cpu") ->
     if _LARGEST_HEADER < length < len(content):
         raise ConfigError(
             f"{where} was not opened: its header has {length:,} bytes, and at most {_LARGEST_HEADER:,} "
-            "are read; it is damaged or meant to fill the memory.")
+            "are read; it is damaged or meant to fill the memory."
+        )
     try:
         tensors = load(content)
-        told = json.loads(content[8:8 + length])["__metadata__"]
+        told = json.loads(content[8 : 8 + length])["__metadata__"]
         if told[_CHECKSUM] != _checksum(told[_TABLE], tensors):
             raise ValueError("its checksum is wrong")
-        return _joined(json.loads(told[_TABLE]), {name: x.to(device) for name, x in tensors.items()})
+        return _joined(
+            json.loads(told[_TABLE]), {name: x.to(device) for name, x in tensors.items()}
+        )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{where} is damaged, it is not a safetensors file of RANS: {first_line(error)}."
-                          ) from error
+        raise ConfigError(
+            f"{where} is damaged, it is not a safetensors file of RANS: {first_line(error)}."
+        ) from error
 
 
 def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
@@ -67,11 +71,15 @@ def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
         tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
         return {_TENSOR: path}
     if isinstance(value, dict):
-        return {key: _split(inner, f"{path}/{key}" if path else str(key), tensors)
-                for key, inner in value.items()}
+        return {
+            key: _split(inner, f"{path}/{key}" if path else str(key), tensors)
+            for key, inner in value.items()
+        }
     if isinstance(value, list | tuple):
-        return [_split(inner, f"{path}/{place}" if path else str(place), tensors)
-                for place, inner in enumerate(value)]
+        return [
+            _split(inner, f"{path}/{place}" if path else str(place), tensors)
+            for place, inner in enumerate(value)
+        ]
     return value
 
 

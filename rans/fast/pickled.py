@@ -19,11 +19,38 @@ from rans.errors import ConfigError, RansError
 from rans.fast.archives import bound, content, opened
 from rans.files import first_line, regular
 
-_HARMLESS = {"__future__", "_codecs", "abc", "array", "builtins", "collections", "copyreg", "dataclasses",
-             "datetime", "enum", "functools", "typing"}
+_HARMLESS = {
+    "__future__",
+    "_codecs",
+    "abc",
+    "array",
+    "builtins",
+    "collections",
+    "copyreg",
+    "dataclasses",
+    "datetime",
+    "enum",
+    "functools",
+    "typing",
+}
 """Modules of Python's own library that honest pickles name."""
-_VALUES = {"bool", "bytes", "complex", "dict", "float", "frozenset", "int", "list", "object",
-           "range", "set", "slice", "str", "tuple", "type"}
+_VALUES = {
+    "bool",
+    "bytes",
+    "complex",
+    "dict",
+    "float",
+    "frozenset",
+    "int",
+    "list",
+    "object",
+    "range",
+    "set",
+    "slice",
+    "str",
+    "tuple",
+    "type",
+}
 """What they name among the built-in functions; `bytearray` would take as much memory as it is told."""
 
 
@@ -82,8 +109,10 @@ def load_tensors(stream: IO[bytes], where: object, device: str = "cpu") -> Any:
     tree = torch.load(stream, map_location=device, weights_only=True)
     size = sum(x.numel() * x.element_size() for x in _tensors(tree))
     if size > most:
-        raise ConfigError(f"{where} was not opened: its tensors claim {size:,} bytes, and at most "
-                          f"{most:,} are read; it is damaged or meant to fill the memory.")
+        raise ConfigError(
+            f"{where} was not opened: its tensors claim {size:,} bytes, and at most "
+            f"{most:,} are read; it is damaged or meant to fill the memory."
+        )
     return tree
 
 
@@ -97,8 +126,10 @@ def _tensors(tree: Any) -> Iterator[Tensor]:
 
 def refuse(file: Path, name: str) -> NoReturn:
     """Say, with a ConfigError, that a file holds code that calls a function of this name."""
-    raise ConfigError(f"{file} holds code that would run {name} wherever the file is unpickled, which no "
-                      "honest agent does; nothing of it was run. Delete it.")
+    raise ConfigError(
+        f"{file} holds code that would run {name} wherever the file is unpickled, which no "
+        "honest agent does; nothing of it was run. Delete it."
+    )
 
 
 def named(pickle: bytes) -> Iterator[str]:

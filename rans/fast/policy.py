@@ -29,8 +29,19 @@ from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
 from rans.tasks.sight import Layout
 
-_SHARED = ("n_envs", "n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda",
-           "clip_range", "ent_coef", "vf_coef", "max_grad_norm")
+_SHARED = (
+    "n_envs",
+    "n_steps",
+    "batch_size",
+    "n_epochs",
+    "learning_rate",
+    "gamma",
+    "gae_lambda",
+    "clip_range",
+    "ent_coef",
+    "vf_coef",
+    "max_grad_norm",
+)
 """Settings that SB3 knows by the same names."""
 
 
@@ -42,8 +53,14 @@ class NormalisedMlp(BaseFeaturesExtractor):
     layout have that of the paper's tasks.
     """
 
-    def __init__(self, observation_space: spaces.Box, layers: Sequence[int] = (128, 128),
-                 layout: Layout | None = None, thrusters: int = 0, **others: Any) -> None:
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        layers: Sequence[int] = (128, 128),
+        layout: Layout | None = None,
+        thrusters: int = 0,
+        **others: Any,
+    ) -> None:
         layout = layout or paper_layout(observation_space.shape[0])
         architecture = Architecture(layout, thrusters, tuple(layers), **others)
         super().__init__(observation_space, architecture.features)
@@ -70,24 +87,37 @@ def network_of(policy: ActorCriticPolicy) -> Network:
     """The network that an SB3 policy is, its weights shared; ConfigError where it has other layers."""
     extractor = policy.features_extractor
     if not isinstance(extractor, NormalisedMlp) or policy.net_arch:
-        raise ConfigError("the policy is not one that RANS trained: it has layers of its own; load it with "
-                          "Stable-Baselines3.")
+        raise ConfigError(
+            "the policy is not one that RANS trained: it has layers of its own; load it with "
+            "Stable-Baselines3."
+        )
     heads = {name: x for name, x in policy.named_parameters() if not name.startswith(EXTRACTOR)}
     return extractor.network(heads)
 
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` of an `AgentPolicy` with this architecture, and Adam in one kernel."""
-    given = {field.name: getattr(architecture, field.name) for field in fields(Architecture)
-             if field.name != "bounds"}  # which the file has as its spaces
-    return {"features_extractor_class": NormalisedMlp, "features_extractor_kwargs": given, "net_arch": [],
-            "optimizer_kwargs": {"fused": True, "eps": EPSILON}}
+    given = {
+        field.name: getattr(architecture, field.name)
+        for field in fields(Architecture)
+        if field.name != "bounds"
+    }  # which the file has as its spaces
+    return {
+        "features_extractor_class": NormalisedMlp,
+        "features_extractor_kwargs": given,
+        "net_arch": [],
+        "optimizer_kwargs": {"fused": True, "eps": EPSILON},
+    }
 
 
 @torch.no_grad()
-def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, ...] | None = None,
-            episode_start: np.ndarray | None = None,
-            deterministic: bool = True) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+def predict(
+    network: Network,
+    observation: np.ndarray,
+    state: tuple[np.ndarray, ...] | None = None,
+    episode_start: np.ndarray | None = None,
+    deterministic: bool = True,
+) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
     """Commands (N, thrusters) of one member, whole numbers for on/off thrusters, and its memory after them.
 
     Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
@@ -97,7 +127,8 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
         ConfigError: the observations have another width than those that the network was trained on.
     """
     network.architecture.check_width("the policy", observation)
-    given, device = network.architecture, next(iter(network.tensors.values())).device
+    given = network.architecture
+    device = next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))
     if memory is not None and state is not None:
@@ -135,7 +166,8 @@ class AgentPolicy(ActorCriticPolicy):
 
     def get_distribution(self, obs: Any) -> Distribution:
         """As SB3."""
-        policy, known = self._evaluated(obs).policy, cast("Any", self.action_dist)
+        policy = self._evaluated(obs).policy
+        known = cast("Any", self.action_dist)
         if isinstance(policy, Duty):
             return known.proba_distribution(policy.mean, policy.log_std)
         both = torch.stack((torch.zeros_like(policy.logit), policy.logit), dim=2).flatten(1)
@@ -150,9 +182,13 @@ class AgentPolicy(ActorCriticPolicy):
         """As SB3: values (N, 1)."""
         return self._evaluated(obs).value[:, None]
 
-    def predict(self, observation: Any, state: tuple[np.ndarray, ...] | None = None,
-                episode_start: np.ndarray | None = None,
-                deterministic: bool = False) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
         """As SB3, see `predict`."""
         return predict(network_of(self), observation, state, episode_start, deterministic)
 
@@ -174,13 +210,24 @@ OnOffPolicy = AgentPolicy
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
     """What an agent observes and commands, in Gymnasium's terms."""
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
-    most, count = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32), architecture.thrusters
-    duties, switches = spaces.Box(0.0, 1.0, (count,), np.float32), spaces.MultiDiscrete([2] * count)
-    return spaces.Box(-most, most, dtype=np.float32), duties if architecture.continuous else switches
+    most = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
+    count = architecture.thrusters
+    duties = spaces.Box(0.0, 1.0, (count,), np.float32)
+    switches = spaces.MultiDiscrete([2] * count)
+    return spaces.Box(
+        -most, most, dtype=np.float32
+    ), duties if architecture.continuous else switches
 
 
-def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings,
-                 steps: int, adam: dict[Any, Any] | None = None, rate: float | None = None) -> None:
+def write_policy(
+    file: Path,
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    settings: PPOSettings,
+    steps: int,
+    adam: dict[Any, Any] | None = None,
+    rate: float | None = None,
+) -> None:
     """Save one agent twice in one archive: as RANS reads it (`rans.fast.saved`), and as SB3 does.
 
     With it go the settings of its training, with which SB3 goes on too. Its tensors are as `Network.member`
@@ -188,7 +235,8 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
     disk refuses.
     """
     seen, commanded = policy_spaces(architecture)
-    kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
+    kwargs = policy_kwargs(architecture)
+    rate = rate or settings.learning_rate
     policy = AgentPolicy(seen, commanded, lambda _: rate, **kwargs, optimizer_class=_Written)
     policy.to(next(iter(tensors.values())).dtype)
     names = dict((*policy.named_parameters(), *policy.named_buffers()))
@@ -198,15 +246,25 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
     optimizer = policy.optimizer.state_dict()
     if adam:
         optimizer["state"] = adam
-    data = {"policy_class": AgentPolicy, "policy_kwargs": kwargs, "observation_space": seen,
-            "action_space": commanded, "verbose": 0, "num_timesteps": steps,
-            **{name: getattr(settings, name) for name in _SHARED}}
+    data = {
+        "policy_class": AgentPolicy,
+        "policy_kwargs": kwargs,
+        "observation_space": seen,
+        "action_space": commanded,
+        "verbose": 0,
+        "num_timesteps": steps,
+        **{name: getattr(settings, name) for name in _SHARED},
+    }
 
     ours = packed_agent(architecture, tensors, settings, steps, adam or {}, rate)
 
     def write(draft: Path) -> None:
-        with draft.open("w+b") as stream:  # not a path: SB3 adds ".zip" to one that has another ending
-            save_to_zip_file(stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer})
+        with draft.open(
+            "w+b"
+        ) as stream:  # not a path: SB3 adds ".zip" to one that has another ending
+            save_to_zip_file(
+                stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer}
+            )
             with zipfile.ZipFile(stream, "a") as archive:
                 archive.writestr(AGENT, ours)
 

@@ -28,20 +28,31 @@ class Known:
     """
 
     def __init__(self, world: World, body: Body, everywhere: Tensor) -> None:
-        self._body, self._craft, self._drawn = body, world.craft, quantities(world)
+        self._body = body
+        self._craft = world.craft
+        self._drawn = quantities(world)
         self._everywhere = everywhere
         # In memory: a CUDA graph takes nothing from the CPU.
-        self._mean, self._scale = (everywhere.new_tensor(row) for row in (
-            [one.mean for one in self._drawn], [1.0 / one.spread for one in self._drawn]))
+        self._mean, self._scale = (
+            everywhere.new_tensor(row)
+            for row in (
+                [one.mean for one in self._drawn],
+                [1.0 / one.spread for one in self._drawn],
+            )
+        )
         self.width = len(self._drawn) or len(leaves(body))
         """How many a spacecraft has."""
-        self.nominal = (0.0,) * len(self._drawn) or tuple(relative(Body.of(world.craft), world.craft))
+        self.nominal = (0.0,) * len(self._drawn) or tuple(
+            relative(Body.of(world.craft), world.craft)
+        )
         """Those of the craft as designed, or under conditions of what is usual."""
 
     def of(self, episode: Episode) -> Tensor:
         """All of them, (N, width), in N running episodes, which know their cases."""
         if not self._drawn:
-            return torch.stack([self._everywhere * x for x in relative(self._body, self._craft)], dim=1)
+            return torch.stack(
+                [self._everywhere * x for x in relative(self._body, self._craft)], dim=1
+            )
         case = leaves(episode.case)
         drawn = torch.stack([torch.as_tensor(case[one.place]) for one in self._drawn], dim=1)
         return (drawn - self._mean) * self._scale
@@ -63,14 +74,21 @@ def quantities(world: World) -> list[Quantity]:
     if world.conditions is None:
         return []
     drawn = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
-    return [Quantity(place, float(x.mean()), float(x.std()))
-            for place, x in enumerate(drawn) if isinstance(x, np.ndarray) and place and x.std() > 0.0]
+    return [
+        Quantity(place, float(x.mean()), float(x.std()))
+        for place, x in enumerate(drawn)
+        if isinstance(x, np.ndarray) and place and x.std() > 0.0
+    ]
 
 
 def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
     """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
     nominal = Body.of(craft)
-    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
-                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
+    scales = replace(
+        nominal,
+        inertia=(max(nominal.inertia),) * len(nominal.inertia),
+        centre=(craft.radius,) * len(nominal.centre),
+        leak=(1.0,) * len(nominal.leak),
+    )
     for x in map(truediv, leaves(body), leaves(scales)):
         yield x if isinstance(x, int | float) else torch.as_tensor(x)

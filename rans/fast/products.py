@@ -12,9 +12,16 @@ DOT = "llvm.x86.avx512.vpdpbusd.512"
 """Adds products of four unsigned and four signed bytes to each of sixteen sums."""
 
 
-def product(code: Code, shape: tuple[int, int], weights: Value, steps: tuple[int, int], source: Value,
-            stride: Value, finish: Callable[[Value, list[Sequence[Value]]], object],
-            whole: bool = False) -> None:
+def product(
+    code: Code,
+    shape: tuple[int, int],
+    weights: Value,
+    steps: tuple[int, int],
+    source: Value,
+    stride: Value,
+    finish: Callable[[Value, list[Sequence[Value]]], object],
+    whole: bool = False,
+) -> None:
     """Of weights (rows, length) and `WIDTH` columns of a source (length, ...).
 
     Args:
@@ -27,29 +34,45 @@ def product(code: Code, shape: tuple[int, int], weights: Value, steps: tuple[int
         finish: is given the number of the first of some rows, and their `TILE` vectors each.
         whole: whether each number of both is four bytes, the source's unsigned, and sums are whole numbers.
     """
-    (rows, length), kind = shape, INTS if whole else FLOATS
+    (rows, length) = shape
+    kind = INTS if whole else FLOATS
 
     def group(first: Value, count: int) -> None:
-        begins = [code.at(weights, code.mul(code.add(first, LONG(u)), LONG(steps[0])), FLOAT)
-                  for u in range(count)]
+        begins = [
+            code.at(weights, code.mul(code.add(first, LONG(u)), LONG(steps[0])), FLOAT)
+            for u in range(count)
+        ]
 
         def summand(k: Value, sums: list[Value]) -> list[Value]:
-            place, along = code.mul(k, stride), code.mul(k, LONG(steps[1]))
+            place = code.mul(k, stride)
+            along = code.mul(k, LONG(steps[1]))
             x = [code.read(source, code.add(place, LONG(v * LANES)), kind) for v in range(TILE)]
             w = [code.everywhere(code.read(begin, along, kind.element)) for begin in begins]
             pairs = [(one, other) for one in w for other in x]
-            return [code.intrinsic(DOT, old, other, one) if whole else code.times_plus(one, other, old)
-                    for old, (one, other) in zip(sums, pairs, strict=True)]
+            return [
+                code.intrinsic(DOT, old, other, one) if whole else code.times_plus(one, other, old)
+                for old, (one, other) in zip(sums, pairs, strict=True)
+            ]
 
         sums = code.repeat(length, [constant(0 if whole else 0.0)] * (count * TILE), summand)
-        finish(first, [sums[TILE * u:TILE * (u + 1)] for u in range(count)])
+        finish(first, [sums[TILE * u : TILE * (u + 1)] for u in range(count)])
 
     code.groups(rows, ROWS, group)
 
 
-def dense(code: Code, shape: tuple[int, int], weight: Value, bias: Value, source: Value, stride: Value,
-          to: Value, step: Value, activation: str) -> None:
+def dense(
+    code: Code,
+    shape: tuple[int, int],
+    weight: Value,
+    bias: Value,
+    source: Value,
+    stride: Value,
+    to: Value,
+    step: Value,
+    activation: str,
+) -> None:
     """A layer of weights (rows, length) with its activation; ``step`` is the stride of what it makes."""
+
     def finish(first: Value, sums: list[Sequence[Value]]) -> None:
         for u, v, value in each(sums):
             unit = code.add(first, LONG(u))
@@ -65,8 +88,16 @@ def each(sums: Sequence[Sequence[Value]]) -> list[tuple[int, int, Value]]:
     return [(u, v, value) for u, row in enumerate(sums) for v, value in enumerate(row)]
 
 
-def correlation(code: Code, shape: tuple[int, int], a: Value, a_stride: Value, b: Value, b_stride: Value,
-                vectors: Value, to: Value) -> None:
+def correlation(
+    code: Code,
+    shape: tuple[int, int],
+    a: Value,
+    a_stride: Value,
+    b: Value,
+    b_stride: Value,
+    vectors: Value,
+    to: Value,
+) -> None:
     """Add to each number of a matrix (rows, columns) the products of a row of a and one of b, summed.
 
     Both have rows of so many vectors.
@@ -77,10 +108,16 @@ def correlation(code: Code, shape: tuple[int, int], a: Value, a_stride: Value, b
         def beside(second: Value, others: int) -> None:
             def summand(k: Value, sums: list[Value]) -> list[Value]:
                 place = code.mul(k, LONG(LANES))
-                left, right = ([code.read(x, code.add(code.mul(code.add(begin, LONG(i)), stride), place))
-                                for i in range(many)]
-                               for x, stride, begin, many in ((a, a_stride, first, count),
-                                                              (b, b_stride, second, others)))
+                left, right = (
+                    [
+                        code.read(x, code.add(code.mul(code.add(begin, LONG(i)), stride), place))
+                        for i in range(many)
+                    ]
+                    for x, stride, begin, many in (
+                        (a, a_stride, first, count),
+                        (b, b_stride, second, others),
+                    )
+                )
                 pairs = [(x, y) for x in left for y in right]
                 return [code.times_plus(x, y, old) for old, (x, y) in zip(sums, pairs, strict=True)]
 
@@ -96,11 +133,16 @@ def correlation(code: Code, shape: tuple[int, int], a: Value, a_stride: Value, b
 
 def row_sums(code: Code, rows: int, a: Value, stride: Value, vectors: Value, to: Value) -> None:
     """Add to each of some numbers the sum of a row of so many vectors."""
+
     def several(first: Value, count: int) -> None:
         def summand(k: Value, sums: list[Value]) -> list[Value]:
             place = code.mul(k, LONG(LANES))
-            return [code.fadd(old, code.read(a, code.add(code.mul(code.add(first, LONG(i)), stride), place)))
-                    for i, old in enumerate(sums)]
+            return [
+                code.fadd(
+                    old, code.read(a, code.add(code.mul(code.add(first, LONG(i)), stride), place))
+                )
+                for i, old in enumerate(sums)
+            ]
 
         for i, value in enumerate(code.repeat(vectors, [code.everywhere(0.0)] * count, summand)):
             gather(code, value, to, code.add(first, LONG(i)))

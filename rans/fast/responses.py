@@ -55,30 +55,47 @@ class Response(NamedTuple):
 
     def after(self, told: Columns, half: Columns) -> Response:
         """A period later, in a B that has turned by twice this since; without it, one that has not."""
-        now, then = (turned(scaled_sum(1.0, x, 1.0, cross(half, x)), half) if half else x
-                     for x in (told, self.now))
+        now, then = (
+            turned(scaled_sum(1.0, x, 1.0, cross(half, x)), half) if half else x
+            for x in (told, self.now)
+        )
         xx, xy, yy = self.spread
         return self._replace(now=now, then=then, spread=(xx + _WANDER, xy, yy + _WANDER))
 
     def learnt(self, off: Columns, variance: Field) -> Response:
         """Once a reading, and what was expected, of this variance together, are off by so much."""
         weight = 1.0 / variance
-        aa, ab, bb, a, b = (weight * sum(x * y for x, y in zip(*pair, strict=True)) for pair in (
-            (self.now, self.now), (self.now, self.then), (self.then, self.then),
-            (self.now, off), (self.then, off)))
+        aa, ab, bb, a, b = (
+            weight * sum(x * y for x, y in zip(*pair, strict=True))
+            for pair in (
+                (self.now, self.now),
+                (self.now, self.then),
+                (self.then, self.then),
+                (self.now, off),
+                (self.then, off),
+            )
+        )
 
         # What information A leaves of the covariance P: (I + P A)^-1 P.
         xx, xy, yy = self.spread
-        p, q, r, s = 1.0 + xx * aa + xy * ab, xx * ab + xy * bb, xy * aa + yy * ab, 1.0 + xy * ab + yy * bb
+        p = 1.0 + xx * aa + xy * ab
+        q = xx * ab + xy * bb
+        r = xy * aa + yy * ab
+        s = 1.0 + xy * ab + yy * bb
         scale = 1.0 / (p * s - q * r)
         xx, xy, yy = (s * xx - q * xy) * scale, (s * xy - q * yy) * scale, (p * yy - r * xy) * scale
-        more, late = self.more + xx * a + xy * b, self.late + xy * a + yy * b
+        more = self.more + xx * a + xy * b
+        late = self.late + xy * a + yy * b
         return self._replace(more=_held(more), late=_held(late), spread=(xx, xy, yy))
 
     def begun(self, first: Field, spread: float) -> Response:
         """This, or where an episode's first reading is all there is, what is known before any other."""
-        more, late, *told = (where(first, before, x) for before, x in zip(
-            (0.0, 0.0, spread, 0.0, spread), (self.more, self.late, *self.spread), strict=True))
+        more, late, *told = (
+            where(first, before, x)
+            for before, x in zip(
+                (0.0, 0.0, spread, 0.0, spread), (self.more, self.late, *self.spread), strict=True
+            )
+        )
         xx, xy, yy = told
         return self._replace(more=more, late=late, spread=(xx, xy, yy))
 

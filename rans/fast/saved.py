@@ -51,11 +51,25 @@ class SavedPolicy(NamedTuple):
     """Adam's step size."""
 
 
-def packed_agent(architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings, steps: int,
-                 adam: dict[Any, Any], rate: float) -> bytes:
+def packed_agent(
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    settings: PPOSettings,
+    steps: int,
+    adam: dict[Any, Any],
+    rate: float,
+) -> bytes:
     """What goes into the archive as `AGENT`; arguments are as those of `rans.fast.policy.write_policy`."""
-    return pack({"architecture": _table(architecture), "weights": dict(tensors), "settings": asdict(settings),
-                 "steps": steps, "adam": adam, "rate": rate})
+    return pack(
+        {
+            "architecture": _table(architecture),
+            "weights": dict(tensors),
+            "settings": asdict(settings),
+            "steps": steps,
+            "adam": adam,
+            "rate": rate,
+        }
+    )
 
 
 def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
@@ -73,8 +87,13 @@ def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
         made = _architecture(table["architecture"])
         settings = older.known(table["settings"])
         adam = {int(place): moments for place, moments in table["adam"].items()}
-        return SavedPolicy(_network(made, table["weights"]), settings, int(table["steps"]), adam,
-                           float(table["rate"]))
+        return SavedPolicy(
+            _network(made, table["weights"]),
+            settings,
+            int(table["steps"]),
+            adam,
+            float(table["rate"]),
+        )
 
 
 def is_agent(file: Path) -> bool:
@@ -105,8 +124,13 @@ def _older(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> SavedPoli
         raise ValueError("it holds no agent that RANS wrote")
     adam = older.arrays(archive, "policy.optimizer.pth")
     network = _network(older.architecture(archive, craft, task), older.weights(archive))
-    return SavedPolicy(network, older.settings(archive), older.steps(archive), adam["state"],
-                       float(adam["param_groups"][0]["lr"]))
+    return SavedPolicy(
+        network,
+        older.settings(archive),
+        older.steps(archive),
+        adam["state"],
+        float(adam["param_groups"][0]["lr"]),
+    )
 
 
 def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Network:
@@ -120,21 +144,32 @@ def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Netwo
     tensors = {name: weights[name].float() for name in shapes}
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
-            raise ConfigError(f"the agent's tensor {name} holds numbers that are not finite, so it "
-                              "could not be flown: its training diverged, or the file was changed.")
+            raise ConfigError(
+                f"the agent's tensor {name} holds numbers that are not finite, so it "
+                "could not be flown: its training diverged, or the file was changed."
+            )
     return Network(architecture, tensors)
 
 
 def _table(architecture: Architecture) -> dict[str, Any]:
     """An architecture as `pack` takes it."""
     views = architecture.symmetries
-    own = {field.name: plain(getattr(architecture, field.name)) for field in fields(Architecture)
-           if field.name not in ("layout", "symmetries", "filters")}
-    tables = None if views is None else {
-        name: torch.as_tensor(table) for name, table in views._asdict().items()}
+    own = {
+        field.name: plain(getattr(architecture, field.name))
+        for field in fields(Architecture)
+        if field.name not in ("layout", "symmetries", "filters")
+    }
+    tables = (
+        None
+        if views is None
+        else {name: torch.as_tensor(table) for name, table in views._asdict().items()}
+    )
     filters = architecture.filters
-    return own | {"layout": [_described(block) for block in architecture.layout.blocks], "symmetries": tables,
-                  "filters": None if filters is None else plain(filters._asdict())}
+    return own | {
+        "layout": [_described(block) for block in architecture.layout.blocks],
+        "symmetries": tables,
+        "filters": None if filters is None else plain(filters._asdict()),
+    }
 
 
 def _architecture(table: dict[str, Any]) -> Architecture:
@@ -143,15 +178,28 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
     filters = table.pop("filters", None)  # which agents of before did not have
-    bank = None if filters is None else Filters(
-        **{name: _numbers(value) for name, value in filters.items()})
+    bank = (
+        None
+        if filters is None
+        else Filters(**{name: _numbers(value) for name, value in filters.items()})
+    )
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
-    given = Architecture(blocks, symmetries=views, filters=bank,
-                         **{name: _value(name, x) for name, x in table.items()})
+    given = Architecture(
+        blocks,
+        symmetries=views,
+        filters=bank,
+        **{name: _value(name, x) for name, x in table.items()},
+    )
     if bank is not None and not bank.fits(blocks.body, given.thrusters):
         raise ValueError("its filters are of another spacecraft")
-    numbers = {"filters": bank or (), "symmetries": views or (), "nominal": given.nominal,
-               "averages": given.averages, "zoom": given.zoom, "clip": given.clip}
+    numbers = {
+        "filters": bank or (),
+        "symmetries": views or (),
+        "nominal": given.nominal,
+        "averages": given.averages,
+        "zoom": given.zoom,
+        "clip": given.clip,
+    }
     for name, values in numbers.items():
         if not _are_finite(values):
             raise ValueError(f"its {name} holds numbers that are not finite")
@@ -176,11 +224,16 @@ def _numbers(value: Any) -> Any:
 
 def _are_views(views: Symmetries, given: Architecture) -> bool:
     """Whether every view has a matrix, a hand and a place for each thruster."""
-    count, axes = len(views.turn), views.turn.shape[-1]
+    count = len(views.turn)
+    axes = views.turn.shape[-1]
     shapes = views.turn.shape, views.hand.shape, views.place.shape
     places = views.place.astype(int)
-    return (shapes == ((count, axes, axes), (count,), (count, given.thrusters)) and axes in (2, 3)
-            and count > 0 and bool(((places >= 0) & (places < given.thrusters)).all()))
+    return (
+        shapes == ((count, axes, axes), (count,), (count, given.thrusters))
+        and axes in (2, 3)
+        and count > 0
+        and bool(((places >= 0) & (places < given.thrusters)).all())
+    )
 
 
 def _are_finite(values: Any) -> bool:
@@ -201,8 +254,11 @@ def _block(row: list[Any]) -> Block:
     kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(Entry)}
     if kind not in kinds:  # nothing is imported because a file says so
         raise ValueError(f"it observes columns of the unknown kind {kind}")
-    return Block(kinds[kind], int(width),
-                 tuple((float(flag), tuple(map(_block, blocks))) for flag, blocks in choices))
+    return Block(
+        kinds[kind],
+        int(width),
+        tuple((float(flag), tuple(map(_block, blocks))) for flag, blocks in choices),
+    )
 
 
 def _kinds(base: type[Entry]) -> Iterator[type[Entry]]:

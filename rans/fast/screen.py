@@ -55,8 +55,9 @@ class Memory(NamedTuple):
         """How many numbers that are."""
         return 2 * layout.width + len(layout.blocks) + 2
 
-    def after(self, read: Columns, screened: Screened, expected: Columns,
-              command: Columns) -> list[Field]:
+    def after(
+        self, read: Columns, screened: Screened, expected: Columns, command: Columns
+    ) -> list[Field]:
         """The numbers to remember once a reading was screened and answered with a command."""
         total = sum(command[1:], start=command[0])
         idle = -at_least(-(self.idle + 1.0), -PATIENCE)
@@ -75,8 +76,9 @@ class Screened(NamedTuple):
     """See `Memory`."""
 
 
-def screened(layout: Layout, read: Columns, memory: Memory, one: Filter, gate: float,
-             first: Field) -> Screened:
+def screened(
+    layout: Layout, read: Columns, memory: Memory, one: Filter, gate: float, first: Field
+) -> Screened:
     """The columns of a reading as they count.
 
     The gate opens twice as wide for every reading in a row that it kept out, so that one which stays far off
@@ -103,13 +105,21 @@ def screened(layout: Layout, read: Columns, memory: Memory, one: Filter, gate: f
 
     columns: list[Field] = []
     gates: list[Field] = []
-    blocks = zip(layout.split(read), layout.split(memory.last), layout.split(memory.expected), one.share,
-                 memory.gates, strict=True)
+    blocks = zip(
+        layout.split(read),
+        layout.split(memory.last),
+        layout.split(memory.expected),
+        one.share,
+        memory.gates,
+        strict=True,
+    )
     for (block, now), (_, before), (_, then), share, gate_before in blocks:
         if issubclass(block.kind, Turn):
-            error, scale = tilt_between(now, then), twist
+            error = tilt_between(now, then)
+            scale = twist
         elif any(share):
-            error, scale = [a - b for a, b in zip(now, then, strict=True)], twist if share[2] else push
+            error = [a - b for a, b in zip(now, then, strict=True)]
+            scale = twist if share[2] else push
         else:  # no motion changes it
             columns += now
             gates.append(gate_before)
@@ -117,7 +127,7 @@ def screened(layout: Layout, read: Columns, memory: Memory, one: Filter, gate: f
         new = _changed(now, before) + is_true
         if issubclass(block.kind, Spin):
             new = new + spin_is_true
-        wild = _squared(error) * (1.0 / (gate * scale)**2) > gate_before * gate_before
+        wild = _squared(error) * (1.0 / (gate * scale) ** 2) > gate_before * gate_before
         counts = where(first, full, where(wild, zero, new))
         columns += [where(counts > 0.0, a, b) for a, b in zip(now, then, strict=True)]
         gates.append(where(first, full, where(wild, gate_before + gate_before, full)))
@@ -143,7 +153,9 @@ def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float
         return memory.noisy * 0.0
     off = tilt_between(now, then)
     # Thrust that did not come would have turned the craft by half its angular velocity times the period.
-    off_as_read = [tilt + 0.5 * period * (b - a) for tilt, a, b in zip(off, spin, spin_expected, strict=True)]
+    off_as_read = [
+        tilt + 0.5 * period * (b - a) for tilt, a, b in zip(off, spin, spin_expected, strict=True)
+    ]
     fits = _squared(off) > _squared(off_as_read)
     return where(fits, _changed(now, before), memory.noisy * 0.0)
 

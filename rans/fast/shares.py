@@ -23,28 +23,47 @@ def shares(task: Task, dimension: Dimension) -> list[Share]:
     entries = sight(task, state, goal).entries
     moved = [_nudged(state, name) for name in ("p", "v", "w")]
     changed = [sight(task, one, goal).entries for one in moved]
-    return [(0.0, 0.0, 0.0) if issubclass(type(entry), Turn) else _share(entry, others)
-            for entry, *others in zip(entries, *changed, strict=True) if not isinstance(entry, OwnAttitude)]
+    return [
+        (0.0, 0.0, 0.0) if issubclass(type(entry), Turn) else _share(entry, others)
+        for entry, *others in zip(entries, *changed, strict=True)
+        if not isinstance(entry, OwnAttitude)
+    ]
 
 
 def _nudged(state: State, name: str) -> State:
     value = getattr(state, name)
-    return replace(state, **{name: value + type(value)(1.0, *(0.0,) * (len(value.columns()) - 1))
-                             if hasattr(value, "columns") else value + 1.0})
+    return replace(
+        state,
+        **{
+            name: value + type(value)(1.0, *(0.0,) * (len(value.columns()) - 1))
+            if hasattr(value, "columns")
+            else value + 1.0
+        },
+    )
 
 
 def _share(entry: Entry, others: Sequence[Entry]) -> Share:
     """Of one block: what its first column gains by one unit of each, if it is linear in only one of them."""
     first, *rest = (np.asarray(x, float) for x in entry.columns())
-    found = [float(np.round(np.asarray(one.columns()[0], float) - first, 9).reshape(-1)[0]) for one in others]
-    still = all(np.allclose(np.asarray(b, float), a) for one in others for a, b in
-                zip(rest, one.columns()[1:], strict=True))
-    fits = found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
+    found = [
+        float(np.round(np.asarray(one.columns()[0], float) - first, 9).reshape(-1)[0])
+        for one in others
+    ]
+    still = all(
+        np.allclose(np.asarray(b, float), a)
+        for one in others
+        for a, b in zip(rest, one.columns()[1:], strict=True)
+    )
+    fits = (
+        found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
+    )
     known = still and len(changing(found)) <= 1 and any(found) == any(fits)
     if isinstance(entry, Drawn) or not known:
-        raise ConfigError(f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
-                          "velocity nor an angular velocity, but changes with them. Train without "
-                          "filters, or let the task show it otherwise.")
+        raise ConfigError(
+            f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
+            "velocity nor an angular velocity, but changes with them. Train without "
+            "filters, or let the task show it otherwise."
+        )
     return found[0], found[1], found[2]
 
 

@@ -63,7 +63,8 @@ def step_and_restart(world: World, episode: Episode, command: Command, draws: Dr
     remembers = episode.case is not None
     outcome = step(world, world.recalled(episode, draws), command, draws)
     after = restart(world, outcome, draws)
-    seen, final = world.observe(after, draws), world.observe(outcome.episode, draws)
+    seen = world.observe(after, draws)
+    final = world.observe(outcome.episode, draws)
     return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
 
 
@@ -71,7 +72,9 @@ def step_tensors(world: World, episode: Episode, action: Tensor, draws: Draws) -
     """One step on tensors, writing the episode's buffers in place; this is what is compiled."""
     command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
     seen = step_and_restart(world, episode, command, draws)
-    results = _results(seen, torch.stack, lambda x: x)  # first: final observations may show what is in memory
+    results = _results(
+        seen, torch.stack, lambda x: x
+    )  # first: final observations may show what is in memory
     for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
         buffer.copy_(value)
     return results
@@ -90,14 +93,20 @@ def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
     """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
     outcome = seen.outcome
     terms, reward = paid(outcome.terms, outcome.terminated)
-    return Step(observation=stack(seen.observation).T, reward=wrap(reward),
-                terminated=wrap(outcome.terminated), truncated=wrap(outcome.truncated),
-                final_observation=stack(seen.final_observation).T, reached=wrap(outcome.reached),
-                terms=stack(tuple(terms.values())))
+    return Step(
+        observation=stack(seen.observation).T,
+        reward=wrap(reward),
+        terminated=wrap(outcome.terminated),
+        truncated=wrap(outcome.truncated),
+        final_observation=stack(seen.final_observation).T,
+        reached=wrap(outcome.reached),
+        terms=stack(tuple(terms.values())),
+    )
 
 
-def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
-                compiled: bool | None = None) -> Any:
+def field_dtype(
+    device: torch.device, dtype: torch.dtype = torch.float32, compiled: bool | None = None
+) -> Any:
     """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU, else torch's."""
     return dtype if compiled or device.type == "cuda" else _NUMPY_DTYPES[dtype]
 
@@ -141,13 +150,16 @@ class Backend:
         """Fields (N,) as one tensor (rows, N)."""
         return torch.from_numpy(np.stack(rows)) if self.on_numpy else torch.stack(tuple(rows))
 
-    def episodes(self, world: World, body: Body, count: int, draws: Draws, remember: bool) -> Episode:
+    def episodes(
+        self, world: World, body: Body, count: int, draws: Draws, remember: bool
+    ) -> Episode:
         """Of N spacecraft, in buffers of the right shape that a reset fills; the body is in memory already.
 
         From what the first episodes draw it is seen what varies. They remember what they draw from their
         conditions, or draw it in every step.
         """
-        zeros, kept = torch.zeros(count, dtype=torch.float64), getattr(torch, world.craft.actuators.dtype)
+        zeros = torch.zeros(count, dtype=torch.float64)
+        kept = getattr(torch, world.craft.actuators.dtype)
         real = torch.float64 if self.fields in (np.float64, torch.float64) else torch.float32
         clock = self.put(zeros, torch.int32)
 
@@ -155,19 +167,30 @@ class Backend:
             return x if isinstance(x, int | float) and later is x else self.put(zeros, real)
 
         start, goal = world.scenario(clock, draws)
-        new, moved = world.begin(start, goal, clock, draws, body), world.task.next_goal(
-            goal, start, world.timing.control_period)
+        new = world.begin(start, goal, clock, draws, body)
+        moved = world.task.next_goal(goal, start, world.timing.control_period)
         case = None
         if remember and new.case is not None:
-            case = replace(map_leaves(buffer, new.case, new.case), number=self.put(zeros, torch.int32))
-        return replace(new, state=map_leaves(buffer, start), goal=map_leaves(buffer, goal, moved), case=case,
-                       past=map_leaves(buffer, new.past), reading=map_leaves(buffer, new.reading),
-                       commands=map_leaves(lambda _: self.put(zeros, kept), new.commands))
+            case = replace(
+                map_leaves(buffer, new.case, new.case), number=self.put(zeros, torch.int32)
+            )
+        return replace(
+            new,
+            state=map_leaves(buffer, start),
+            goal=map_leaves(buffer, goal, moved),
+            case=case,
+            past=map_leaves(buffer, new.past),
+            reading=map_leaves(buffer, new.reading),
+            commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
+        )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:
         """The two words of a seed, or every environment's own of its member's, int32."""
-        table = np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T if len(seeds) > 1 else (
-            seed_words(seeds[0]))
+        table = (
+            np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T
+            if len(seeds) > 1
+            else (seed_words(seeds[0]))
+        )
         low, high = (self.put(word, torch.int32) for word in table)
         return low, high
 
@@ -204,8 +227,10 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
 @contextmanager
 def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
     """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
-    before = [x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
-              for x in memory]
+    before = [
+        x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
+        for x in memory
+    ]
     yield
     for buffer, old in zip(memory, before, strict=True):
         if isinstance(buffer, Tensor) and isinstance(old, Tensor):
@@ -218,8 +243,11 @@ def varying(episode: Episode, like: Episode) -> list[Tensor]:
     """What `begin_as` takes of N others' episodes: all that varies in those like these, each (N,)."""
     zero = leaves(episode.state)[0] * 0.0
     told = replace(episode, case=episode.case if like.case is not None else None)
-    return [torch.as_tensor(x + zero if isinstance(x, int | float) else x)
-            for x, own in zip(_own(told), _own(like), strict=True) if not isinstance(own, int | float)]
+    return [
+        torch.as_tensor(x + zero if isinstance(x, int | float) else x)
+        for x, own in zip(_own(told), _own(like), strict=True)
+        if not isinstance(own, int | float)
+    ]
 
 
 def begin_as(running: Episode, timing: Timing, rows: Tensor, others: Sequence[Tensor]) -> None:
@@ -236,26 +264,45 @@ def _own(episode: Episode) -> tuple[Any, ...]:
     return leaves(replace(episode, body=None, clock=0.0))
 
 
-def snapshot(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
+def snapshot(
+    world: World, episode: Episode, seed: Sequence[Any], processes: Processes
+) -> dict[str, Any]:
     """What `Engine.save_state` gives."""
     buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
-    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
-            "episode_steps": world.timing.episode_steps}
+    return {
+        "buffers": buffers,
+        "seed": [torch.as_tensor(word).tolist() for word in seed],
+        "episode_steps": world.timing.episode_steps,
+    }
 
 
-def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],
-            processes: Processes) -> None:
+def restore(
+    table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any], processes: Processes
+) -> None:
     """Write what `Engine.save_state` gave into an engine's memory, see `Engine.load_state`."""
-    buffers, values = episode.memory(), [processes.mine(value) for value in table["buffers"]]
+    buffers = episode.memory()
+    values = [processes.mine(value) for value in table["buffers"]]
     if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
         raise ConfigError(
             f"the saved state is not one of {len(episode.clock)} environments of {world.craft.name!r}; "
-            "the usual cause is a changed number of environments, or an older RANS that saved it.")
+            "the usual cause is a changed number of environments, or an older RANS that saved it."
+        )
     if table["episode_steps"] != world.timing.episode_steps:
         raise ConfigError(
             f"the saved state is one of episodes of {table['episode_steps']:,} steps, not "
-            f"{world.timing.episode_steps:,}: its clocks would be misread.")
-    write(buffers, [value.cpu() if isinstance(b, np.ndarray) else value.to(b.device)
-                    for b, value in zip(buffers, values, strict=True)])
-    write(seed, [torch.as_tensor(word).numpy() if isinstance(kept, np.ndarray) else torch.as_tensor(word)
-                 for kept, word in zip(seed, table["seed"], strict=True)])
+            f"{world.timing.episode_steps:,}: its clocks would be misread."
+        )
+    write(
+        buffers,
+        [
+            value.cpu() if isinstance(b, np.ndarray) else value.to(b.device)
+            for b, value in zip(buffers, values, strict=True)
+        ],
+    )
+    write(
+        seed,
+        [
+            torch.as_tensor(word).numpy() if isinstance(kept, np.ndarray) else torch.as_tensor(word)
+            for kept, word in zip(seed, table["seed"], strict=True)
+        ],
+    )

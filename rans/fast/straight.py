@@ -16,12 +16,27 @@ from rans.fast.straight_code import LANES, Program, in_phases, is_arithmetic, wr
 from rans.model.trace import Symbol, ordered
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "&": np.bitwise_and,
-    "|": np.bitwise_or, "^": np.bitwise_xor, ">>": np.right_shift, "<": np.less, "<=": np.less_equal,
-    ">": np.greater, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal, "neg": np.negative,
-    "abs": np.abs, "minimum": lambda a, b, to: np.minimum(a, b, out=to),
-    "maximum": lambda a, b, to: np.maximum(a, b, out=to), "atan2": np.arctan2,
-    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "sqrt", "floor")}}
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "&": np.bitwise_and,
+    "|": np.bitwise_or,
+    "^": np.bitwise_xor,
+    ">>": np.right_shift,
+    "<": np.less,
+    "<=": np.less_equal,
+    ">": np.greater,
+    ">=": np.greater_equal,
+    "==": np.equal,
+    "!=": np.not_equal,
+    "neg": np.negative,
+    "abs": np.abs,
+    "minimum": lambda a, b, to: np.minimum(a, b, out=to),
+    "maximum": lambda a, b, to: np.maximum(a, b, out=to),
+    "atan2": np.arctan2,
+    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "sqrt", "floor")},
+}
 _TYPES = {"real": np.float32, "int": np.int32, "bool": np.bool_}
 _OFTEN = 300
 """Runs after which compiling pays: 0.15 to 0.2 ms an operation, which takes NumPy 0.7 us or more in a run."""
@@ -48,8 +63,10 @@ class Straight:
     """
 
     def __init__(self, inputs: Sequence[Symbol], *parts: Iterable[Symbol]) -> None:
-        self._inputs, self._wanted = tuple(inputs), [list(part) for part in parts]
-        orders, known = [], set(inputs)
+        self._inputs = tuple(inputs)
+        self._wanted = [list(part) for part in parts]
+        orders = []
+        known = set(inputs)
         for part in self._wanted:
             orders.append(in_phases(s for s in ordered(part, known) if s.args))
             known.update(orders[-1])
@@ -71,8 +88,11 @@ class Straight:
                 for value in (*filter(lambda x: x not in self._slots, _masks(symbol)), symbol):
                     slots = free[_is_truth(value)]
                     self._slots[value] = slots.pop() if slots else self._new()
-                    program.append(_Operation("mask", "int", (value[1],), value) if isinstance(value, tuple)
-                                   else _Operation(symbol.operation, symbol.kind, _args(symbol), symbol))
+                    program.append(
+                        _Operation("mask", "int", (value[1],), value)
+                        if isinstance(value, tuple)
+                        else _Operation(symbol.operation, symbol.kind, _args(symbol), symbol)
+                    )
                 for value in dict.fromkeys((*_args(symbol), *symbol.args)):
                     if uses[value] == at and value in self._slots and value not in lasting:
                         free[_is_truth(value)].append(self._slots[value])
@@ -93,7 +113,8 @@ class Straight:
                     if not (simple and groups and groups[-1][:2] == (part, True)):
                         groups.append((part, simple, []))
                     groups[-1][2].append(one)
-        kept, homes = {s for part in self._wanted for s in part}, dict[Symbol, int]()
+        kept = {s for part in self._wanted for s in part}
+        homes = dict[Symbol, int]()
         for number, (*_, group) in enumerate(groups):
             for symbol in _symbols(group):
                 kept |= {arg for arg in symbol.args if homes.get(arg, number) != number}
@@ -116,11 +137,14 @@ class Memory:
     """Where a program runs for N values: not for two threads at once."""
 
     def __init__(self, program: Straight, count: int) -> None:
-        self._program, self._runs, length = program, 0, -(-count // LANES) * LANES
+        self._program = program
+        self._runs = 0
+        length = -(-count // LANES) * LANES
         self._block = block = np.zeros((program._count, length), np.float32)
         self._length = length
-        self._place = {value: self._typed(block[slot], value)[:count]
-                       for value, slot in program._slots.items()}
+        self._place = {
+            value: self._typed(block[slot], value)[:count] for value, slot in program._slots.items()
+        }
         self._inputs = {symbol: self._place[symbol] for symbol in program._inputs}
         self._calls = [[self._call(operation) for operation in part] for part in program._programs]
         self._wanted = [[self._value(s) for s in part] for part in program._wanted]
@@ -152,13 +176,15 @@ class Memory:
 
     def _compile(self) -> None:
         where = self._block.ctypes.data, self._length, self._length // LANES
-        self._calls = [[self._call(one) if isinstance(one, _Operation) else (one, where) for one in part]
-                       for part in self._program.stretches]
+        self._calls = [
+            [self._call(one) if isinstance(one, _Operation) else (one, where) for one in part]
+            for part in self._program.stretches
+        ]
 
     @staticmethod
     def _typed(row: np.ndarray, value: _Value) -> np.ndarray:
         kind = "int" if isinstance(value, tuple) else value.kind
-        return row.view(_TYPES[kind])[:len(row)]  # a truth value is a byte
+        return row.view(_TYPES[kind])[: len(row)]  # a truth value is a byte
 
     def _value(self, value: _Value) -> Any:
         if isinstance(value, Symbol) and value.operation == "constant":
@@ -167,7 +193,8 @@ class Memory:
 
     def _call(self, operation: _Operation) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """A function that writes its last argument."""
-        args, to = [self._value(arg) for arg in operation.args], self._place[operation.of]
+        args = [self._value(arg) for arg in operation.args]
+        to = self._place[operation.of]
         match operation.name:
             case "mask":
                 return _mask, (args[0], to)

@@ -43,38 +43,65 @@ class StraightStep:
 
         program = trace(world, episode, np.float32)
         self._shape = program.shape
-        self._given = [*((given.symbol, given.source) for given in (*program.memory, *program.settings)),
-                       *((Symbol.input(word, "int"), value) for word, value in
-                         (("low", draws.low), ("high", draws.high), ("first", draws.first)))]
-        stride, self._count = Symbol.input("stride", "int"), len(episode.clock)
+        self._given = [
+            *((given.symbol, given.source) for given in (*program.memory, *program.settings)),
+            *(
+                (Symbol.input(word, "int"), value)
+                for word, value in (
+                    ("low", draws.low),
+                    ("high", draws.high),
+                    ("first", draws.first),
+                )
+            ),
+        ]
+        stride = Symbol.input("stride", "int")
+        self._count = len(episode.clock)
         self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters))]
         self._stores = list(_everywhere(program))
         self._memory = [given.source for given in program.memory]
-        straight = Straight([*(symbol for symbol, _ in self._given), stride, *self._commands],
-                            [store.value for store in self._stores])
+        straight = Straight(
+            [*(symbol for symbol, _ in self._given), stride, *self._commands],
+            [store.value for store in self._stores],
+        )
         sizes = [min(_BLOCK, self._count - start) for start in range(0, self._count, _BLOCK)]
         room = {size: straight.memory(size) for size in {*sizes}}
         for memory in room.values():
             memory.put(stride, draws.stride)
-        self._blocks = [(slice(place * _BLOCK, place * _BLOCK + size), room[size])
-                        for place, size in enumerate(sizes)]
+        self._blocks = [
+            (slice(place * _BLOCK, place * _BLOCK + size), room[size])
+            for place, size in enumerate(sizes)
+        ]
 
     def __call__(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
-        shape, commands = self._shape, action.numpy().T
-        arrays = {"memory": self._memory, "reals": np.empty((shape.reals, self._count), np.float32),
-                  "flags": np.empty((len(Shape.FLAGS), self._count), bool),
-                  "final": np.empty((self._count, shape.width), np.float32).T}
+        shape = self._shape
+        commands = action.numpy().T
+        arrays = {
+            "memory": self._memory,
+            "reals": np.empty((shape.reals, self._count), np.float32),
+            "flags": np.empty((len(Shape.FLAGS), self._count), bool),
+            "final": np.empty((self._count, shape.width), np.float32).T,
+        }
         with np.errstate(all="ignore"):  # of symbols that are not chosen
             for rows, memory in self._blocks:
                 self._block(rows, memory, commands, arrays)
-        reals, flags, terms = torch.from_numpy(arrays["reals"]), torch.from_numpy(arrays["flags"]), (
-            shape.width + shape.terms)
+        reals = torch.from_numpy(arrays["reals"])
+        flags = torch.from_numpy(arrays["flags"])
+        terms = shape.width + shape.terms
         terminated, truncated, reached = flags
-        return Step(reals[:shape.width].T, reals[terms], terminated, truncated,
-                    torch.from_numpy(arrays["final"]).T, reached, reals[shape.width:terms])
+        return Step(
+            reals[: shape.width].T,
+            reals[terms],
+            terminated,
+            truncated,
+            torch.from_numpy(arrays["final"]).T,
+            reached,
+            reals[shape.width : terms],
+        )
 
-    def _block(self, rows: slice, memory: Memory, commands: np.ndarray, arrays: dict[str, Any]) -> None:
+    def _block(
+        self, rows: slice, memory: Memory, commands: np.ndarray, arrays: dict[str, Any]
+    ) -> None:
         for symbol, source in self._given:
             memory.put(symbol, source[rows] if np.ndim(source) else source)
         for symbol, command in zip(self._commands, commands, strict=True):
@@ -106,10 +133,15 @@ class ArrayStep:
             try:
                 self._straight = StraightStep(world, episode, draws)
             except UNTRACEABLE as error:
-                warnings.warn("this engine steps slower, as its task does more than arithmetic on fields: "
-                              f"{error}", stacklevel=2)
+                warnings.warn(
+                    "this engine steps slower, as its task does more than arithmetic on fields: "
+                    f"{error}",
+                    stacklevel=2,
+                )
         self._tried = True
-        return self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
+        return (
+            self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
+        )
 
 
 def stepping(backend: Backend, compiled: bool) -> Callable[[World, Episode, Tensor, Draws], Step]:

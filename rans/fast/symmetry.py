@@ -38,8 +38,10 @@ class Symmetries(NamedTuple):
     def which(self, way: Columns) -> Field:
         """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
         goal: Any = [d[:, None] for d in way]
-        ahead: Any = sum(a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
-                         for i, a in enumerate(AIM[:len(way)]))
+        ahead: Any = sum(
+            a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
+            for i, a in enumerate(AIM[: len(way)])
+        )
         return ahead.argmax(1)
 
     def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
@@ -54,7 +56,9 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
 
     Forces, places and directions of thrusters about the centre of mass must agree, and the inertia tensor.
     """
-    found = [(view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None]
+    found = [
+        (view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None
+    ]
     if len(found) < 2:
         return None
     turn = np.array([view for view, _ in found])
@@ -69,7 +73,7 @@ def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
         return
     back = np.linalg.inv(_axes(craft, levers[0]))
     for thruster in craft.thrusters:
-        for hand in (1.0, -1.0)[:craft.dimension - 1]:
+        for hand in (1.0, -1.0)[: craft.dimension - 1]:
             view = _axes(craft, thruster, hand) @ back
             if np.allclose(view @ view.T, np.eye(craft.dimension), atol=_ROUNDING):
                 yield view
@@ -83,18 +87,22 @@ def _axes(craft: Spacecraft, thruster: Thruster, hand: float = 1.0) -> np.ndarra
 
 def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarray]:
     place = np.subtract(thruster.position, craft.centre_of_mass)
-    return place[:craft.dimension], np.array(thruster.direction)[:craft.dimension]
+    return place[: craft.dimension], np.array(thruster.direction)[: craft.dimension]
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
     """Where the view puts every thruster; None if one has no counterpart or the inertia differs."""
     tensor = np.array(craft.inertia)
     slack = _ROUNDING * tensor.trace()
-    if craft.dimension == 3 and not np.allclose(view @ tensor @ view.T, tensor, rtol=0.0, atol=slack):
+    if craft.dimension == 3 and not np.allclose(
+        view @ tensor @ view.T, tensor, rtol=0.0, atol=slack
+    ):
         return None
     arrows = [(*_arrow(craft, thruster), thruster.force) for thruster in craft.thrusters]
     here = np.array([[*place, *direction, force] for place, direction, force in arrows])
-    there = np.array([[*view @ place, *view @ direction, force] for place, direction, force in arrows])
+    there = np.array(
+        [[*view @ place, *view @ direction, force] for place, direction, force in arrows]
+    )
     gaps = np.abs(there[:, None] - here).max(axis=2)
     place = gaps.argmin(axis=1)
     fits = gaps.min(axis=1).max() < _ROUNDING and len(set(place.tolist())) == len(place)

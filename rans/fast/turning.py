@@ -22,8 +22,10 @@ def turned(x: Columns, half: Columns) -> list[Field]:
     """A vector, seen in a frame that has turned by about twice this rotation vector (Cayley's transform)."""
     scale = 2.0 / (1.0 + sum(a * a for a in half))
     once = cross(half, x)
-    return [value + scale * (second - first) for value, first, second in
-            zip(x, once, cross(half, once), strict=True)]
+    return [
+        value + scale * (second - first)
+        for value, first, second in zip(x, once, cross(half, once), strict=True)
+    ]
 
 
 def seen_turned(block: Block, columns: Columns, half: Columns) -> Columns:
@@ -31,8 +33,10 @@ def seen_turned(block: Block, columns: Columns, half: Columns) -> Columns:
     if issubclass(block.kind, Turn):
         if len(columns) == 2:
             return _unit(turned(columns, half))
-        first, second, _ = zip(*(turned(column, half) for column in zip(*matrix_rows(columns), strict=True)),
-                               strict=True)
+        first, second, _ = zip(
+            *(turned(column, half) for column in zip(*matrix_rows(columns), strict=True)),
+            strict=True,
+        )
         first = _unit(first)
         along = sum(a * b for a, b in zip(first, second, strict=True))
         return [*first, *_unit([b - along * a for a, b in zip(first, second, strict=True)])]

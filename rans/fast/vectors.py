@@ -21,14 +21,36 @@ TILE, ROWS = (2, 8) if "+avx512f" in FEATURES else (1, 4)
 """Vectors that a product of matrices works on at a time, and rows of weights: their sums fill the registers.
 Sums are the same, bit by bit, whatever they are."""
 
-INT, LONG, FLOAT, POINTER = ir.IntType(32), ir.IntType(64), ir.FloatType(), ir.IntType(8).as_pointer()
-INTS, FLOATS = ir.VectorType(INT, LANES), ir.VectorType(FLOAT, LANES)
+INT = ir.IntType(32)
+LONG = ir.IntType(64)
+FLOAT = ir.FloatType()
+POINTER = ir.IntType(8).as_pointer()
+INTS = ir.VectorType(INT, LANES)
+FLOATS = ir.VectorType(FLOAT, LANES)
 
-_NUMERATOR = (-2.76076847742355e-16, 2.00018790482477e-13, -8.60467152213735e-11, 5.12229709037114e-08,
-              1.48572235717979e-05, 6.37261928875436e-04, 4.89352455891786e-03)
-_DENOMINATOR = (1.19825839466702e-06, 1.18534705686654e-04, 2.26843463243900e-03, 4.89352518554385e-03)
-_EXPONENTIAL = (1.9875691500e-4, 1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1,
-                5.0000001201e-1)
+_NUMERATOR = (
+    -2.76076847742355e-16,
+    2.00018790482477e-13,
+    -8.60467152213735e-11,
+    5.12229709037114e-08,
+    1.48572235717979e-05,
+    6.37261928875436e-04,
+    4.89352455891786e-03,
+)
+_DENOMINATOR = (
+    1.19825839466702e-06,
+    1.18534705686654e-04,
+    2.26843463243900e-03,
+    4.89352518554385e-03,
+)
+_EXPONENTIAL = (
+    1.9875691500e-4,
+    1.3981999507e-3,
+    8.3334519073e-3,
+    4.1665795894e-2,
+    1.6666665459e-1,
+    5.0000001201e-1,
+)
 _MAGIC = 1.5 * 2**23
 """Added to a float32 it leaves the nearest whole number in the last bits."""
 _SATURATED = 7.90531110763549805
@@ -74,7 +96,8 @@ class Code(ir.IRBuilder):
     def intrinsic(self, name: str, *values: Value) -> Value:
         """LLVM's function of this name on values of one kind."""
         function = self.module.globals.get(name) or ir.Function(
-            self.module, ir.FunctionType(values[0].type, [x.type for x in values]), name)
+            self.module, ir.FunctionType(values[0].type, [x.type for x in values]), name
+        )
         return self.call(function, values)
 
     def within(self, x: Value, low: float, high: float) -> Value:
@@ -98,8 +121,11 @@ class Code(ir.IRBuilder):
         whole = self.fsub(moved, magic)
         rest = self.times_plus(whole, self.everywhere(-0.693359375), x)
         rest = self.times_plus(whole, self.everywhere(2.12194440e-4), rest)
-        value = self.times_plus(self._polynomial(rest, _EXPONENTIAL), self.fmul(rest, rest),
-                                self.fadd(rest, self.everywhere(1.0)))
+        value = self.times_plus(
+            self._polynomial(rest, _EXPONENTIAL),
+            self.fmul(rest, rest),
+            self.fadd(rest, self.everywhere(1.0)),
+        )
         # The whole number stands in the last bits of what moved it there.
         power = self.shl(self.bitcast(moved, INTS), constant(23))
         return self.bitcast(self.add(self.bitcast(value, INTS), power), FLOATS)
@@ -115,8 +141,10 @@ class Code(ir.IRBuilder):
         while count > 1:
             count //= 2
             kind = ir.VectorType(INT, count)
-            low, high = (self.shuffle_vector(x, x, ir.Constant(kind, [*range(first, first + count)]))
-                         for first in (0, count))
+            low, high = (
+                self.shuffle_vector(x, x, ir.Constant(kind, [*range(first, first + count)]))
+                for first in (0, count)
+            )
             x = self.fadd(low, high)
         return self.extract_element(x, INT(0))
 
@@ -133,23 +161,32 @@ class Code(ir.IRBuilder):
             case "tanh":
                 return self.tanh(x)
             case "relu":
-                return self.select(self.fcmp_ordered(">", x, self.everywhere(0.0)), x, self.everywhere(0.0))
+                return self.select(
+                    self.fcmp_ordered(">", x, self.everywhere(0.0)), x, self.everywhere(0.0)
+                )
             case "elu":  # e^x - 1 = 2 t / (1 - t), t = tanh(x / 2)
                 half = self.tanh(self.fmul(x, self.everywhere(0.5)))
                 below = self.fdiv(self.fadd(half, half), self.fsub(self.everywhere(1.0), half))
                 return self.select(self.fcmp_ordered(">", x, self.everywhere(0.0)), x, below)
         return x
 
-    def repeat(self, count: Value, carried: Sequence[Value],
-               body: Callable[[Value, list[Value]], Sequence[Value]]) -> list[Value]:
+    def repeat(
+        self,
+        count: Value,
+        carried: Sequence[Value],
+        body: Callable[[Value, list[Value]], Sequence[Value]],
+    ) -> list[Value]:
         """Run the body for 0, 1, ... count - 1 with the values it returned before; at least once."""
-        before, inside = self.block, self.append_basic_block()
+        before = self.block
+        inside = self.append_basic_block()
         self.branch(inside)
         self.position_at_end(inside)
-        number, values = self.phi(LONG), [self.phi(value.type) for value in carried]
+        number = self.phi(LONG)
+        values = [self.phi(value.type) for value in carried]
         for phi, value in zip([number, *values], [LONG(0), *carried], strict=True):
             phi.add_incoming(value, before)
-        found, following = list(body(number, [*values])), self.add(number, LONG(1))
+        found = list(body(number, [*values]))
+        following = self.add(number, LONG(1))
         for phi, value in zip([number, *values], [following, *found], strict=True):
             phi.add_incoming(value, self.block)
         after = self.append_basic_block()
@@ -160,6 +197,7 @@ class Code(ir.IRBuilder):
 
     def groups(self, count: int, size: int, body: Callable[[Value, int], object]) -> None:
         """Run the body for 0, size, ... with how many of the count are left of there, at most a group."""
+
         def group(number: Value, _: list[Value]) -> list[Value]:
             body(self.mul(number, LONG(size)), size)
             return []
@@ -175,7 +213,8 @@ class Program:
 
     def __init__(self) -> None:
         self._module: Any = ir.Module()
-        self._engine, self._arguments = None, dict[str, int]()
+        self._engine = None
+        self._arguments = dict[str, int]()
 
     def function(self, name: str, kinds: Sequence[ir.Type], write: Callable[..., object]) -> None:
         """Add one; ``write`` is given its `Code` and arguments."""
@@ -191,7 +230,9 @@ class Program:
         It lives as long as the program.
         """
         if self._engine is None:
-            self._engine, self._module = _engine(str(self._module)), None  # which is larger than the code
+            # which is larger than the code
+            self._engine = _engine(str(self._module))
+            self._module = None
         kinds = [ctypes.c_int64] * self._arguments[name]
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
 
@@ -200,8 +241,9 @@ _SHARED: dict[Hashable, tuple[Program, Callable[..., None]]] = {}
 """Of this process."""
 
 
-def shared(name: str, alike: Hashable, kinds: Sequence[ir.Type],
-           write: Callable[..., object]) -> Callable[..., None]:
+def shared(
+    name: str, alike: Hashable, kinds: Sequence[ir.Type], write: Callable[..., object]
+) -> Callable[..., None]:
     """A function that is written once for all that are alike: that takes longer than hundreds of calls.
 
     Args:
@@ -225,7 +267,8 @@ def _engine(text: str) -> Any:
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=3, jit=True)
+        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=3, jit=True
+    )
     engine = binding.create_mcjit_compiler(binding.parse_assembly(text), machine)
     engine.finalize_object()
     return engine

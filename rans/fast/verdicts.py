@@ -75,19 +75,33 @@ class Tally:
     @classmethod
     def of(cls, world: World, episode: Episode) -> Tally:
         """Of flights that begin."""
-        never, zero = episode.clock < 0, episode.clock * 0.0
+        never = episode.clock < 0
+        zero = episode.clock * 0.0
         inside = world.task.reached(episode.state, episode.goal) | never
-        return cls(~never, never, inside, never, never, where(inside, episode.clock * 0, 1), zero, zero, zero)
+        return cls(
+            ~never,
+            never,
+            inside,
+            never,
+            never,
+            where(inside, episode.clock * 0, 1),
+            zero,
+            zero,
+            zero,
+        )
 
     def after(self, world: World, outcome: Outcome) -> Tally:
         """After one more step; flights that ended are left as they were."""
-        craft, going = world.craft, self.going
+        craft = world.craft
+        going = self.going
         step = world.timing.step(outcome.episode.clock)
         late = step > world.timing.episode_steps - last_fifth(world.timing.episode_steps)
         lost = going & ~finite(*leaves(outcome.episode.state))
         inside = outcome.reached & going & ~outcome.terminated
-        forces = [share * t.force for share, t in zip(thrust(craft, outcome.command), craft.thrusters,
-                                                      strict=True)]
+        forces = [
+            share * t.force
+            for share, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
+        ]
         zero = self.gained * 0.0
 
         def when(condition: Field, amount: Field) -> Field:
@@ -102,7 +116,8 @@ class Tally:
             settled=where(inside, self.settled, step + 1),
             gained=self.gained + when(going & ~lost, outcome.reward),
             impulse=self.impulse + when(going, reduce(add, forces)) * world.timing.control_period,
-            opened=self.opened + when(going & late, reduce(add, outcome.command)))
+            opened=self.opened + when(going & late, reduce(add, outcome.command)),
+        )
 
     def failure(self) -> Field:
         """The number of a `Failure`, int, 0 where there is none, of flights that are over."""
@@ -125,7 +140,9 @@ class Sums:
     count: int = 0
 
     def __add__(self, other: Sums) -> Sums:
-        return Sums(self.total + other.total, self.squares + other.squares, self.count + other.count)
+        return Sums(
+            self.total + other.total, self.squares + other.squares, self.count + other.count
+        )
 
     @classmethod
     def of(cls, values: np.ndarray) -> Sums:
@@ -190,35 +207,66 @@ class Verdicts:
         return float(reached[0]) if len(reached) and self.flights else math.inf
 
     def __add__(self, other: Verdicts) -> Verdicts:
-        numbers, kinds = (np.concatenate(pair) for pair in (
-            (self.numbers, other.numbers), (self.kinds, other.kinds)))
-        first, listed = np.argsort(numbers, kind="stable"), min(self.listed, other.listed)
+        numbers, kinds = (
+            np.concatenate(pair)
+            for pair in ((self.numbers, other.numbers), (self.kinds, other.kinds))
+        )
+        first = np.argsort(numbers, kind="stable")
+        listed = min(self.listed, other.listed)
         return Verdicts(
-            self.flights + other.flights, self.steps, self.settled_at + other.settled_at,
+            self.flights + other.flights,
+            self.steps,
+            self.settled_at + other.settled_at,
             {kind: self.failures[kind] + other.failures[kind] for kind in Failure},
-            numbers[first][:listed], kinds[first][:listed],
-            {name: self.sums[name] + other.sums[name] for name in QUANTITIES}, listed,
-            self.ways | other.ways)
+            numbers[first][:listed],
+            kinds[first][:listed],
+            {name: self.sums[name] + other.sums[name] for name in QUANTITIES},
+            listed,
+            self.ways | other.ways,
+        )
 
     @classmethod
     def none(cls, steps: int, listed: int = 100_000) -> Verdicts:
         """Of no flight."""
-        return cls(0, steps, np.zeros(steps + 1, np.int64), dict.fromkeys(Failure, 0), np.zeros(0, np.int64),
-                   np.zeros(0, np.uint8), dict.fromkeys(QUANTITIES, Sums()), listed)
+        return cls(
+            0,
+            steps,
+            np.zeros(steps + 1, np.int64),
+            dict.fromkeys(Failure, 0),
+            np.zeros(0, np.int64),
+            np.zeros(0, np.uint8),
+            dict.fromkeys(QUANTITIES, Sums()),
+            listed,
+        )
 
     @classmethod
-    def of(cls, world: World, numbers: np.ndarray, outcome: Sequence[np.ndarray],
-           totals: Sequence[np.ndarray], listed: int, way: str) -> Verdicts:
+    def of(
+        cls,
+        world: World,
+        numbers: np.ndarray,
+        outcome: Sequence[np.ndarray],
+        totals: Sequence[np.ndarray],
+        listed: int,
+        way: str,
+    ) -> Verdicts:
         """Of flights (N,) that are over, with these scenario numbers.
 
         Their outcome is the number of a `Failure` or 0, whether they settled, and when; totals are return,
         impulse, and open thrusters summed over the last fifth.
         """
-        steps, (failure, settles, settled) = world.timing.episode_steps, outcome
+        steps = world.timing.episode_steps
+        (failure, settles, settled) = outcome
         places = np.flatnonzero(failure)[:listed]
         slots = last_fifth(steps) * len(world.craft.thrusters)
         values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
-        return cls(len(failure), steps, np.bincount(settled[settles], minlength=steps + 1),
-                   dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
-                   numbers[places].astype(np.int64), failure[places].astype(np.uint8),
-                   {name: Sums.of(x * scale) for name, x, scale in values}, listed, frozenset({way}))
+        return cls(
+            len(failure),
+            steps,
+            np.bincount(settled[settles], minlength=steps + 1),
+            dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
+            numbers[places].astype(np.int64),
+            failure[places].astype(np.uint8),
+            {name: Sums.of(x * scale) for name, x, scale in values},
+            listed,
+            frozenset({way}),
+        )

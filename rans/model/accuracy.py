@@ -53,7 +53,9 @@ From this flight times sqrt(tau / I) on, steps are shorter in proportion: with 1
 (`roboran`, `lab`) 25 s of the free flyer are within 1e-5 rad, with 10 million times (`harsh`) within 1e-4."""
 
 
-def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: float = 0.0) -> Timing:
+def chosen(
+    craft: Spacecraft, timing: Timing, body: Body | None = None, torque: float = 0.0
+) -> Timing:
     """The timing with a number of substeps, where it leaves that open.
 
     25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.accuracy` shows it on random craft.
@@ -84,7 +86,9 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: 
             f"spacecraft {craft.name!r}: one command turns it up to {alpha / 2:.3g} rad in a control period "
             f"of {period:g} s and leaves it spinning at {alpha / period:.3g} rad/s; above {_HARDEST / 2:g} "
             f"rad it can hardly be controlled, and {MOST} substeps may not do for its motion. Shorten the "
-            "period; the usual cause is a moment of inertia or a force in other units.", stacklevel=3)
+            "period; the usual cause is a moment of inertia or a force in other units.",
+            stacklevel=3,
+        )
     return replace(timing, substeps=max(1, math.ceil(min(needed, MOST))))
 
 
@@ -93,17 +97,21 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
     designed = Body.of(craft)
     flown = body or designed
     shares = zip(flown.gain or designed.gain, flown.leak or designed.leak, strict=True)
-    force = sum(thruster.force * (numbers(gain) + numbers(leak))
-                for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True))
+    force = sum(
+        thruster.force * (numbers(gain) + numbers(leak))
+        for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True)
+    )
     way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
     for size, most, does, cause in (
-            (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
-            (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
+        (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
+        (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia"),
+    ):
         if size > most:  # a body that is not finite is told elsewhere
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
                 f"{period:g} s, and at most {most:g} are flown, beyond which its state would soon be "
-                f"lost. Shorten the period; the usual cause is {cause} or a force in other units.")
+                f"lost. Shorten the period; the usual cause is {cause} or a force in other units."
+            )
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:
@@ -123,11 +131,12 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
-    ways, directions = _ways(craft, body or Body.of(craft)), np.random.default_rng(0).normal(size=(64, 3))
+    ways = _ways(craft, body or Body.of(craft))
+    directions = np.random.default_rng(0).normal(size=(64, 3))
     if craft.thrust_sharing != "none" and (body is None or body.droop is None):
         return float(np.linalg.norm(ways, axis=-1).max())
     # Exactly for those few that are the quickest in some of many directions.
-    directions = directions[:, :ways.shape[-1]]
+    directions = directions[:, : ways.shape[-1]]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     seen = np.maximum(ways @ directions.T, 0.0).sum(axis=1).max(axis=-1)
     return max(_longest_sum(ways[k]) for k in np.argsort(seen)[-8:])
@@ -135,16 +144,23 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     """Angular acceleration of every body by each thruster, as far as it can open, (bodies, n, 1 or 3)."""
-    table, size = np.array(craft.wrench_map), craft.dimension
+    table = np.array(craft.wrench_map)
+    size = craft.dimension
     count = len(table)
-    opened = [numbers(gain) + numbers(leak) for gain, leak in zip(
-        body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)]
+    opened = [
+        numbers(gain) + numbers(leak)
+        for gain, leak in zip(body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)
+    ]
     shares = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
     offset = map(numbers, body.centre or (0.0,) * size)
     centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
-    force, tensors = table[:, :size], np.atleast_3d(_tensors(body).T).T
-    moved = np.cross(centre, force) if size == 3 else (centre[..., :1] * force[:, 1:]
-                                                       - centre[..., 1:] * force[:, :1])
+    force = table[:, :size]
+    tensors = np.atleast_3d(_tensors(body).T).T
+    moved = (
+        np.cross(centre, force)
+        if size == 3
+        else (centre[..., :1] * force[:, 1:] - centre[..., 1:] * force[:, :1])
+    )
     torques = (table[:, size:] - moved) * shares[..., None]
     return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
 
@@ -156,7 +172,9 @@ def _longest_sum(vectors: np.ndarray) -> float:
     pairs, and in directions that are normal to none.
     """
     size = vectors.shape[1]
-    pairs = np.concatenate([vectors[:, None] + vectors, vectors[:, None] - vectors]).reshape(-1, size)
+    pairs = np.concatenate([vectors[:, None] + vectors, vectors[:, None] - vectors]).reshape(
+        -1, size
+    )
     sums = np.concatenate([pairs, np.random.default_rng(0).normal(size=(64, size))])
     for _ in range(8):
         sums = (sums @ vectors.T > 0.0) @ vectors

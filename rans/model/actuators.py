@@ -50,8 +50,10 @@ class Actuators:
         given = np.asarray(values)
         if given.shape != shape or given.dtype.kind not in "biuf" or not self._possible(given):
             many = "" if len(shape) == 1 else f"{shape[0]:,} times "
-            raise ConfigError(f"an action must be {many}{shape[-1]} numbers, {self.allowed}, one per "
-                              f"thruster, got {_shown(given, shape, values)}.")
+            raise ConfigError(
+                f"an action must be {many}{shape[-1]} numbers, {self.allowed}, one per "
+                f"thruster, got {_shown(given, shape, values)}."
+            )
 
     def _possible(self, values: np.ndarray) -> bool:
         """Whether every number is allowed; NaN is not."""
@@ -118,8 +120,10 @@ class Pulsed(Actuators):
         for key, low, high in (("counts", 1, 2**20), ("least", 0, self.counts)):
             value = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-                raise ConfigError(f"{key} of pulsed actuators must be a whole number from {low} to {high:,}, "
-                                  f"got {value!r}.")
+                raise ConfigError(
+                    f"{key} of pulsed actuators must be a whole number from {low} to {high:,}, "
+                    f"got {value!r}."
+                )
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """See `Actuators.pulses`: pieces end where a valve may shut, or in order where each one does."""
@@ -129,10 +133,14 @@ class Pulsed(Actuators):
         ends = [float(k) for k in range(1, self.counts)] if regular else ascending(widths)
         for end in (*ends, float(self.counts)):
             zero = [width * 0.0 for width in widths]
-            open_ = [where(width > past, none + 1.0, none) for width, none in zip(widths, zero, strict=True)]
+            open_ = [
+                where(width > past, none + 1.0, none)
+                for width, none in zip(widths, zero, strict=True)
+            ]
             yield (end - begun) * (1.0 / self.counts), open_
             # Those open to the end do not shut, not even in a last piece of no length.
-            begun, past = end, end if regular else -at_least(-end, 0.5 - self.counts)
+            begun = end
+            past = end if regular else -at_least(-end, 0.5 - self.counts)
 
     def _width(self, duty: Field) -> Field:
         """Counts for which a thruster is open."""
@@ -151,4 +159,8 @@ def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
         return " ".join(brief(values).split())
     if given.shape != shape:
         return f"an array of shape {given.shape}"
-    return f"numbers from {given.min()} to {given.max()}" if given.dtype.kind in "biuf" else f"{given.dtype}"
+    return (
+        f"numbers from {given.min()} to {given.max()}"
+        if given.dtype.kind in "biuf"
+        else f"{given.dtype}"
+    )

@@ -12,8 +12,10 @@ from rans.errors import ConfigError, checked
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 
-_MOMENTS = {1: {"I_zz": "> 0"},
-            6: {"I_xx": "> 0", "I_xy": "", "I_xz": "", "I_yy": "> 0", "I_yz": "", "I_zz": "> 0"}}
+_MOMENTS = {
+    1: {"I_zz": "> 0"},
+    6: {"I_xx": "> 0", "I_xy": "", "I_xz": "", "I_yy": "> 0", "I_yz": "", "I_zz": "> 0"},
+}
 """The bound of every moment of inertia, by how many there are."""
 
 
@@ -61,23 +63,36 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
             number of thrusters.
     """
     if len(checked("body", body, Body).inertia) != len(nominal.inertia):
-        raise ConfigError(f"the body has {len(body.inertia)} moments of inertia; in "
-                          f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}.")
+        raise ConfigError(
+            f"the body has {len(body.inertia)} moments of inertia; in "
+            f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}."
+        )
 
-    def place(bounds: Mapping[str, str], given: tuple[Any, ...], usual: tuple[Any, ...]) -> tuple[Any, ...]:
+    def place(
+        bounds: Mapping[str, str], given: tuple[Any, ...], usual: tuple[Any, ...]
+    ) -> tuple[Any, ...]:
         if len(given or usual) != len(usual):
-            raise ConfigError(f"the body's {next(iter(bounds)).split()[0]} has {len(given)} entries; this "
-                              f"craft needs {len(usual)}.")
-        return tuple(_placed(*bound, value, count, field)
-                     for bound, value in zip(bounds.items(), given or usual, strict=True))
+            raise ConfigError(
+                f"the body's {next(iter(bounds)).split()[0]} has {len(given)} entries; this "
+                f"craft needs {len(usual)}."
+            )
+        return tuple(
+            _placed(*bound, value, count, field)
+            for bound, value in zip(bounds.items(), given or usual, strict=True)
+        )
 
     thrusters = range(len(nominal.gain))
     result = Body(
         _placed("mass", "> 0", body.mass, count, field),
         place(_MOMENTS[len(nominal.inertia)], body.inertia, nominal.inertia),
-        place({f"centre {axis}": "" for axis in "xyz"[:len(nominal.centre)]}, body.centre, nominal.centre),
+        place(
+            {f"centre {axis}": "" for axis in "xyz"[: len(nominal.centre)]},
+            body.centre,
+            nominal.centre,
+        ),
         place({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
-        place({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak))
+        place({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
+    )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)
     return result
@@ -87,12 +102,16 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
     """One number, or a field of as many as there are spacecraft."""
     values = numbers(value)
     if values.shape not in ((), (count,)):
-        raise ConfigError(f"{name} must be one number or one for each of {count:,} spacecraft, got an "
-                          f"array of shape {values.shape}.")
+        raise ConfigError(
+            f"{name} must be one number or one for each of {count:,} spacecraft, got an "
+            f"array of shape {values.shape}."
+        )
     wrong = ~np.isfinite(values) | {"": False, "> 0": values <= 0, ">= 0": values < 0}[bound]
     if wrong.any():
-        raise ConfigError(f"{name} must be finite{bound and f' and {bound}'}, got "
-                          f"{float(values[wrong].flat[0])!r}.")
+        raise ConfigError(
+            f"{name} must be finite{bound and f' and {bound}'}, got "
+            f"{float(values[wrong].flat[0])!r}."
+        )
     return field(values) if values.ndim else float(values)
 
 
@@ -104,8 +123,10 @@ def _check_rigid(inertia: tuple[Any, ...]) -> None:
     wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
     if wrong.any():
         moments = ", ".join(f"{float(moment[wrong].flat[0]):.4g}" for moment in (low, middle, high))
-        raise ConfigError("principal moments of inertia must be > 0 and none above the sum of the other two, "
-                          f"got {moments} kg m^2.")
+        raise ConfigError(
+            "principal moments of inertia must be > 0 and none above the sum of the other two, "
+            f"got {moments} kg m^2."
+        )
 
 
 def numbers(value: Any) -> np.ndarray:

@@ -35,15 +35,17 @@ class Hold:
     off: Field
     """s."""
 
-    def obeyed(self, command: Sequence[Field], before: Sequence[Sequence[Field]],
-               period: float) -> tuple[Field, ...]:
+    def obeyed(
+        self, command: Sequence[Field], before: Sequence[Sequence[Field]], period: float
+    ) -> tuple[Field, ...]:
         """What valves do of a command: one that has just moved stays for as long as it must.
 
         The commands before, the newest first, were each held for the period, s.
         """
         result = []
         for told, *last in zip(command, *before, strict=True):
-            opened, shut = _age(last), _age([1.0 - x for x in last])
+            opened = _age(last)
+            shut = _age([1.0 - x for x in last])
             must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
             # One that was shut for as long as is remembered may have been so forever.
             must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
@@ -144,8 +146,11 @@ class Case:
             return self.body
         failed = time >= self.fault.begins
         choose = lambda broken, sound: where(failed, broken, sound)  # noqa: E731
-        return replace(self.body, gain=tuple(map(choose, self.fault.gain, self.body.gain)),
-                       leak=tuple(map(choose, self.fault.leak, self.body.leak)))
+        return replace(
+            self.body,
+            gain=tuple(map(choose, self.fault.gain, self.body.gain)),
+            leak=tuple(map(choose, self.fault.leak, self.body.leak)),
+        )
 
     def flying(self, time: Field) -> tuple[Body, Failing | None]:
         """What flies in a control period that begins so long after the start, s; and how thrusters fail.
@@ -161,8 +166,12 @@ class Case:
         """What flies, with thrusters that are always as strong as before or after their fault."""
         if self.fault is None:
             return self.body
-        gain = (where(a + b > c + d, a + b, c + d) for a, b, c, d in zip(
-            self.body.gain, self.body.leak, self.fault.gain, self.fault.leak, strict=True))
+        gain = (
+            where(a + b > c + d, a + b, c + d)
+            for a, b, c, d in zip(
+                self.body.gain, self.body.leak, self.fault.gain, self.fault.leak, strict=True
+            )
+        )
         return replace(self.body, gain=tuple(gain), leak=(0.0,) * len(self.body.leak))
 
     def disturbance(self, step: Field, period: float) -> Wrench | None:
@@ -190,17 +199,30 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> Case:
         raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
     conditions.check_valves(craft)
     numbers = np.arange(1024, dtype=np.int32)
-    return draw(conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64))
+    return draw(
+        conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64)
+    )
 
 
-_STREAMS = {"body": 1, "thrusters": 2, "fault": 3, "lag": 4, "hold": 5, "push": 6, "swing": 7, "kicks": 8,
-            "sensors": 16, "mixture": 17}
+_STREAMS = {
+    "body": 1,
+    "thrusters": 2,
+    "fault": 3,
+    "lag": 4,
+    "hold": 5,
+    "push": 6,
+    "swing": 7,
+    "kicks": 8,
+    "sensors": 16,
+    "mixture": 17,
+}
 """Of 256 blocks of random numbers each; start and goal have the first, kicks have eight. A number that was
 given stays: else agents would meet other episodes under the same seed."""
 
 
-def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field,
-         draws: Draws) -> Case:
+def draw(
+    conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field, draws: Draws
+) -> Case:
     """One episode's case.
 
     Args:
@@ -211,12 +233,14 @@ def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, numb
         number: of the episode.
         draws: random numbers.
     """
+
     def random(stream: str, k: int = 0) -> Random:
         return draws.random(craft.dimension, number, (_STREAMS[stream] + k) * 256)
 
     if conditions.others:
         conditions = conditions.met(random("mixture").unit())
-    body, pushes = _body(conditions, base, random("body"), random("thrusters")), conditions.disturbances
+    body = _body(conditions, base, random("body"), random("thrusters"))
+    pushes = conditions.disturbances
     return Case(
         number=number,
         body=body,
@@ -226,24 +250,37 @@ def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, numb
         push=_push(pushes.force, pushes.torque, random("push")),
         swing=_swing(conditions, random("swing")),
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
-        sensors=drawn_sensors(conditions.sensors, random("sensors")))
+        sensors=drawn_sensors(conditions.sensors, random("sensors")),
+    )
 
 
 def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:
-    body, given = conditions.body, conditions.thrusters
-    mass, inertia = random.within(body.mass), random.within(body.inertia)
-    pressure, droop = random.within(given.pressure), random.within(given.droop or 0.0)
+    body = conditions.body
+    given = conditions.thrusters
+    mass = random.within(body.mass)
+    inertia = random.within(body.inertia)
+    pressure = random.within(given.pressure)
+    droop = random.within(given.droop or 0.0)
     # Equal moments stay one and the same field, so that spins are known to have no gyroscopic part.
     same = [x if isinstance(x, float) else id(x) for x in base.inertia]
-    scaled = {key: x if key == 0.0 else x * inertia for key, x in zip(same, base.inertia, strict=True)}
-    centre, gain = base.centre, base.gain
+    scaled = {
+        key: x if key == 0.0 else x * inertia for key, x in zip(same, base.inertia, strict=True)
+    }
+    centre = base.centre
+    gain = base.gain
     if largest(body.centre) > 0.0:
         offset = random.vector(body.centre).columns()
         centre = tuple(c + o for c, o in zip(centre, offset, strict=True))
     if (given.thrust, given.pressure) != (1.0, 1.0):
         gain = tuple(g * (thrusters.within(given.thrust) * pressure) for g in gain)
-    return Body(base.mass * mass, tuple(scaled[key] for key in same), centre, gain, base.leak,
-                base.droop if given.droop is None else droop)
+    return Body(
+        base.mass * mass,
+        tuple(scaled[key] for key in same),
+        centre,
+        gain,
+        base.leak,
+        base.droop if given.droop is None else droop,
+    )
 
 
 def _lag(conditions: Conditions, random: Random) -> Lag | None:
@@ -258,8 +295,11 @@ def _lag(conditions: Conditions, random: Random) -> Lag | None:
 
 
 def _hold(conditions: Conditions, random: Random) -> Hold | None:
-    on, off = conditions.thrusters.least_on, conditions.thrusters.least_off
-    return Hold(random.within(on), random.within(off)) if largest(on) > 0 or largest(off) > 0 else None
+    on = conditions.thrusters.least_on
+    off = conditions.thrusters.least_off
+    return (
+        Hold(random.within(on), random.within(off)) if largest(on) > 0 or largest(off) > 0 else None
+    )
 
 
 def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
@@ -273,10 +313,14 @@ def _swing(conditions: Conditions, random: Random) -> Swing | None:
     amplitude = _push(given.slow_force, given.slow_torque, random)
     if amplitude is None:
         return None
-    return Swing(amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau))
+    return Swing(
+        amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau)
+    )
 
 
 def _kick(conditions: Conditions, steps: int, random: Random) -> Kick:
     given = conditions.disturbances
-    return Kick(floor(random.unit() * float(steps)),
-                Wrench(random.vector(given.kick), random.turn(given.kick_spin)))
+    return Kick(
+        floor(random.unit() * float(steps)),
+        Wrench(random.vector(given.kick), random.turn(given.kick_spin)),
+    )

@@ -179,33 +179,65 @@ class Conditions(Settings):
 
     def __post_init__(self) -> None:
         _check(self, "")
-        _require(fits(self.weight, lambda x: 0 < x < math.inf), "weight", self.weight, "a finite number > 0")
+        _require(
+            fits(self.weight, lambda x: 0 < x < math.inf),
+            "weight",
+            self.weight,
+            "a finite number > 0",
+        )
         for other in self.others:
             checked("others", other, Conditions)
             _require(not other.others, "others", "others of others", "without others of their own")
             _check_alike(self, other, "")
-        thrusters, pushes = self.thrusters, self.disturbances
+        thrusters = self.thrusters
+        pushes = self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
             _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
         _require(largest(self.faults.count) <= 2, "faults.count", self.faults.count, "at most 2")
-        _require(all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
-                 "faults.kinds", self.faults.kinds, f"among {', '.join(get_args(FaultKind))}")
+        _require(
+            all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
+            "faults.kinds",
+            self.faults.kinds,
+            f"among {', '.join(get_args(FaultKind))}",
+        )
         _require(largest(self.faults.share) <= 1, "faults.share", self.faults.share, "at most 1")
         one_of("faults.among", self.faults.among, get_args(FaultChoice))
-        _require(bounds(pushes.slow_period)[0] > 0, "disturbances.slow_period", pushes.slow_period, "> 0 s")
-        _require(0 <= pushes.kicks <= 8, "disturbances.kicks", pushes.kicks, "a whole number from 0 to 8")
-        _require(self.delay <= 30.0, "thrusters.latency and command_delay", self.delay,
-                 "together at most 30 s")
-        _require(largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
-                 "thrusters.least_on and least_off", (thrusters.least_on, thrusters.least_off),
-                 "at most 30 s")
-        sensors = zip(("position", "attitude", "velocity", "spin"), self.sensors.each(), strict=True)
+        _require(
+            bounds(pushes.slow_period)[0] > 0,
+            "disturbances.slow_period",
+            pushes.slow_period,
+            "> 0 s",
+        )
+        _require(
+            0 <= pushes.kicks <= 8, "disturbances.kicks", pushes.kicks, "a whole number from 0 to 8"
+        )
+        _require(
+            self.delay <= 30.0,
+            "thrusters.latency and command_delay",
+            self.delay,
+            "together at most 30 s",
+        )
+        _require(
+            largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
+            "thrusters.least_on and least_off",
+            (thrusters.least_on, thrusters.least_off),
+            "at most 30 s",
+        )
+        sensors = zip(
+            ("position", "attitude", "velocity", "spin"), self.sensors.each(), strict=True
+        )
         for name, sensor in sensors:
-            _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+            _require(
+                largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1"
+            )
         every = self.sensors.outage_every
         _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
-        _require(largest(self.sensors.outage) < bounds(every)[0], "sensors.outage", self.sensors.outage,
-                 f"below the least of sensors.outage_every, {bounds(every)[0]:g} s")
+        _require(
+            largest(self.sensors.outage) < bounds(every)[0],
+            "sensors.outage",
+            self.sensors.outage,
+            f"below the least of sensors.outage_every, {bounds(every)[0]:g} s",
+        )
 
     def met(self, chance: Field) -> Conditions:
         """Those that an episode meets, which a number in [0, 1) decides: ranges that differ are `Varying`."""
@@ -224,8 +256,10 @@ class Conditions(Settings):
         for name in ("least_on", "least_off"):
             asked = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
             if asked > 0 and craft.actuators.is_continuous:
-                raise ConfigError(f"Conditions have thrusters.{name} up to {asked:g} s, which is for on/off "
-                                  f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}.")
+                raise ConfigError(
+                    f"Conditions have thrusters.{name} up to {asked:g} s, which is for on/off "
+                    f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
+                )
 
     @property
     def or_none(self) -> Conditions | None:
@@ -253,20 +287,27 @@ class Conditions(Settings):
 def _check(conditions: Any, place: str) -> None:
     """Every range is of finite numbers >= 0, the least first."""
     for one in fields(conditions):
-        value, name = getattr(conditions, one.name), place + one.name
+        value = getattr(conditions, one.name)
+        name = place + one.name
         if str(one.type).endswith("Conditions"):
             _check(checked(name, value, globals()[str(one.type)]), name + ".")
         elif is_range(one) and value is not None:
             pair = bounds(value)
             numbers = len(pair) == 2 and all(map(is_finite, pair))
-            _require(numbers and 0 <= pair[0] <= pair[1], name, value,
-                     "a number >= 0, or the least and the largest of two")
+            _require(
+                numbers and 0 <= pair[0] <= pair[1],
+                name,
+                value,
+                "a number >= 0, or the least and the largest of two",
+            )
 
 
 def _check_alike(one: Any, other: Any, place: str) -> None:
     """What is no range is the same in both."""
     for known in fields(one):
-        here, there, name = getattr(one, known.name), getattr(other, known.name), place + known.name
+        here = getattr(one, known.name)
+        there = getattr(other, known.name)
+        name = place + known.name
         if is_dataclass(here):
             _check_alike(here, there, name + ".")
         elif name not in ("description", "weight", "others"):
@@ -284,14 +325,16 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
         elif is_range(one) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]
             low, high = (piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
-            least, most = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
+            least = min(pair[0] for pair in pairs)
+            most = max(pair[1] for pair in pairs)
             changed[one.name] = Varying(low, high, (least, most))
     return replace(parts[0], **changed)
 
 
 def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
     """The value in whose share of [0, 1) the chance lies; all but the last share end somewhere."""
-    zero, last = chance * 0.0, values[0]
+    zero = chance * 0.0
+    last = values[0]
     result = zero + last
     for end, value in zip(ends, values[1:], strict=True):
         if value != last:

@@ -27,15 +27,23 @@ def _described(found: Any) -> Described:
     if isinstance(found, str):
         return Described(found, structure(read_toml(found), Conditions, "conditions"))
     if not isinstance(found, Conditions):
-        raise ConfigError("they must be rans.Conditions or a TOML file of the package, got "
-                          f"{type(found).__name__}.")
+        raise ConfigError(
+            "they must be rans.Conditions or a TOML file of the package, got "
+            f"{type(found).__name__}."
+        )
     return Described(conditions_text(found), found)
 
 
-CONDITIONS = Registry("set of conditions", "rans.conditions", {
-    name: f"rans:data/conditions/{name}.toml"
-    for name in ("perfect", "lab", "lab-dropouts", "roboran", "orbit", "harsh", "faults")
-}, _described, ", or a file whose name ends in .toml")
+CONDITIONS = Registry(
+    "set of conditions",
+    "rans.conditions",
+    {
+        name: f"rans:data/conditions/{name}.toml"
+        for name in ("perfect", "lab", "lab-dropouts", "roboran", "orbit", "harsh", "faults")
+    },
+    _described,
+    ", or a file whose name ends in .toml",
+)
 """All conditions that have a name."""
 
 
@@ -89,8 +97,11 @@ def conditions_text(conditions: Conditions) -> str:
 
 def _changed(given: Any) -> dict[str, Any]:
     """Fields that differ from their defaults; of a dataclass inside, those that differ in it."""
-    values = {one.name: getattr(given, one.name) for one in fields(given)
-              if getattr(given, one.name) != default(one)}
+    values = {
+        one.name: getattr(given, one.name)
+        for one in fields(given)
+        if getattr(given, one.name) != default(one)
+    }
     return {key: _changed(x) if is_dataclass(x) else x for key, x in values.items()}
 
 

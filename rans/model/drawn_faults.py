@@ -26,15 +26,22 @@ class Fault:
     """No fault begins later, s; 0: all are there from the start on."""
 
 
-def drawn_fault(given: FaultConditions, craft: Spacecraft, body: Body, random: Random) -> Fault | None:
+def drawn_fault(
+    given: FaultConditions, craft: Spacecraft, body: Body, random: Random
+) -> Fault | None:
     """What failing thrusters of one episode do, the others stay as they are; None: none fails."""
     thrusters = len(body.gain)
     if largest(given.count) < 1:
         return None
-    count, begins = random.whole(given.count), random.within(given.time)
-    lost = (_scattered(given, thrusters, random) if given.among == "any" else
-            _alike(given, craft, count, random))
-    gain, leak = list(body.gain), list(body.leak)
+    count = random.whole(given.count)
+    begins = random.within(given.time)
+    lost = (
+        _scattered(given, thrusters, random)
+        if given.among == "any"
+        else _alike(given, craft, count, random)
+    )
+    gain = list(body.gain)
+    leak = list(body.leak)
     for slot, (place, (fault_gain, fault_leak)) in enumerate(lost):
         for i in range(thrusters):
             hit = (place == float(i)) & (count > float(slot))
@@ -51,31 +58,46 @@ def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
     """Any: the second takes its place among the others."""
     places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
     if len(places) == 2:
-        places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
-    return [(place, _failure(given.kinds, random.unit(), random.within(given.share))) for place in places]
+        places[1] = places[1] + where(
+            places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0
+        )
+    return [
+        (place, _failure(given.kinds, random.unit(), random.within(given.share)))
+        for place in places
+    ]
 
 
 def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
     """A set that is recoverable, or one that is not; all of it fails in one way."""
-    chance, share, which = random.unit(), random.within(given.share), random.unit()
-    failure, (least, most) = _failure(given.kinds, chance, share), bounds(given.count)
+    chance = random.unit()
+    share = random.within(given.share)
+    which = random.unit()
+    failure = _failure(given.kinds, chance, share)
+    (least, most) = bounds(given.count)
     places = _places(given, craft, int(most), chance, which)
     if least < 2 <= most:
-        alone, = _places(given, craft, 1, chance, which)
+        (alone,) = _places(given, craft, 1, chance, which)
         places = where(count > 1.0, places[0], alone), places[1]
     return [(place, failure) for place in places]
 
 
-def _places(given: FaultConditions, craft: Spacecraft, count: int, chance: Field,
-            which: Field) -> tuple[Field, ...]:
+def _places(
+    given: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
+) -> tuple[Field, ...]:
     """The thrusters of a set of so many, of the kind that ``chance`` chooses."""
     found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
     result: tuple[Field, ...] = ()
     for k, kind in enumerate(given.kinds):
         sets = sets_among(craft, count, kind, bounds(given.share), given.among == "recoverable")
         new = found.setdefault(sets, _member(sets, which))
-        result = new if k == 0 or new is result else tuple(
-            where(chance >= k / len(given.kinds), a, b) for a, b in zip(new, result, strict=True))
+        result = (
+            new
+            if k == 0 or new is result
+            else tuple(
+                where(chance >= k / len(given.kinds), a, b)
+                for a, b in zip(new, result, strict=True)
+            )
+        )
     return result
 
 
@@ -84,7 +106,8 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
     Their last thrusters mostly rise by one from set to set: what is looked up is where they do not.
     """
-    k, ends = floor(which * float(len(sets))), range(1, len(sets))
+    k = floor(which * float(len(sets)))
+    ends = range(1, len(sets))
     *first, last = ([float(x) for x in column] for column in zip(*sets, strict=True))
     rise = [x - at for at, x in enumerate(last)]
     return *(piecewise(column, ends, k) for column in first), piecewise(rise, ends, k) + k
@@ -92,9 +115,12 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
     """Gain and leak of a kind that a number in [0, 1) chooses."""
-    none, full = chance * 0.0, chance * 0.0 + 1.0
+    none = chance * 0.0
+    full = chance * 0.0 + 1.0
     gain, leak = failed(kinds[0], share, none, full)
     for k, kind in enumerate(kinds[1:], 1):
-        later, (other_gain, other_leak) = chance >= k / len(kinds), failed(kind, share, none, full)
-        gain, leak = where(later, other_gain, gain), where(later, other_leak, leak)
+        later = chance >= k / len(kinds)
+        (other_gain, other_leak) = failed(kind, share, none, full)
+        gain = where(later, other_gain, gain)
+        leak = where(later, other_leak, leak)
     return gain, leak

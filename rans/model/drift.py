@@ -61,9 +61,15 @@ class UniformGravity(Drift):
 
     def __post_init__(self) -> None:
         given = self.acceleration
-        if not isinstance(given, tuple) or len(given) not in (2, 3) or not all(map(is_finite, given)):
-            raise ConfigError("the acceleration of uniform gravity must be two (plane) or three (space) "
-                              f"finite numbers in m/s^2, got {given!r}.")
+        if (
+            not isinstance(given, tuple)
+            or len(given) not in (2, 3)
+            or not all(map(is_finite, given))
+        ):
+            raise ConfigError(
+                "the acceleration of uniform gravity must be two (plane) or three (space) "
+                f"finite numbers in m/s^2, got {given!r}."
+            )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along a parabola.
@@ -72,8 +78,10 @@ class UniformGravity(Drift):
             ConfigError: the acceleration is of the other dimension.
         """
         if len(self.acceleration) != len(p.columns()):
-            raise ConfigError(f"uniform gravity of {len(self.acceleration)} components, {self.acceleration}, "
-                              f"does not fit a spacecraft of dimension {len(p.columns())}.")
+            raise ConfigError(
+                f"uniform gravity of {len(self.acceleration)} components, {self.acceleration}, "
+                f"does not fit a spacecraft of dimension {len(p.columns())}."
+            )
         g = type(p)(*self.acceleration)
         return p + v.scale(t) + g.scale(0.5 * t * t), v + g.scale(t)
 
@@ -97,13 +105,16 @@ class ClohessyWiltshire(Drift):
 
     def __post_init__(self) -> None:
         if not is_finite(self.mean_motion) or self.mean_motion <= 0:
-            raise ConfigError("the mean motion of a Clohessy-Wiltshire frame must be a finite number > 0 "
-                              f"rad/s, got {self.mean_motion!r}; without an orbit it is free flight.")
+            raise ConfigError(
+                "the mean motion of a Clohessy-Wiltshire frame must be a finite number > 0 "
+                f"rad/s, got {self.mean_motion!r}; without an orbit it is free flight."
+            )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along the closed form, without 1 - cos, which would lose digits in short times."""
         n = self.mean_motion
-        s, half = _sine(n * t), _sine(0.5 * n * t)
+        s = _sine(n * t)
+        half = _sine(0.5 * n * t)
         rise = 2.0 * half * half
         """1 - cos(n t)."""
         x = p.x * (1.0 + 3.0 * rise) + v.x * (s / n) + v.y * (2.0 * rise / n)
@@ -112,7 +123,8 @@ class ClohessyWiltshire(Drift):
         v_y = v.y * (1.0 - 4.0 * rise) - p.x * (6.0 * n * rise) - v.x * (2.0 * s)
         if isinstance(p, Vec2) or isinstance(v, Vec2):
             return Vec2(x, y), Vec2(v_x, v_y)
-        z, v_z = p.z * (1.0 - rise) + v.z * (s / n), v.z * (1.0 - rise) - p.z * (n * s)
+        z = p.z * (1.0 - rise) + v.z * (s / n)
+        v_z = v.z * (1.0 - rise) - p.z * (n * s)
         return Vec3(x, y, z), Vec3(v_x, v_y, v_z)
 
 

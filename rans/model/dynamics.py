@@ -16,7 +16,17 @@ from typing import Any, Self, TypeVar
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, map_leaves
+from rans.model.fields import (
+    Attitude,
+    Field,
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    Vector,
+    at_least,
+    map_leaves,
+)
 from rans.model.rotation import Rotation, at, even, exponential, pulled, spin_series, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -86,16 +96,22 @@ class Wrench:
     """N m; a vector in space, a scalar about z in the plane."""
 
 
-def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> tuple[Field, ...]:
+def thrust(
+    craft: Spacecraft, command: Sequence[Field], body: Body | None = None
+) -> tuple[Field, ...]:
     """Share of its full force that each thruster gives, after its faults and the supply's limit.
 
     Commands are 0 (shut) to 1 (open); without a body every thruster does as it is told. The supply is shared
     by what is really open, if the craft's ``thrust_sharing`` says so.
     """
     if body is not None and body.gain:
-        command = [c if _is(gain, 1.0) else c * gain for c, gain in zip(command, body.gain, strict=True)]
+        command = [
+            c if _is(gain, 1.0) else c * gain for c, gain in zip(command, body.gain, strict=True)
+        ]
     if body is not None and body.leak:
-        command = [c if _is(leak, 0.0) else c + leak for c, leak in zip(command, body.leak, strict=True)]
+        command = [
+            c if _is(leak, 0.0) else c + leak for c, leak in zip(command, body.leak, strict=True)
+        ]
     droop = craft.droop if body is None or body.droop is None else body.droop
     if _is(droop, 0.0):
         return tuple(command)
@@ -138,25 +154,40 @@ Piece = tuple[Field, Wrench, Wrench | None, float]
 straight line over time between (None: it stays), and how long it may last at most, s."""
 
 
-def at_once(craft: Spacecraft, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
+def at_once(
+    craft: Spacecraft, body: Body, command: Sequence[Field], period: float
+) -> Iterator[Piece]:
     """What thrusters make of a command that they obey at once, for a control period, s."""
     for share, part in craft.actuators.pulses(command):
         longest = share * period if type(share) is float else period
         yield share * period, wrench(craft, part, body), None, longest
 
 
-def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
-         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None,
-         pieces: Iterable[Piece] | None = None) -> AnyState:
+def held(
+    state: AnyState,
+    craft: Spacecraft,
+    body: Body,
+    command: Sequence[Field],
+    timing: Timing,
+    drift: Drift = FREE,
+    nodes: int = NODES,
+    disturbance: Wrench | None = None,
+    pieces: Iterable[Piece] | None = None,
+) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``pieces`` are instead
     what late valves and failing thrusters make of it (`rans.model.case.Influences.pieces`). Each takes the
     share of the substeps that is its share of the period at most; the rest is as for `advance`.
     """
-    substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    for duration, first, last, longest in at_once(craft, body, command, period) if pieces is None else pieces:
-        longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
+    substeps = timing.substeps or chosen(craft, timing).substeps or 1
+    period = timing.control_period
+    for duration, first, last, longest in (
+        at_once(craft, body, command, period) if pieces is None else pieces
+    ):
+        longest = min(
+            duration if type(duration) is float else longest, period
+        )  # a float, not one of NumPy
         steps = max(1, math.ceil(longest / period * substeps - 1e-9))
         # Half as long a step needs one node less at the angles that `NODES` is for.
         few = nodes - (2.0 * longest * substeps <= period * steps)
@@ -164,9 +195,17 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     return state.normalised()
 
 
-def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
-            nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE,
-            last: Wrench | None = None) -> AnyState:
+def advance(
+    state: AnyState,
+    applied: Wrench,
+    body: Body,
+    duration: Field,
+    substeps: int = 1,
+    nodes: int = NODES,
+    disturbance: Wrench | None = None,
+    drift: Drift = FREE,
+    last: Wrench | None = None,
+) -> AnyState:
     """The state after the wrench acted on the body for the duration (s), constant in B.
 
     Args:
@@ -180,7 +219,8 @@ def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, subst
         drift: how a free point moves.
         last: what the wrench has become in the end, along a straight line over time; None: it stays.
     """
-    h, growth = duration / substeps, None
+    h = duration / substeps
+    growth = None
     if last is not None:
         growth = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
     for _ in range(substeps):
@@ -215,13 +255,20 @@ class _Load:
 
     def steady(self) -> Any:
         """Acceleration by the disturbance, in W; None without one."""
-        return None if self.disturbance is None else self.disturbance.force.scale(1.0 / self.body.mass)
+        return (
+            None if self.disturbance is None else self.disturbance.force.scale(1.0 / self.body.mass)
+        )
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
     """Where torque is constant or linear the heading is a polynomial in time; translation by quadrature."""
-    torque = load.thrust.torque if load.disturbance is None else load.thrust.torque + load.disturbance.torque
-    spin_up, push = torque * (1.0 / load.body.inertia[0]), load.pushes()
+    torque = (
+        load.thrust.torque
+        if load.disturbance is None
+        else load.thrust.torque + load.disturbance.torque
+    )
+    spin_up = torque * (1.0 / load.body.inertia[0])
+    push = load.pushes()
     more = None if load.growth is None else load.growth.torque * (1.0 / load.body.inertia[0])
 
     def angle(t: Field, share: float) -> Field:
@@ -235,7 +282,8 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
         return Vec2(u.x * a.x - u.y * a.y, u.y * a.x + u.x * a.y)
 
     # A thrust that is constant in B is turned once, after its directions are summed.
-    rule, grows = RULES[nodes], load.growth is not None
+    rule = RULES[nodes]
+    grows = load.growth is not None
     pushes = (times(turn(node), push(node)) if grows else turn(node) for node, _ in rule)
     in_world = (lambda u, s: u.scale(s)) if grows else (lambda u, s: times(u, push(0.0)).scale(s))
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
@@ -245,11 +293,15 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
     """Spin by its Taylor series, attitude by Magnus', translation by quadrature, in B's axes at the start."""
-    inertia, pull, growth = load.body.inertia, load.disturbance, load.growth
+    inertia = load.body.inertia
+    pull = load.disturbance
+    growth = load.growth
     torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
     rate = spin_series(state.w, torque, inertia, h, steady)
-    rotation, push, rule = Rotation(rate, h), load.pushes(), RULES[_SPATIAL_NODES]
+    rotation = Rotation(rate, h)
+    push = load.pushes()
+    rule = RULES[_SPATIAL_NODES]
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
     pushes = (turned(turn, push(node)) for turn, node, _ in turns)
 
@@ -257,8 +309,10 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    turn, w = rotation.whole, at(rate, 1.0)
+    turn = rotation.whole
+    w = at(rate, 1.0)
     if steady is not None and even(inertia):
         once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady))
-        turn, w = (state.w + twice).scale(h) + rotation.brackets, state.w + once
+        turn = (state.w + twice).scale(h) + rotation.brackets
+        w = state.w + once
     return SpatialState(p, state.attitude.times(exponential(turn)), v, w)

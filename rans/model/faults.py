@@ -44,8 +44,9 @@ class FaultSet:
         return self.margin > _LEAST
 
 
-def fault_sets(craft: Spacecraft, count: int, kind: FaultKind,
-               shares: tuple[float, ...] = (1.0,)) -> Iterator[FaultSet]:
+def fault_sets(
+    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...] = (1.0,)
+) -> Iterator[FaultSet]:
     """Every set of so many thrusters that fail in this way, in order, with the least margin of the shares.
 
     What the craft can do without at both ends of a range of shares, it can between them.
@@ -56,34 +57,46 @@ def fault_sets(craft: Spacecraft, count: int, kind: FaultKind,
 
 
 @cache
-def _sets(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...]) -> tuple[FaultSet, ...]:
+def _sets(
+    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...]
+) -> tuple[FaultSet, ...]:
     return tuple(fault_sets(craft, count, kind, shares))
 
 
-def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...],
-               recoverable: bool) -> tuple[tuple[int, ...], ...]:
+def sets_among(
+    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...], recoverable: bool
+) -> tuple[tuple[int, ...], ...]:
     """The sets of so many thrusters that are recoverable, or those that are not.
 
     Raises:
         ConfigError: there is none.
     """
-    found = tuple(one.thrusters for one in _sets(craft, count, kind, shares)
-                  if one.recoverable == recoverable)
+    found = tuple(
+        one.thrusters for one in _sets(craft, count, kind, shares) if one.recoverable == recoverable
+    )
     if not found:
         sort = "recoverable" if recoverable else "unrecoverable"
-        raise ConfigError(f"conditions ask for {sort} faults of {count} {kind} thruster{'s' * (count > 1)}, "
-                          f"but spacecraft {craft.name!r} has none; `rans faults` shows what it can do "
-                          "without.")
+        raise ConfigError(
+            f"conditions ask for {sort} faults of {count} {kind} thruster{'s' * (count > 1)}, "
+            f"but spacecraft {craft.name!r} has none; `rans faults` shows what it can do "
+            "without."
+        )
     return found
 
 
-def failed(kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0) -> tuple[Field, Field]:
+def failed(
+    kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0
+) -> tuple[Field, Field]:
     """Gain and leak of a thruster that fails in this way, see `rans.model.body.Body`.
 
     For fields that may be of another kind elsewhere, no thrust and full thrust are fields too.
     """
     ways: dict[FaultKind, tuple[Field, Field]] = {
-        "dead": (none, none), "stuck-open": (none, full), "stuck": (none, share), "weak": (share, none)}
+        "dead": (none, none),
+        "stuck-open": (none, full),
+        "stuck": (none, share),
+        "weak": (share, none),
+    }
     return ways[kind]
 
 
@@ -104,7 +117,12 @@ def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: floa
     stuck = leak * wrenches[list(lost)].sum(axis=0) / scale
     if np.linalg.matrix_rank(sound, tol=1e-9) < craft.degrees_of_freedom:
         return 0.0
-    count, middle = sound.shape[1], stuck + 0.5 * sound.sum(axis=1)
-    found = linprog(np.append(np.zeros(count), -1.0), A_eq=np.column_stack((sound, middle)),
-                    b_eq=np.zeros(len(sound)), bounds=[(-1, 1)] * count + [(0, _MOST)])
+    count = sound.shape[1]
+    middle = stuck + 0.5 * sound.sum(axis=1)
+    found = linprog(
+        np.append(np.zeros(count), -1.0),
+        A_eq=np.column_stack((sound, middle)),
+        b_eq=np.zeros(len(sound)),
+        bounds=[(-1, 1)] * count + [(0, _MOST)],
+    )
     return max(0.0, 0.5 + 1.0 / found.fun) if found.success and found.fun else 0.0

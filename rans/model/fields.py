@@ -49,7 +49,9 @@ def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin, cos, exp, log, sqrt, absolute, floor = map(_unary, ("sin", "cos", "exp", "log", "sqrt", "abs", "floor"))
+sin, cos, exp, log, sqrt, absolute, floor = map(
+    _unary, ("sin", "cos", "exp", "log", "sqrt", "abs", "floor")
+)
 
 
 def atan2(y: Field, x: Field) -> Field:
@@ -78,7 +80,8 @@ def ascending(values: Sequence[Field]) -> list[Field]:
     result = list(values)
     for last in range(len(result) - 1, 0, -1):
         for k in range(last):
-            a, b = result[k], result[k + 1]
+            a = result[k]
+            b = result[k + 1]
             result[k], result[k + 1] = where(a < b, a, b), where(a < b, b, a)
     return result
 
@@ -106,7 +109,9 @@ def _gather(tree: Any, found: list[Field]) -> None:
     if isinstance(tree, tuple):
         for branch in tree:
             _gather(branch, found)
-    elif hasattr(type(tree), "__match_args__"):  # a dataclass: `dataclasses.fields` takes twice as long
+    elif hasattr(
+        type(tree), "__match_args__"
+    ):  # a dataclass: `dataclasses.fields` takes twice as long
         for name in type(tree).__match_args__:
             _gather(getattr(tree, name), found)
     else:
@@ -200,7 +205,8 @@ class Vec3(Vector):
 
     def cross(self, other: Vec3) -> Vec3:
         """Vector product."""
-        a, b = self, other
+        a = self
+        b = other
         return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
     def columns(self) -> tuple[Field, ...]:
@@ -217,7 +223,8 @@ class Heading(Attitude):
 
     def rotate(self, v: Vec2) -> Vec2:
         """A vector given in B, expressed in W."""
-        c, s = cos(self.angle), sin(self.angle)
+        c = cos(self.angle)
+        s = sin(self.angle)
         return Vec2(c * v.x - s * v.y, s * v.x + c * v.y)
 
     def to(self, goal: Heading) -> Heading:
@@ -252,17 +259,21 @@ class Quat(Attitude):
         Off unit length this form scales the vector but still turns it exactly; the shorter
         v + 2 u x (u x v + w v) does not.
         """
-        w, u = self.w, Vec3(self.x, self.y, self.z)
+        w = self.w
+        u = Vec3(self.x, self.y, self.z)
         along = v.scale(w * w - u.dot(u)) + u.scale(2.0 * u.dot(v))
         return along + u.cross(v).scale(2.0 * w)
 
     def times(self, other: Quat) -> Quat:
         """Hamilton product: first the other rotation, then this one."""
-        a, b = self, other
-        return Quat(a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
-                    a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-                    a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
-                    a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w)
+        a = self
+        b = other
+        return Quat(
+            a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+            a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
+        )
 
     def conjugate(self) -> Quat:
         """The inverse rotation."""
@@ -278,12 +289,24 @@ class Quat(Attitude):
 
     def normalised(self) -> Quat:
         """The same rotation scaled to unit length."""
-        w, x, y, z = self.w, self.x, self.y, self.z
+        w = self.w
+        x = self.x
+        y = self.y
+        z = self.z
         s = 1.0 / sqrt(w * w + x * x + y * y + z * z)
         return Quat(w * s, x * s, y * s, z * s)
 
     def columns(self) -> tuple[Field, ...]:
         """The first two rows of the rotation matrix: the continuous 6-D representation."""
-        w, x, y, z = self.w, self.x, self.y, self.z
-        return (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
-                2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x))
+        w = self.w
+        x = self.x
+        y = self.y
+        z = self.z
+        return (
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        )

@@ -23,7 +23,9 @@ class Memory(NamedTuple):
         """What a control period (s) asks for; nothing in a perfect world."""
         if conditions is None:
             return cls()
-        widest = conditions.met(0.0)  # the bounds of its ranges are those of all that an episode may meet
+        widest = conditions.met(
+            0.0
+        )  # the bounds of its ranges are those of all that an episode may meet
         least = max(largest(widest.thrusters.least_on), largest(widest.thrusters.least_off))
         felt, obeyed = (math.ceil(seconds / period - 1e-9) for seconds in (widest.lasting, least))
         return cls(felt, obeyed, int(largest(widest.sensors.delay)))

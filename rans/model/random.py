@@ -37,7 +37,9 @@ def seed_words(seed: int) -> tuple[int, int]:
     """
     if not isinstance(seed, Integral) or not -(2**63) <= seed < 2**64:
         raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {brief(seed)}.")
-    low, high = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], np.uint32).view(np.int32).tolist()
+    low, high = (
+        np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], np.uint32).view(np.int32).tolist()
+    )
     return low, high
 
 
@@ -106,9 +108,19 @@ class Random:
     Blocks of four numbers each are counted from ``block`` on, an int or an int32 field.
     """
 
-    def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field, dtype: Any,
-                 block: Field = 0) -> None:
-        self.dimension, self._key, self._episode, self._dtype = dimension, (low, high), episode, dtype
+    def __init__(
+        self,
+        dimension: Literal[2, 3],
+        low: Field,
+        high: Field,
+        episode: Field,
+        dtype: Any,
+        block: Field = 0,
+    ) -> None:
+        self.dimension = dimension
+        self._key = (low, high)
+        self._episode = episode
+        self._dtype = dtype
         self._words: tuple[Field, ...] = ()
         self._block = block
         self._spare: Field = None
@@ -119,7 +131,8 @@ class Random:
             low, high = (self._episode * 0 + word for word in self._key)
             self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
             self._block = self._block + 1
-        word, self._words = self._words[0], self._words[1:]
+        word = self._words[0]
+        self._words = self._words[1:]
         bits = (word >> 8) & 0xFFFFFF
         return real(bits, self._dtype) * 2.0**-24
 
@@ -135,14 +148,20 @@ class Random:
     def whole(self, values: Range) -> Field:
         """A whole number, each within a range as likely as the next, as a real."""
         u = self.unit()
-        return values[0] + floor((values[1] - values[0] + 1.0) * u) if isinstance(values, tuple) else values
+        return (
+            values[0] + floor((values[1] - values[0] + 1.0) * u)
+            if isinstance(values, tuple)
+            else values
+        )
 
     def normal(self) -> Field:
         """From the standard normal distribution (Box and Muller, 1958)."""
         if self._spare is not None:
-            result, self._spare = self._spare, None
+            result = self._spare
+            self._spare = None
             return result
-        radius, angle = sqrt(-2.0 * log(1.0 - self.unit())), self.uniform(-math.pi, math.pi)
+        radius = sqrt(-2.0 * log(1.0 - self.unit()))
+        angle = self.uniform(-math.pi, math.pi)
         self._spare = radius * sin(angle)
         return radius * cos(angle)
 
@@ -171,8 +190,10 @@ class Random:
         if self.dimension == 2:
             return Heading(self.uniform(-math.pi, math.pi))
         u = self.unit()
-        first, second = self.uniform(-math.pi, math.pi), self.uniform(-math.pi, math.pi)
-        a, b = sqrt(1.0 - u), sqrt(u)
+        first = self.uniform(-math.pi, math.pi)
+        second = self.uniform(-math.pi, math.pi)
+        a = sqrt(1.0 - u)
+        b = sqrt(u)
         return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
 
     def spin(self, fastest: float) -> Field:
@@ -183,7 +204,8 @@ class Random:
 
     def around(self, low: float, high: float) -> State:
         """A state at rest so far from the origin, m, with any bearing and attitude."""
-        direction, distance = self.direction(), self.uniform(low, high)
+        direction = self.direction()
+        distance = self.uniform(low, high)
         return self.at_rest(direction.scale(distance), self.attitude())
 
     def at_rest(self, p: Vector, attitude: Attitude) -> State:

@@ -22,8 +22,10 @@ _EVEN_ORDER = 4
 
 _IN_THE_MIDDLE = [[math.comb(j, k) * 0.5 ** (j - k) for j in range(_ORDER + 1)] for k in range(4)]
 """Share that every coefficient of a series has in its k-th derivative there, over k factorial."""
-_ALTERNATING = {first: [(-1) ** k / math.perm(first - 1 + 2 * k, 2 * k) for k in range(4, -1, -1)]
-                for first in (2, 3)}
+_ALTERNATING = {
+    first: [(-1) ** k / math.perm(first - 1 + 2 * k, 2 * k) for k in range(4, -1, -1)]
+    for first in (2, 3)
+}
 """Coefficients by falling powers; all made beforehand, as torch traces few functions of numbers."""
 
 
@@ -35,8 +37,9 @@ def at(series: Series, share: float) -> Vec3:
     return result
 
 
-def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field,
-                steady: Vec3 | None) -> Series:
+def spin_series(
+    w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field, steady: Vec3 | None
+) -> Series:
     """Taylor series of the angular velocity over the share of h that is gone.
 
     Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
@@ -51,13 +54,15 @@ def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Fie
         steady: a second torque, constant in W, as B sees it at the start, N m.
     """
     xx, xy, xz, yy, yz, zz = inertia
-    excess, inverse = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0), _inverse(inertia)
+    excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
+    inverse = _inverse(inertia)
     calm = even(inertia)
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
-    rate, momentum = [w], []
+    rate = [w]
+    momentum = []
     for k in range(order):
-        torques: list[Any] = list(torque[k:k + 1])
+        torques: list[Any] = list(torque[k : k + 1])
         if turning:
             torques.append(turning[k])
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
@@ -71,7 +76,9 @@ def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Fie
 def even(inertia: Sequence[Field]) -> bool:
     """Whether all moments of inertia, as in `spin_series`, are known to be equal."""
     xx, xy, xz, yy, yz, zz = inertia
-    return all(isinstance(x, float) and x == 0.0 for x in (_less(xx, zz), xy, xz, _less(yy, zz), yz))
+    return all(
+        isinstance(x, float) and x == 0.0 for x in (_less(xx, zz), xy, xz, _less(yy, zz), yz)
+    )
 
 
 def last_product(a: Series, b: Series) -> Vec3:
@@ -87,15 +94,26 @@ def _less(a: Field, b: Field) -> Field:
 def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
     """Product of a symmetric 3x3 tensor, given by its six entries, with a vector."""
     xx, xy, xz, yy, yz, zz = entries
-    return Vec3(*(x * v.x + y * v.y + z * v.z for x, y, z in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+    return Vec3(
+        *(x * v.x + y * v.y + z * v.z for x, y, z in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    )
 
 
 def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
     """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
     xx, xy, xz, yy, yz, zz = entries
-    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    a = yy * zz - yz * yz
+    b = xz * yz - xy * zz
+    c = xy * yz - xz * yy
     s = 1.0 / (xx * a + xy * b + xz * c)
-    return (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s, (xx * yy - xy * xy) * s)
+    return (
+        a * s,
+        b * s,
+        c * s,
+        (xx * zz - xz * xz) * s,
+        (xy * xz - xx * yz) * s,
+        (xx * yy - xy * xy) * s,
+    )
 
 
 class Rotation:
@@ -112,12 +130,16 @@ class Rotation:
     def __init__(self, rate: Series, duration: Field) -> None:
         self.brackets = _brackets(rate, duration)
         """What the rotation vector has beside the integral of the rate, for the whole step."""
-        self.whole = _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
+        self.whole = (
+            _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
+        )
         """Rotation vector of the whole step, in the frame at its start."""
         # Its Taylor series as far as that is short, and one more term that ends it where the step ends.
         zero = Vec3(0.0, 0.0, 0.0)
         w0, w1, w2, w3 = (*rate, zero, zero, zero, zero)[:4]
-        second, third = (w0.cross(rate[k]).scale(duration / 12.0) if k < len(rate) else zero for k in (1, 2))
+        second, third = (
+            w0.cross(rate[k]).scale(duration / 12.0) if k < len(rate) else zero for k in (1, 2)
+        )
         path = [w0, w1.scale(1.0 / 2.0), w2.scale(1.0 / 3.0) + second, w3.scale(1.0 / 4.0) + third]
         self._path = [zero, *(x.scale(duration) for x in path)]
         self._path.append(self.whole - reduce(add, self._path))
@@ -137,7 +159,7 @@ def _brackets(rate: Series, duration: Field) -> Vec3:
 
 def _derivative(series: Series, k: int) -> Vec3:
     """The k-th of a series in the middle, over k factorial."""
-    return _sum(series[k:], _IN_THE_MIDDLE[k][k:len(series)])
+    return _sum(series[k:], _IN_THE_MIDDLE[k][k : len(series)])
 
 
 def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
@@ -145,8 +167,9 @@ def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
     return reduce(add, terms) if terms else Vec3(0.0, 0.0, 0.0)
 
 
-def pulled(torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]],
-           steady: Vec3) -> tuple[Vec3, Vec3]:
+def pulled(
+    torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]], steady: Vec3
+) -> tuple[Vec3, Vec3]:
     """A torque and one that is constant in W, integrated once and twice over the share of a step gone.
 
     Where moments of inertia are equal nothing else changes the spin, and this is closer to the truth than
@@ -159,9 +182,11 @@ def pulled(torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]],
     """
     seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
     powers = range(1, len(torque) + 1)
-    return (_sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),
-            _sum(torque, [1.0 / (k * (k + 1)) for k in powers])
-            + _sum(seen, [weight * (1.0 - node) for _, node, weight in turns]))
+    return (
+        _sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),
+        _sum(torque, [1.0 / (k * (k + 1)) for k in powers])
+        + _sum(seen, [weight * (1.0 - node) for _, node, weight in turns]),
+    )
 
 
 def turned(rotation: Vec3, v: Vec3) -> Vec3:

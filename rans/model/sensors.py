@@ -66,7 +66,8 @@ def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
         drawn("noise", lambda _, values: random.within(values)),
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
         drawn("dropout", lambda _, values: random.within(values)),
-        _drawn_outage(given, random))
+        _drawn_outage(given, random),
+    )
     return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
@@ -82,8 +83,13 @@ PER_STEP = 2**25
 """The first block of the random numbers of every step, which sensors draw: behind those of an episode."""
 
 
-def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], Random],
-            last: State | None, time: Field) -> State:
+def reading(
+    states: Sequence[State],
+    sensors: Sensors,
+    random: Callable[[int], Random],
+    last: State | None,
+    time: Field,
+) -> State:
     """What sensors tell of a state.
 
     Args:
@@ -93,14 +99,21 @@ def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], R
         last: the reading before, which stands where one drops out; None: there was none.
         time: since the episode's start, s.
     """
-    state, streams = states[0], [random(PER_STEP + quantity * 4) for quantity in range(4)]
+    state = states[0]
+    streams = [random(PER_STEP + quantity * 4) for quantity in range(4)]
     for age, old in enumerate(states[1:], 1):
         late = sensors.delay >= age
         state = map_leaves(lambda new, old, late=late: where(late, old, new), state, old)
-    p, attitude, v, w = state.p, state.attitude, state.v, state.w
+    p = state.p
+    attitude = state.attitude
+    v = state.v
+    w = state.w
     for errors in (sensors.bias, _noise(state, sensors, streams)):
         if errors is not None:
-            p, attitude, v, w = p + errors[0], _turned(attitude, errors[1]), v + errors[2], w + errors[3]
+            p = p + errors[0]
+            attitude = _turned(attitude, errors[1])
+            v = v + errors[2]
+            w = w + errors[3]
     seen = type(state)(p, attitude, v, w)
     if last is None or not sensors.repeats:
         return seen
@@ -108,12 +121,20 @@ def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], R
     if sensors.dropout is None:
         lost = [stopped] * 4
     else:
-        lost = [stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)]
+        lost = [
+            stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)
+        ]
         lost = lost if stopped is None else [one | stopped for one in lost]
-    parts = ((getattr(seen, name), getattr(last, name), gone)
-             for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True))
-    return type(state)(*(map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)
-                         for new, old, gone in parts))
+    parts = (
+        (getattr(seen, name), getattr(last, name), gone)
+        for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True)
+    )
+    return type(state)(
+        *(
+            map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)
+            for new, old, gone in parts
+        )
+    )
 
 
 def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
@@ -121,8 +142,10 @@ def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[An
     if sensors.noise is None:
         return None
     alike = state.p, state.w, state.v, state.w
-    return [map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
-            for like, sigma, stream in zip(alike, sensors.noise, streams, strict=True)]
+    return [
+        map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
+        for like, sigma, stream in zip(alike, sensors.noise, streams, strict=True)
+    ]
 
 
 def _turned(attitude: Any, turn: Any) -> Any:

@@ -13,8 +13,13 @@ from typing import Literal
 from rans.errors import ConfigError, brief
 from rans.files import read_text
 
-_SIZES = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "cone": ("radius", "length"),
-          "sphere": ("radius",), "mesh": ("scale",)}
+_SIZES = {
+    "box": ("x", "y", "z"),
+    "cylinder": ("radius", "length"),
+    "cone": ("radius", "length"),
+    "sphere": ("radius",),
+    "mesh": ("scale",),
+}
 """What the numbers of a solid's size are, m; a mesh has a factor."""
 _COLOUR = re.compile("#[0-9a-fA-F]{6}")
 _LARGEST = 1_000_000
@@ -49,13 +54,28 @@ class Solid:
     def __post_init__(self) -> None:
         wanted = _SIZES.get(self.shape, ())
         for holds, what, value in (
-                (bool(wanted), f"shape must be one of {', '.join(_SIZES)}", self.shape),
-                (len(self.size) == len(wanted) and all(1e-6 <= x <= 1e6 for x in self.size),
-                 f"size of a {self.shape} must be [{', '.join(wanted)}], each from 1e-6 to 1e6", self.size),
-                (all(abs(x) <= 1e6 for x in self.position), "position must lie within 1e6 m", self.position),
-                (math.isfinite(length := math.hypot(*self.axis)) and length > 1e-9,
-                 "axis must be three finite numbers that are not all zero", self.axis),
-                (not self.colour or _COLOUR.fullmatch(self.colour), 'colour must be "#rrggbb"', self.colour)):
+            (bool(wanted), f"shape must be one of {', '.join(_SIZES)}", self.shape),
+            (
+                len(self.size) == len(wanted) and all(1e-6 <= x <= 1e6 for x in self.size),
+                f"size of a {self.shape} must be [{', '.join(wanted)}], each from 1e-6 to 1e6",
+                self.size,
+            ),
+            (
+                all(abs(x) <= 1e6 for x in self.position),
+                "position must lie within 1e6 m",
+                self.position,
+            ),
+            (
+                math.isfinite(length := math.hypot(*self.axis)) and length > 1e-9,
+                "axis must be three finite numbers that are not all zero",
+                self.axis,
+            ),
+            (
+                not self.colour or _COLOUR.fullmatch(self.colour),
+                'colour must be "#rrggbb"',
+                self.colour,
+            ),
+        ):
             if not holds:
                 raise ConfigError(f"{what}, got {brief(value)}")
         if (self.shape == "mesh") is not bool(self.mesh):
@@ -71,9 +91,12 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
         ConfigError: it is no such text, has no triangle, or is too large.
     """
     if "\n" not in text or len(text) > _LARGEST:
-        raise ConfigError("mesh must be the name of an .obj file beside the spacecraft's file, of at most "
-                          f"{_LARGEST:,} characters, got {brief(text)}")
-    corners, faces = [], []
+        raise ConfigError(
+            "mesh must be the name of an .obj file beside the spacecraft's file, of at most "
+            f"{_LARGEST:,} characters, got {brief(text)}"
+        )
+    corners = []
+    faces = []
     for number, line in enumerate(text.splitlines(), 1):
         key, *values = line.split() or [""]
         try:
@@ -87,8 +110,10 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
                     raise ValueError(line)
                 faces += [(first, *pair) for pair in pairwise(rest)]
         except ValueError as error:
-            raise ConfigError(f"line {number} of the mesh must be `v x y z`, or `f i j k` with earlier "
-                              f"corners from 1 on, got {brief(line)}") from error
+            raise ConfigError(
+                f"line {number} of the mesh must be `v x y z`, or `f i j k` with earlier "
+                f"corners from 1 on, got {brief(line)}"
+            ) from error
     if not faces:
         raise ConfigError("the mesh has no triangle: no line begins with f")
     return corners, faces
@@ -99,12 +124,14 @@ def with_meshes(text: str, folder: Path) -> str:
 
     So it is whole wherever it is copied to. `ConfigError` where such a file cannot be read or lies elsewhere.
     """
+
     def found(match: re.Match[str]) -> str:
         name = match[2] or match[3]
         file = folder / name
         if Path(name).name != name or file.resolve().parent != folder.resolve():
-            raise ConfigError("mesh must be the name of a file beside the spacecraft's file, "
-                              f"got {brief(name)}.")
+            raise ConfigError(
+                f"mesh must be the name of a file beside the spacecraft's file, got {brief(name)}."
+            )
         return match[1] + json.dumps(read_text(file, _LARGEST, "the mesh "))
 
     count = sum(1 for _ in _NAMED.finditer(text))

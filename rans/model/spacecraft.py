@@ -26,7 +26,8 @@ Pair = tuple[float, float]
 PlanarThruster = tuple[Pair, Pair, float]
 """Position and direction of the force in G, and force, N."""
 
-_SMALLEST, _LARGEST = 1e-9, 1e9
+_SMALLEST = 1e-9
+_LARGEST = 1e9
 """Range of a mass, force, radius or principal moment, and bound of a coordinate (SI): their products
 and the inertia tensor's determinant then stay within float32."""
 _POSITIVE = f"a number from {_SMALLEST:g} to {_LARGEST:g}"
@@ -91,9 +92,19 @@ class Spacecraft(Shown):
         check(self)
 
     @classmethod
-    def planar(cls, name: str, mass: float, inertia: float, thrusters: Iterable[PlanarThruster], *,
-               centre_of_mass: Pair = (0.0, 0.0), thrust_sharing: ThrustSharing = "none",
-               radius: float = 0.31, shape: Shape = "sphere", actuators: Actuators = ON_OFF) -> Spacecraft:
+    def planar(
+        cls,
+        name: str,
+        mass: float,
+        inertia: float,
+        thrusters: Iterable[PlanarThruster],
+        *,
+        centre_of_mass: Pair = (0.0, 0.0),
+        thrust_sharing: ThrustSharing = "none",
+        radius: float = 0.31,
+        shape: Shape = "sphere",
+        actuators: Actuators = ON_OFF,
+    ) -> Spacecraft:
         """One that moves in a plane, from vectors of two numbers and one moment of inertia.
 
         >>> rans.Spacecraft.planar("slider", 5.0, 0.1, [
@@ -120,10 +131,14 @@ class Spacecraft(Shown):
             made = tuple(_in_plane(*one) for one in thrusters)
             x, y = centre_of_mass
         except (TypeError, ValueError) as error:
-            raise ConfigError(f"spacecraft {name!r}: thrusters are ((x, y), (x, y), force) each, and the "
-                              f"centre of mass is (x, y): {error}.") from error
+            raise ConfigError(
+                f"spacecraft {name!r}: thrusters are ((x, y), (x, y), force) each, and the "
+                f"centre of mass is (x, y): {error}."
+            ) from error
         tensor = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
-        return cls(name, 2, mass, tensor, made, (x, y, 0.0), thrust_sharing, radius, shape, actuators)
+        return cls(
+            name, 2, mass, tensor, made, (x, y, 0.0), thrust_sharing, radius, shape, actuators
+        )
 
     def __repr__(self) -> str:
         where = "the plane" if self.dimension == 2 else "space"
@@ -169,39 +184,57 @@ def check(craft: Spacecraft) -> None:
     Raises:
         ConfigError: see `Spacecraft`.
     """
-    dimension, kinds = craft.dimension, "OnOff(), Pulsed(counts, least) or Throttle()"
+    dimension = craft.dimension
+    kinds = "OnOff(), Pulsed(counts, least) or Throttle()"
     for key, holds, bound in (
-            ("dimension", type(dimension) is int and dimension in (2, 3), "2 (plane) or 3 (space)"),
-            ("thrust_sharing", craft.thrust_sharing in ("none", "split"), '"none" or "split"'),
-            ("shape", craft.shape in ("sphere", "cylinder"), '"sphere" or "cylinder"'),
-            ("actuators", isinstance(craft.actuators, Actuators), kinds),
-            ("mass", _positive(craft.mass), f"{_POSITIVE} kg"),
-            ("radius", _positive(craft.radius), f"{_POSITIVE} m"),
-            ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m")):
+        ("dimension", type(dimension) is int and dimension in (2, 3), "2 (plane) or 3 (space)"),
+        ("thrust_sharing", craft.thrust_sharing in ("none", "split"), '"none" or "split"'),
+        ("shape", craft.shape in ("sphere", "cylinder"), '"sphere" or "cylinder"'),
+        ("actuators", isinstance(craft.actuators, Actuators), kinds),
+        ("mass", _positive(craft.mass), f"{_POSITIVE} kg"),
+        ("radius", _positive(craft.radius), f"{_POSITIVE} m"),
+        ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m"),
+    ):
         _require(holds, craft, key, getattr(craft, key), bound)
     has_name = isinstance(craft.name, str) and bool(craft.name.strip())
     _require(has_name, craft, "name", craft.name, "a non-empty text")
     for key in ("thrusters", "solids"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
-    _require(len(craft.thrusters) <= MOST_THRUSTERS, craft, "thruster", len(craft.thrusters),
-             f"at most {MOST_THRUSTERS} thrusters")
-    _require(len(craft.solids) <= MOST_SOLIDS, craft, "solid", len(craft.solids),
-             f"at most {MOST_SOLIDS} solids")
+    _require(
+        len(craft.thrusters) <= MOST_THRUSTERS,
+        craft,
+        "thruster",
+        len(craft.thrusters),
+        f"at most {MOST_THRUSTERS} thrusters",
+    )
+    _require(
+        len(craft.solids) <= MOST_SOLIDS,
+        craft,
+        "solid",
+        len(craft.solids),
+        f"at most {MOST_SOLIDS} solids",
+    )
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
-        _check_thruster(craft, index, checked(
-            f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster))
+        _check_thruster(
+            craft,
+            index,
+            checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
+        )
     if not controls_every_direction(craft):
         warnings.warn(
             f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn it in "
             f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
-            "solved; the usual cause is a missing or reversed thruster.", stacklevel=3)
+            "solved; the usual cause is a missing or reversed thruster.",
+            stacklevel=3,
+        )
 
 
 def _in_plane(position: Pair, direction: Pair, force: float) -> Thruster:
     """A thruster of two-vectors; a direction without a length is left to `check`."""
-    (x, y), (a, b) = position, direction
+    (x, y) = position
+    (a, b) = direction
     length = math.hypot(a, b) or 1.0
     return Thruster((x, y, 0.0), (a / length, b / length, 0.0), force)
 
@@ -226,19 +259,31 @@ def _triple(vector: tuple[float, ...]) -> bool:
 
 def _check_inertia(craft: Spacecraft) -> None:
     """A rigid body's principal moments are positive and none exceeds the sum of the other two."""
+
     def require(holds: bool, bound: str) -> None:
         _require(holds, craft, "inertia", rows, bound)
 
     rows = craft.inertia
-    require(isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)),
-            f"three rows of {_TRIPLE} kg m^2")
+    require(
+        isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)),
+        f"three rows of {_TRIPLE} kg m^2",
+    )
     tensor = np.array(rows)
-    require(np.abs(tensor - tensor.T).max() <= 1e-9 * np.abs(tensor).max(), "symmetric (I_xy = I_yx, ...)")
+    require(
+        np.abs(tensor - tensor.T).max() <= 1e-9 * np.abs(tensor).max(),
+        "symmetric (I_xy = I_yx, ...)",
+    )
     low, middle, high = np.linalg.eigvalsh(tensor)
-    require(low >= _SMALLEST, "positive definite: its smallest principal moment is "
-                              f"{low:.4g} kg m^2, the bound {_SMALLEST:g}")
-    require(high <= (low + middle) * (1 + 1e-9), "that of a rigid body: the largest principal moment "
-            f"{high:.4g} may not exceed the sum of the other two, {low + middle:.4g} kg m^2")
+    require(
+        low >= _SMALLEST,
+        "positive definite: its smallest principal moment is "
+        f"{low:.4g} kg m^2, the bound {_SMALLEST:g}",
+    )
+    require(
+        high <= (low + middle) * (1 + 1e-9),
+        "that of a rigid body: the largest principal moment "
+        f"{high:.4g} may not exceed the sum of the other two, {low + middle:.4g} kg m^2",
+    )
 
 
 def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
@@ -246,14 +291,24 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
     _require(_triple(thruster.position), craft, key + "position", thruster.position, f"{_TRIPLE} m")
     _require(_triple(thruster.direction), craft, key + "direction", thruster.direction, _TRIPLE)
     length = math.hypot(*thruster.direction)
-    _require(abs(length - 1) < 1e-9, craft, key + "direction", thruster.direction,
-             f"a unit vector (its length is {length:.4g}; a zero direction has none)")
+    _require(
+        abs(length - 1) < 1e-9,
+        craft,
+        key + "direction",
+        thruster.direction,
+        f"a unit vector (its length is {length:.4g}; a zero direction has none)",
+    )
     _require(_positive(thruster.force), craft, key + "force", thruster.force, f"{_POSITIVE} N")
     if craft.dimension == 2:
         height = craft.centre_of_mass[2]
         off = max(abs(thruster.position[2] - height), abs(thruster.direction[2]))
-        _require(off <= _PLANE_TOLERANCE, craft, key.strip(), (thruster.position, thruster.direction),
-                 f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2")
+        _require(
+            off <= _PLANE_TOLERANCE,
+            craft,
+            key.strip(),
+            (thruster.position, thruster.direction),
+            f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2",
+        )
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:

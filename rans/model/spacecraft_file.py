@@ -20,7 +20,11 @@ from rans.registry import Registry
 from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", "solids", *_REQUIRED}
+_OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
+    "thrusters",
+    "solids",
+    *_REQUIRED,
+}
 
 
 class Described(NamedTuple):
@@ -48,8 +52,10 @@ def _made(found: Any) -> Spacecraft:
             raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
     if not isinstance(found, Spacecraft):
         got = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
-        raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
-                          f"the package, got {got}.")
+        raise ConfigError(
+            "it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
+            f"the package, got {got}."
+        )
     return found
 
 
@@ -57,10 +63,19 @@ def _is_spacecraft_class(found: Any) -> bool:
     return isinstance(found, type) and issubclass(found, Spacecraft)
 
 
-SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
-    name: f"rans:data/spacecraft/{name}.toml" for name in sorted(
-        file.name.removesuffix(".toml") for file in (resources.files("rans") / "data/spacecraft").iterdir())
-}, _described, ", or a file whose name ends in .toml")
+SPACECRAFT = Registry(
+    "spacecraft",
+    "rans.spacecraft",
+    {
+        name: f"rans:data/spacecraft/{name}.toml"
+        for name in sorted(
+            file.name.removesuffix(".toml")
+            for file in (resources.files("rans") / "data/spacecraft").iterdir()
+        )
+    },
+    _described,
+    ", or a file whose name ends in .toml",
+)
 """Every spacecraft that has a name."""
 
 
@@ -91,7 +106,11 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
     given = named("spacecraft", name_or_file, Spacecraft)
-    return parse_spacecraft(_file_text(given), given) if given.endswith(".toml") else SPACECRAFT[given].craft
+    return (
+        parse_spacecraft(_file_text(given), given)
+        if given.endswith(".toml")
+        else SPACECRAFT[given].craft
+    )
 
 
 def spacecraft_text(name_or_file: str | Path) -> str:
@@ -134,24 +153,36 @@ def to_toml(craft: Spacecraft) -> str:
     table: dict[str, Any] = dataclasses.asdict(craft)
     actuators = {"kind": craft.actuators.kind} | table.pop("actuators")
     thrusters = "".join(f"\n[[thruster]]\n{_lines(each)}" for each in table.pop("thrusters"))
-    solids = "".join("\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
-                     for each in table.pop("solids"))
+    solids = "".join(
+        "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
+        for each in table.pop("solids")
+    )
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}{solids}"
 
 
 def _lines(table: dict[str, Any]) -> str:
     """Texts, numbers and lists of them are written in TOML as they are in JSON."""
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items())
+    return "".join(
+        f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items()
+    )
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:
     _check_keys(table, _REQUIRED, _OPTIONAL, "the file", "")
     lengths = (3,) if table["dimension"] == 3 else (2, 3)
     readers: dict[str, Callable[[Any, str], Any]] = {
-        "name": _text, "dimension": lambda value, _: value, "mass": _number, "inertia": _inertia,
+        "name": _text,
+        "dimension": lambda value, _: value,
+        "mass": _number,
+        "inertia": _inertia,
         "thruster": partial(_thrusters, lengths=lengths),
         "centre_of_mass": partial(_vector, lengths=lengths),
-        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text, "solid": _solids}
+        "radius": _number,
+        "actuators": _actuators,
+        "thrust_sharing": _text,
+        "shape": _text,
+        "solid": _solids,
+    }
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
     return Spacecraft(thrusters=values.pop("thruster"), solids=values.pop("solid", ()), **values)
 
@@ -170,8 +201,11 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
     if not (math.isfinite(length) and length > 0):
         raise ConfigError(f"{where} direction must be finite and not zero, got {brief(direction)}.")
     unit = (direction[0] / length, direction[1] / length, direction[2] / length)
-    return Thruster(_vector(table["position"], f"{where} position", lengths), unit,
-                    _number(table["force"], f"{where} force"))
+    return Thruster(
+        _vector(table["position"], f"{where} position", lengths),
+        unit,
+        _number(table["force"], f"{where} force"),
+    )
 
 
 def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
@@ -185,15 +219,23 @@ def _actuators(table: Any, key: str) -> Actuators:
         raise ConfigError(f'{key} must be a table with the key "kind", got {brief(table)}.')
     kind = KINDS.get(_text(table["kind"], "kind"))
     if kind is None:
-        raise ConfigError(f"actuators have the kind {brief(table['kind'])}; known are {', '.join(KINDS)}.")
-    settings, where = dataclasses.fields(kind), f"actuators of the kind {brief(table['kind'])}"
+        raise ConfigError(
+            f"actuators have the kind {brief(table['kind'])}; known are {', '.join(KINDS)}."
+        )
+    settings = dataclasses.fields(kind)
+    where = f"actuators of the kind {brief(table['kind'])}"
     needed = [field.name for field in settings if field.default is dataclasses.MISSING]
     _check_keys(table, needed, ["kind", *(field.name for field in settings)], where, f"{where}: ")
     return kind(**{key: value for key, value in table.items() if key != "kind"})
 
 
-def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collection[str], where: str,
-                prefix: str) -> None:
+def _check_keys(
+    table: dict[str, Any],
+    needed: Collection[str],
+    optional: Collection[str],
+    where: str,
+    prefix: str,
+) -> None:
     """Refuse keys that are unknown, and tables without those that are needed."""
     known = sorted({*needed, *optional})
     for key in table:

@@ -36,7 +36,11 @@ class Timing:
 
     def __post_init__(self) -> None:
         period = self.control_period
-        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < math.inf:
+        if (
+            isinstance(period, bool)
+            or not isinstance(period, int | float)
+            or not 0 < period < math.inf
+        ):
             raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
         for key in ("substeps", "episode_steps"):
             value = getattr(self, key)
@@ -47,7 +51,9 @@ class Timing:
         if self.substeps is not None and self.substeps > MOST_SUBSTEPS:
             raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
         if self.episode_steps > MOST_STEPS:
-            raise ConfigError(f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}.")
+            raise ConfigError(
+                f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}."
+            )
 
     def step(self, clock: Field) -> Field:
         """Control periods since the episode's start: the low bits of a clock (`rans.episode.Episode`)."""
@@ -63,4 +69,4 @@ class Timing:
 
     @property
     def _mask(self) -> int:
-        return 2**self.episode_steps.bit_length() - 1
+        return 2 ** self.episode_steps.bit_length() - 1

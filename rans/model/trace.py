@@ -20,13 +20,29 @@ Kind = Literal["real", "int", "bool"]
 Operand = Any
 """A symbol or a number."""
 
-_ARITHMETIC = {"+": "add", "-": "sub", "*": "mul", "/": "truediv",
-               "&": "and", "|": "or", "^": "xor", ">>": "rshift"}
+_ARITHMETIC = {
+    "+": "add",
+    "-": "sub",
+    "*": "mul",
+    "/": "truediv",
+    "&": "and",
+    "|": "or",
+    "^": "xor",
+    ">>": "rshift",
+}
 _COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 _COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
 _FOLDED: dict[str, Callable[..., Any]] = {
-    **{sign: getattr(operator, f"__{name}__") for sign, name in (_ARITHMETIC | _COMPARISONS).items()},
-    "neg": operator.neg, "abs": abs, "real": float, "floor": math.floor, "minimum": min, "maximum": max,
+    **{
+        sign: getattr(operator, f"__{name}__")
+        for sign, name in (_ARITHMETIC | _COMPARISONS).items()
+    },
+    "neg": operator.neg,
+    "abs": abs,
+    "real": float,
+    "floor": math.floor,
+    "minimum": min,
+    "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
     **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan2")},
 }
@@ -60,12 +76,17 @@ class Symbol:
     """Grows with every new symbol, so that an operation has a greater one than its operands."""
 
     @classmethod
-    def _of(cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None) -> Symbol:
+    def _of(
+        cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None
+    ) -> Symbol:
         key = (operation, kind, tuple(map(id, args)), repr(value))
         if (found := cls._interned.get(key)) is not None:
             return found
         new = object.__new__(cls)
-        new.operation, new.kind, new.args, new.value = operation, kind, args, value
+        new.operation = operation
+        new.kind = kind
+        new.args = args
+        new.value = value
         new.serial = next(cls._serials)
         cls._interned[key] = new
         return new
@@ -87,8 +108,12 @@ class Symbol:
         if isinstance(value, np.generic):
             value = value.item()
         if not isinstance(value, bool | int | float):
-            raise Untraceable(f"a symbol meets {type(value).__name__}, which is neither symbol nor number.")
-        own: Kind = "bool" if isinstance(value, bool) else "int" if isinstance(value, int) else "real"
+            raise Untraceable(
+                f"a symbol meets {type(value).__name__}, which is neither symbol nor number."
+            )
+        own: Kind = (
+            "bool" if isinstance(value, bool) else "int" if isinstance(value, int) else "real"
+        )
         kind = kind or own
         convert = {"real": float, "int": _wrapped, "bool": bool}[kind]
         return cls._of("constant", kind, value=convert(value))
@@ -98,7 +123,9 @@ class Symbol:
         """The result of an operation, computed at once where it is known."""
         args = _alike(operation, operands)
         if all(arg.operation == "constant" for arg in args):
-            return cls.constant(_FOLDED[operation](*(arg.value for arg in args)), _kind(operation, args))
+            return cls.constant(
+                _FOLDED[operation](*(arg.value for arg in args)), _kind(operation, args)
+            )
         if (simpler := _simplified(operation, args)) is not None:
             return simpler
         if operation in _COMMUTING:
@@ -164,7 +191,8 @@ def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
 
 def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
     """A simpler symbol with the same value wherever that is finite; None if there is none."""
-    a, b = args[0], args[-1]
+    a = args[0]
+    b = args[-1]
     if operation in ("+", "*", "&", "|", "^") and a.operation == "constant":
         a, b = b, a
     match operation:
@@ -216,7 +244,8 @@ def depends(roots: Iterable[Operand], inputs: Iterable[Symbol]) -> bool:
 
 def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> list[Symbol]:
     """The roots as they are when some symbols have other values, simplified again."""
-    roots, new = list(roots), dict(values)
+    roots = list(roots)
+    new = dict(values)
     for symbol in ordered(roots):
         if symbol in new:
             continue

@@ -13,14 +13,25 @@ from rans.model.fields import Field
 Rule = tuple[tuple[float, float], ...]
 
 RULES: dict[int, Rule] = {
-    count: tuple((float(node + 1) / 2, float(weight) / 2)
-                 for node, weight in zip(*np.polynomial.legendre.leggauss(count), strict=True))
-    for count in range(1, 9)}
+    count: tuple(
+        (float(node + 1) / 2, float(weight) / 2)
+        for node, weight in zip(*np.polynomial.legendre.leggauss(count), strict=True)
+    )
+    for count in range(1, 9)
+}
 """Gauss-Legendre nodes and weights on [0, 1], made beforehand: torch cannot trace NumPy's polynomials."""
 
 
-def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[Any],
-          in_world: Callable[[Any, Field], Any], steady: Any = None) -> tuple[Any, Any]:
+def moved(
+    p: Any,
+    v: Any,
+    h: Field,
+    drift: Drift,
+    rule: Rule,
+    pushes: Iterator[Any],
+    in_world: Callable[[Any, Field], Any],
+    steady: Any = None,
+) -> tuple[Any, Any]:
     """Position and velocity after h.
 
     The thrust's acceleration a(t) is a kick w_i h a(s_i h) at every node s_i of weight w_i, which the
@@ -44,14 +55,18 @@ def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[A
             kick = in_world(push, weight * h)
             kick = kick if steady is None else kick + steady.scale(weight * h)
             q, u = drift.carry(kick.scale(0.0), kick, (1 - node) * h)
-            p, v = p + q, v + u
+            p = p + q
+            v = v + u
         return p, v
     speed: Any = type(p)(*(0.0,) * len(p.columns()))
     way = speed
     for (node, weight), push in zip(rule, pushes, strict=True):
-        speed, way = speed + push.scale(weight), way + push.scale(weight * (1 - node))
-    gained, gone = in_world(speed, h), in_world(way, h * h)
+        speed = speed + push.scale(weight)
+        way = way + push.scale(weight * (1 - node))
+    gained = in_world(speed, h)
+    gone = in_world(way, h * h)
     if steady is not None:
-        gained, gone = gained + steady.scale(h), gone + steady.scale(0.5 * h * h)
+        gained = gained + steady.scale(h)
+        gone = gone + steady.scale(0.5 * h * h)
     p, v = drift.carry(p, v, h)
     return p + gone, v + gained

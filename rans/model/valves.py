@@ -49,8 +49,9 @@ class Jump(NamedTuple):
     """Of what shuts; None: it is in ``up`` too."""
 
 
-def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], lag: Lag,
-           period: float) -> Iterator[Piece]:
+def pieces(
+    craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], lag: Lag, period: float
+) -> Iterator[Piece]:
     """The wrench in one control period.
 
     Args:
@@ -75,7 +76,9 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
             continue
         # A straight line through two points inside, where nothing jumps.
         a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
-        first, last = (map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a)))
+        first, last = (
+            map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a))
+        )
         yield end - begin, first, last, period
 
 
@@ -127,6 +130,7 @@ def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
 
 def _either(condition: Field, one: Piece, other: Piece) -> Piece:
     """One piece where the condition holds, else the other."""
+
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
 
@@ -150,7 +154,8 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
         gone = gone + lag.rise
     elif lag.rise is not None and lag.fall is not None and jump.down is not None:
         first = where(lag.rise < lag.fall, lag.rise, lag.fall)
-        up, down = _share(lag.fall, lag.rise), _share(lag.rise, lag.fall)
+        up = _share(lag.fall, lag.rise)
+        down = _share(lag.rise, lag.fall)
         middle = map_leaves(lambda x, y, z: x + y * up + z * down, before, jump.up, jump.down)
         rest = lag.rise + lag.fall - first - first
         yield first, before, middle, lag.slowest
@@ -159,13 +164,15 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
     yield period - gone, after, None, period
 
 
-def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,
-          apart: bool) -> tuple[Wrench, list[Jump]]:
+def _told(
+    craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float, apart: bool
+) -> tuple[Wrench, list[Jump]]:
     """The wrench of the oldest command at its beginning, and every later change.
 
     What opens and what shuts are kept apart if they are not felt alike.
     """
-    when, thrusts = [], []
+    when = []
+    thrusts = []
     for age, command in reversed(list(enumerate(commands))):
         time: Field = -age * period
         for share, part in craft.actuators.pulses(command):
@@ -178,7 +185,8 @@ def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], pe
         if not apart:
             jumps.append(Jump(time, wrench_of(craft, change, body), None))
             continue
-        up, down = [at_least(x, 0.0) for x in change], [-at_least(-x, 0.0) for x in change]
+        up = [at_least(x, 0.0) for x in change]
+        down = [-at_least(-x, 0.0) for x in change]
         jumps.append(Jump(time, wrench_of(craft, up, body), wrench_of(craft, down, body)))
     return wrench_of(craft, thrusts[0], body), jumps
 
@@ -187,7 +195,8 @@ def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
     """The wrench at a time."""
     for jump in jumps:
         gone = time - jump.time - lag.latency
-        up, down = _share(gone, lag.rise), _share(gone, lag.rise if lag.fall is None else lag.fall)
+        up = _share(gone, lag.rise)
+        down = _share(gone, lag.rise if lag.fall is None else lag.fall)
         before = map_leaves(lambda x, y, share=up: x + y * share, before, jump.up)
         if jump.down is not None:
             before = map_leaves(lambda x, y, share=down: x + y * share, before, jump.down)

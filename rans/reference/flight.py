@@ -27,13 +27,30 @@ from rans.scenario import Scenario
 from rans.tasks.base import Task
 
 
-def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
-                 timing: Timing, body: Body | None = None, conditions: Conditions | None = None,
-                 draws: Draws | None = None, max_step: float = 0.01) -> Flight:
+def fly_in_drake(
+    craft: Spacecraft,
+    task: Task,
+    controller: Controller,
+    starts: Scenario,
+    timing: Timing,
+    body: Body | None = None,
+    conditions: Conditions | None = None,
+    draws: Draws | None = None,
+    max_step: float = 0.01,
+) -> Flight:
     """As `rans.flight.fly`, moved by Drake; substeps do not concern it, but its own step (s) does."""
-    return fly(craft, task, controller, starts, timing, "drake",
-               DrakeMover(craft, timing, task.drift, max_step), body or designed(craft), conditions,
-               draws)
+    return fly(
+        craft,
+        task,
+        controller,
+        starts,
+        timing,
+        "drake",
+        DrakeMover(craft, timing, task.drift, max_step),
+        body or designed(craft),
+        conditions,
+        draws,
+    )
 
 
 class DrakeMover:
@@ -45,26 +62,40 @@ class DrakeMover:
         ConfigError: see `Plant`.
     """
 
-    def __init__(self, craft: Spacecraft, timing: Timing, drift: Drift = FREE,
-                 max_step: float = 0.01) -> None:
-        self._craft, self._timing, self._drift, self._max_step = craft, timing, drift, max_step
+    def __init__(
+        self, craft: Spacecraft, timing: Timing, drift: Drift = FREE, max_step: float = 0.01
+    ) -> None:
+        self._craft = craft
+        self._timing = timing
+        self._drift = drift
+        self._max_step = max_step
         self._built_for = np.zeros(0)
         self._plant = self._plant_for(designed(craft), 1)
 
     def __call__(self, state: Any, influences: Influences) -> Any:
         """The state one control period later."""
-        rows, body, disturbance = rows_from_states(state), influences.body, influences.disturbance
-        late, fails = _lateness(influences.lag), influences.failing
+        rows = rows_from_states(state)
+        body = influences.body
+        disturbance = influences.disturbance
+        late = _lateness(influences.lag)
+        fails = influences.failing
         many = np.atleast_2d(rows)
         command, *earlier = (_columns(told, len(many)) for told in influences.commands)
         failure = None
         if fails is not None:
-            failure = Failure(_columns([fails.instant], len(many)),
-                              Nozzles.of(self._craft, fails.body, len(many), *late))
+            failure = Failure(
+                _columns([fails.instant], len(many)),
+                Nozzles.of(self._craft, fails.body, len(many), *late),
+            )
         moved = self._plant_for(body, len(many)).advance(
-            many, command, self._timing.control_period,
+            many,
+            command,
+            self._timing.control_period,
             None if disturbance is None else _columns(leaves(disturbance), len(many)),
-            Nozzles.of(self._craft, body, len(many), *late), earlier, failure)
+            Nozzles.of(self._craft, body, len(many), *late),
+            earlier,
+            failure,
+        )
         return states_from_rows(moved.reshape(rows.shape), state).normalised()
 
     def _plant_for(self, body: Body, count: int) -> Plant:
@@ -100,17 +131,22 @@ def _lateness(lag: Lag | None) -> tuple[Any, Any, Any]:
 
 def _columns(fields: Sequence[Any], count: int) -> np.ndarray:
     """Rows of plain numbers, (N, fields), from fields of one number or of N."""
-    return np.column_stack([np.broadcast_to(np.asarray(x, dtype=np.float64).ravel(), count) for x in fields])
+    return np.column_stack(
+        [np.broadcast_to(np.asarray(x, dtype=np.float64).ravel(), count) for x in fields]
+    )
 
 
-def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,
-           drift: Drift = FREE) -> Any:
+def replay(
+    craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing, drift: Drift = FREE
+) -> Any:
     """Where commands (T, thrusters), each held for one control period, take one spacecraft in Drake.
 
     The start is of floats, the result of fields (T + 1,), the start first. Headings are not wrapped.
     """
     starts = np.array([leaves(start)], dtype=np.float64)
-    rows = Plant(craft, drift=drift).rollout(starts, np.asarray(commands)[:, None], timing.control_period)
+    rows = Plant(craft, drift=drift).rollout(
+        starts, np.asarray(commands)[:, None], timing.control_period
+    )
     return states_from_rows(rows[:, 0], start)
 
 

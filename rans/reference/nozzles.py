@@ -47,26 +47,46 @@ class Nozzles:
     """(N, 1): the same of one that shrinks."""
 
     @classmethod
-    def of(cls, craft: Spacecraft, body: Body, count: int, latency: Any = 0.0, rise: Any = 0.0,
-           fall: Any = 0.0) -> Self:
+    def of(
+        cls,
+        craft: Spacecraft,
+        body: Body,
+        count: int,
+        latency: Any = 0.0,
+        rise: Any = 0.0,
+        fall: Any = 0.0,
+    ) -> Self:
         """Of so many spacecraft with this body; each value is one number or (N,)."""
+
         def columns(values: Sequence[Any]) -> np.ndarray:
-            return np.column_stack([np.broadcast_to(np.asarray(x, dtype=float).ravel(), count)
-                                    for x in values])
+            return np.column_stack(
+                [np.broadcast_to(np.asarray(x, dtype=float).ravel(), count) for x in values]
+            )
 
         usual = 1.0 if craft.thrust_sharing == "split" else 0.0
-        return cls(columns(body.gain or (1.0,) * len(craft.thrusters)),
-                   columns(body.leak or (0.0,) * len(craft.thrusters)),
-                   *(columns([x]) for x in (usual if body.droop is None else body.droop,
-                                            latency, rise, fall)))
+        return cls(
+            columns(body.gain or (1.0,) * len(craft.thrusters)),
+            columns(body.leak or (0.0,) * len(craft.thrusters)),
+            *(
+                columns([x])
+                for x in (usual if body.droop is None else body.droop, latency, rise, fall)
+            ),
+        )
 
     def given(self, opened: np.ndarray) -> np.ndarray:
         """Share of its force that each thruster gives once valves (N, t) are so far open."""
         flowing = self.gain * opened + self.leak
-        return flowing / (1.0 + self.droop * np.maximum(flowing.sum(axis=1, keepdims=True) - 1.0, 0.0))
+        return flowing / (
+            1.0 + self.droop * np.maximum(flowing.sum(axis=1, keepdims=True) - 1.0, 0.0)
+        )
 
-    def segments(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float,
-                 failure: Failure | None = None) -> Iterator[Segment]:
+    def segments(
+        self,
+        actuators: Actuators,
+        commands: Sequence[np.ndarray],
+        duration: float,
+        failure: Failure | None = None,
+    ) -> Iterator[Segment]:
         """The thrust in a control period: a new segment where any nozzle's begins or ends to change.
 
         The commands, (N, t) of 0 to 1 each, are this period's and those of the periods before, the newest
@@ -90,9 +110,11 @@ class Nozzles:
 
     def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
         """What comes of the commands over the control period; arguments as `segments`."""
-        patterns = [(begin - age * duration, self.given(opened))
-                    for age, command in reversed(list(enumerate(commands)))
-                    for begin, opened in told(actuators, command, duration)]
+        patterns = [
+            (begin - age * duration, self.given(opened))
+            for age, command in reversed(list(enumerate(commands)))
+            for begin, opened in told(actuators, command, duration)
+        ]
         first = patterns[0][1]
         changes = [self._change(time, old, new) for (_, old), (time, new) in pairwise(patterns)]
         return _Flow(first, *map(np.concatenate, zip(_nothing(), *changes, strict=True)))
@@ -142,7 +164,9 @@ class _Flow:
         # In the middle, as nothing begins or ends there.
         gone = 0.5 * (begin + end) - self.start
         moving = (gone > 0.0) & (gone < self.ramp)
-        thrust, rate, slope = self.first.copy(), np.zeros_like(self.first), np.zeros_like(self.size)
+        thrust = self.first.copy()
+        rate = np.zeros_like(self.first)
+        slope = np.zeros_like(self.size)
         np.divide(self.size, self.ramp, out=slope, where=moving)
         there = np.where(moving, slope * (begin - self.start), self.size * (gone >= self.ramp))
         np.add.at(thrust, (self.row, self.column), there)
@@ -150,7 +174,9 @@ class _Flow:
         return thrust, rate
 
 
-def told(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tuple[float, np.ndarray]]:
+def told(
+    actuators: Actuators, commands: np.ndarray, duration: float
+) -> list[tuple[float, np.ndarray]]:
     """From when on (s) which valves are told to be how far open: anew where any of any spacecraft shuts.
 
     The commands, (N, thrusters), are 0 to 1 and held for the duration, s.
@@ -164,5 +190,6 @@ def told(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tu
 
 
 def _nothing() -> tuple[np.ndarray, ...]:
-    whole, real = np.zeros(0, dtype=int), np.zeros(0)
+    whole = np.zeros(0, dtype=int)
+    real = np.zeros(0)
     return whole, whole, real, real, real

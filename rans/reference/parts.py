@@ -24,7 +24,8 @@ from rans.model.spacecraft import Spacecraft, Thruster
 
 def designed(craft: Spacecraft) -> Body:
     """The body of a spacecraft as its author describes it: read here, not by those who are judged."""
-    tensor, count = np.array(craft.inertia), len(craft.thrusters)
+    tensor = np.array(craft.inertia)
+    count = len(craft.thrusters)
     moments = (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)])
     return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
@@ -37,23 +38,30 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia
     Raises:
         ConfigError: Drake refuses them.
     """
+
     def own(values: Iterable[Any]) -> np.ndarray:
         return np.array([x if np.ndim(x) == 0 else x[index] for x in values])
 
     if craft.dimension == 2:
-        moments = np.array(craft.inertia)[np.triu_indices(3)] * (own(body.inertia) / craft.inertia[2][2])
+        moments = np.array(craft.inertia)[np.triu_indices(3)] * (
+            own(body.inertia) / craft.inertia[2][2]
+        )
         shift = np.append(own(body.centre or (0.0, 0.0)), 0.0)
     else:
-        moments, shift = own(body.inertia), own(body.centre or (0.0,) * 3)
+        moments = own(body.inertia)
+        shift = own(body.centre or (0.0,) * 3)
     xx, xy, xz, yy, yz, zz = moments
     try:
         return SpatialInertia.MakeFromCentralInertia(
-            own([body.mass])[0], np.array(craft.centre_of_mass) + shift,
-            RotationalInertia(xx, yy, zz, xy, xz, yz))
+            own([body.mass])[0],
+            np.array(craft.centre_of_mass) + shift,
+            RotationalInertia(xx, yy, zz, xy, xz, yz),
+        )
     except RuntimeError as error:
         reason = str(error).partition("\n")[0]
-        raise ConfigError(f"spacecraft {craft.name!r}: Drake refuses its inertia "
-                          f"{craft.inertia}: {reason}") from error
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: Drake refuses its inertia {craft.inertia}: {reason}"
+        ) from error
 
 
 def pose(thruster: Thruster) -> RigidTransform:
@@ -71,8 +79,10 @@ def gravity(drift: Drift) -> np.ndarray:
     if isinstance(drift, UniformGravity):
         return np.append(drift.acceleration, 0.0)[:3]
     if not isinstance(drift, FreeFlight | ClohessyWiltshire):
-        raise ConfigError("Drake knows free flight, uniform gravity and Clohessy-Wiltshire frames, got "
-                          f"{drift!r}.")
+        raise ConfigError(
+            "Drake knows free flight, uniform gravity and Clohessy-Wiltshire frames, got "
+            f"{drift!r}."
+        )
     return np.zeros(3)
 
 
@@ -86,19 +96,31 @@ class Orbit(LeafSystem):
     velocities, and its force among the generalised forces.
     """
 
-    def __init__(self, mean_motion: float, masses: np.ndarray, places: np.ndarray, speeds: np.ndarray,
-                 positions: int) -> None:
+    def __init__(
+        self,
+        mean_motion: float,
+        masses: np.ndarray,
+        places: np.ndarray,
+        speeds: np.ndarray,
+        positions: int,
+    ) -> None:
         super().__init__()
-        self._n, self._masses, self._positions = mean_motion, masses, positions
-        self._places, self._speeds = places, speeds
+        self._n = mean_motion
+        self._masses = masses
+        self._positions = positions
+        self._places = places
+        self._speeds = speeds
         count = len(masses) * (3 if places.shape[1] == 2 else 6)
         self.state = self.DeclareVectorInputPort("state", positions + count)
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
-        n, state, total = self._n, np.array(self.state.Eval(context)), np.array(self.others.Eval(context))
-        place, speed = state[self._places], state[self._positions + self._speeds]
+        n = self._n
+        state = np.array(self.state.Eval(context))
+        total = np.array(self.others.Eval(context))
+        place = state[self._places]
+        speed = state[self._positions + self._speeds]
         pull = np.zeros_like(place)
         pull[:, 0] = 3.0 * n * n * place[:, 0] + 2.0 * n * speed[:, 1]
         pull[:, 1] = -2.0 * n * speed[:, 0]

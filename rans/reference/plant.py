@@ -20,7 +20,12 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
-from pydrake.multibody.tree import FixedOffsetFrame, MultibodyForces, PlanarJoint, QuaternionFloatingJoint
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    MultibodyForces,
+    PlanarJoint,
+    QuaternionFloatingJoint,
+)
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
@@ -57,32 +62,57 @@ class Plant:
         ConfigError: Drake refuses the mass properties, or does not know the drift.
     """
 
-    def __init__(self, craft: Spacecraft, count: int = 1, max_step: float = 0.01, body: Body | None = None,
-                 drift: Drift = FREE) -> None:
-        self.craft, self.count = craft, count
-        self._body, self._drift = body or designed(craft), drift
+    def __init__(
+        self,
+        craft: Spacecraft,
+        count: int = 1,
+        max_step: float = 0.01,
+        body: Body | None = None,
+        drift: Drift = FREE,
+    ) -> None:
+        self.craft = craft
+        self.count = count
+        self._body = body or designed(craft)
+        self._drift = drift
         self._nozzles = Nozzles.of(craft, self._body, count)
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
         self._plant.mutable_gravity_field().set_gravity_vector(gravity(drift))
-        self._bodies = [self._plant.AddRigidBody(f"G{k}", spatial_inertia(craft, self._body, k))
-                        for k in range(count)]
-        self._frames = [self._plant.AddFrame(FixedOffsetFrame(
-            f"B of {body.name()}", body.body_frame(), RigidTransform(body.default_com())))
-            for body in self._bodies]
+        self._bodies = [
+            self._plant.AddRigidBody(f"G{k}", spatial_inertia(craft, self._body, k))
+            for k in range(count)
+        ]
+        self._frames = [
+            self._plant.AddFrame(
+                FixedOffsetFrame(
+                    f"B of {body.name()}", body.body_frame(), RigidTransform(body.default_com())
+                )
+            )
+            for body in self._bodies
+        ]
         kind = PlanarJoint if craft.dimension == 2 else QuaternionFloatingJoint
-        joints = [self._plant.AddJoint(kind(frame.name(), self._plant.world_frame(), frame))
-                  for frame in self._frames]
+        joints = [
+            self._plant.AddJoint(kind(frame.name(), self._plant.world_frame(), frame))
+            for frame in self._frames
+        ]
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
-        self._position = np.array([j.position_start() + np.arange(j.num_positions()) for j in joints])
-        self._velocity = np.array([j.velocity_start() + np.arange(j.num_velocities()) for j in joints])
+        self._position = np.array(
+            [j.position_start() + np.arange(j.num_positions()) for j in joints]
+        )
+        self._velocity = np.array(
+            [j.velocity_start() + np.arange(j.num_velocities()) for j in joints]
+        )
         self._propeller, self._thrust = self._add_thrusters(builder)
         self._export_forces(builder)
         self._simulator = Simulator(builder.Build())
-        ApplySimulatorConfig(SimulatorConfig(integration_scheme="runge_kutta5", use_error_control=False,
-                                             max_step_size=max_step), self._simulator)
+        ApplySimulatorConfig(
+            SimulatorConfig(
+                integration_scheme="runge_kutta5", use_error_control=False, max_step_size=max_step
+            ),
+            self._simulator,
+        )
         self._context = self._simulator.get_mutable_context()
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
@@ -99,20 +129,28 @@ class Plant:
         forces = MultibodyForces(self._plant)
         for force in self._propeller.get_spatial_forces_output_port().Eval(self._propeller_context):
             self._plant.get_body(force.body_index).AddInForce(
-                self._plant_context, force.p_BoBq_B, force.F_Bq_W, self._plant.world_frame(), forces)
+                self._plant_context, force.p_BoBq_B, force.F_Bq_W, self._plant.world_frame(), forces
+            )
         return self._rows(self._plant.CalcGeneralizedForces(self._plant_context, forces))
 
     def thruster_wrenches(self) -> np.ndarray:
         """Force and torque of each thruster alone, fully open: (thrusters, 3 or 6) as `wrenches`."""
-        return np.array([self.wrenches(np.tile(alone, (self.count, 1)))[0]
-                         for alone in np.eye(len(self.craft.thrusters))])
+        return np.array(
+            [
+                self.wrenches(np.tile(alone, (self.count, 1)))[0]
+                for alone in np.eye(len(self.craft.thrusters))
+            ]
+        )
 
     def mass_matrix(self) -> np.ndarray:
         """What resists acceleration at rest, about the centre of mass, axes of B: (3, 3) or (6, 6).
 
         Rows and columns are ordered as in `wrenches`; kg, kg m (zero) and kg m^2.
         """
-        self._set(np.tile(self._rest(), (self.count, 1)), np.zeros((self.count, len(self.craft.thrusters))))
+        self._set(
+            np.tile(self._rest(), (self.count, 1)),
+            np.zeros((self.count, len(self.craft.thrusters))),
+        )
         own = self._velocity[0]
         matrix = self._plant.CalcMassMatrix(self._plant_context)[np.ix_(own, own)]
         return matrix if self.craft.dimension == 2 else np.roll(matrix, (3, 3), axis=(0, 1))
@@ -124,15 +162,24 @@ class Plant:
         m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
         """
         self._set(states, commands)
-        rows = self._rows(self._plant.get_generalized_acceleration_output_port().Eval(self._plant_context))
+        rows = self._rows(
+            self._plant.get_generalized_acceleration_output_port().Eval(self._plant_context)
+        )
         if self.craft.dimension == 3:
             # The derivative of w_WB is the same vector seen from W and from B: w x w = 0.
             rows[:, 3:] = np.einsum("nji,nj->ni", self._rotations(), rows[:, 3:])
         return rows
 
-    def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
-                disturbances: np.ndarray | None = None, nozzles: Nozzles | None = None,
-                earlier: Sequence[np.ndarray] = (), failure: Failure | None = None) -> np.ndarray:
+    def advance(
+        self,
+        states: np.ndarray,
+        commands: np.ndarray,
+        duration: float,
+        disturbances: np.ndarray | None = None,
+        nozzles: Nozzles | None = None,
+        earlier: Sequence[np.ndarray] = (),
+        failure: Failure | None = None,
+    ) -> np.ndarray:
         """States after the commands were held for a duration.
 
         Args:
@@ -156,7 +203,9 @@ class Plant:
             self._simulator.AdvanceTo(end)
         return self._get()
 
-    def rollout(self, starts: np.ndarray, commands: np.ndarray, control_period: float) -> np.ndarray:
+    def rollout(
+        self, starts: np.ndarray, commands: np.ndarray, control_period: float
+    ) -> np.ndarray:
         """States (T + 1, N, 6 or 13), the starts first, under commands (T, N, thrusters) given beforehand.
 
         Each command is held for one control period, s.
@@ -168,15 +217,22 @@ class Plant:
 
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
-        nozzles = [PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
-                   for body in self._bodies for t in self.craft.thrusters]
+        nozzles = [
+            PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
+            for body in self._bodies
+            for t in self.craft.thrusters
+        ]
         propeller = Propeller(nozzles)
         thrust = Integrator(len(nozzles))
         builder.AddSystem(propeller)
         builder.AddSystem(thrust)
-        builder.Connect(self._plant.get_body_poses_output_port(), propeller.get_body_poses_input_port())
-        builder.Connect(propeller.get_spatial_forces_output_port(),
-                        self._plant.get_applied_spatial_force_input_port())
+        builder.Connect(
+            self._plant.get_body_poses_output_port(), propeller.get_body_poses_input_port()
+        )
+        builder.Connect(
+            propeller.get_spatial_forces_output_port(),
+            self._plant.get_applied_spatial_force_input_port(),
+        )
         builder.Connect(thrust.get_output_port(), propeller.get_command_input_port())
         builder.ExportInput(thrust.get_input_port(), "rate")
         return propeller, thrust
@@ -188,8 +244,13 @@ class Plant:
             builder.ExportInput(forces, "disturbance")
             return
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
-        orbit = Orbit(self._drift.mean_motion, np.broadcast_to(self._body.mass, self.count),
-                      self._position[:, along], self._velocity[:, along], self._plant.num_positions())
+        orbit = Orbit(
+            self._drift.mean_motion,
+            np.broadcast_to(self._body.mass, self.count),
+            self._position[:, along],
+            self._velocity[:, along],
+            self._plant.num_positions(),
+        )
         builder.AddSystem(orbit)
         builder.Connect(self._plant.get_state_output_port(), orbit.state)
         builder.Connect(orbit.total, forces)
@@ -197,13 +258,17 @@ class Plant:
 
     def _rest(self) -> np.ndarray:
         """At W's origin, B along W, no motion."""
-        return np.zeros(6) if self.craft.dimension == 2 else np.eye(13)[3]  # a quaternion of 1, 0, 0, 0
+        return (
+            np.zeros(6) if self.craft.dimension == 2 else np.eye(13)[3]
+        )  # a quaternion of 1, 0, 0, 0
 
     def _set(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Put states and commands into the context."""
-        q, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
+        q = np.zeros(self._plant.num_positions())
+        v = np.zeros(self._plant.num_velocities())
         if self.craft.dimension == 2:
-            q[self._position], v[self._velocity] = states[:, :3], states[:, 3:]
+            q[self._position] = states[:, :3]
+            v[self._velocity] = states[:, 3:]
             self._plant.SetPositions(self._plant_context, q)
         else:
             q[self._position] = np.roll(states[:, :7], 4, axis=1)  # Drake: quaternion, position
@@ -221,7 +286,9 @@ class Plant:
     def _disturb(self, disturbances: np.ndarray) -> None:
         """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""
         forces = np.zeros(self._plant.num_velocities())
-        forces[self._velocity] = np.roll(disturbances, 0 if self.craft.dimension == 2 else 3, axis=1)
+        forces[self._velocity] = np.roll(
+            disturbances, 0 if self.craft.dimension == 2 else 3, axis=1
+        )
         self._simulator.get_system().GetInputPort("disturbance").FixValue(self._context, forces)
 
     def _get(self) -> np.ndarray:

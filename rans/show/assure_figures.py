@@ -20,7 +20,8 @@ _SIZE = (3.9, 2.9)
 def errors_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
     """The largest error of some episodes in tolerances over time, the first of them on top."""
     figure = Figure(figsize=_SIZE, layout="constrained")
-    axes, bounds = figure.subplots(), flight.task.tolerances()
+    axes = figure.subplots()
+    bounds = flight.task.tolerances()
     errors = flight.errors()
     worst = np.max([errors[name] / bounds[name] for name in bounds], axis=0)
     _each(axes.semilogy, episodes, lambda k: (flight.times, np.maximum(worst[:, k], 1e-2)))
@@ -36,7 +37,8 @@ def errors_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
 def paths_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
     """Their ways from above, the goal in the middle."""
     figure = Figure(figsize=_SIZE, layout="constrained")
-    axes, (x, y, *_) = figure.subplots(), panels.from_goal(flight)
+    axes = figure.subplots()
+    (x, y, *_) = panels.from_goal(flight)
     _each(axes.plot, episodes, lambda k: (x[:, k], y[:, k]))
     axes.plot([0.0], [0.0], "+", color=RED, markersize=10)
     axes.set_aspect("equal", adjustable="datalim")
@@ -54,10 +56,17 @@ def commands_figure(flight: Flight, episode: int, title: str) -> Figure:
     return figure
 
 
-def _each(plot: Callable[..., object], episodes: Sequence[int],
-          points: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> None:
+def _each(
+    plot: Callable[..., object],
+    episodes: Sequence[int],
+    points: Callable[[int], tuple[np.ndarray, np.ndarray]],
+) -> None:
     """All of them thinly, the first strongly and last."""
     for k in reversed(episodes):
         first = k == episodes[0]
-        plot(*points(k), color=ORANGE if first else BLUE, linewidth=1.6 if first else 1.0,
-             alpha=1.0 if first else 0.9)
+        plot(
+            *points(k),
+            color=ORANGE if first else BLUE,
+            linewidth=1.6 if first else 1.0,
+            alpha=1.0 if first else 0.9,
+        )

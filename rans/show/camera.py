@@ -39,9 +39,11 @@ def fit(points: np.ndarray, direction: Sequence[float], upright: float, aspect: 
     """
     axes = _axes(np.array(direction))
     x, y, z = axes @ points.T
-    shifts, distances = [], []
+    shifts = []
+    distances = []
     for along, tangent in ((x, aspect * math.tan(upright / 2.0)), (y, math.tan(upright / 2.0))):
-        one, other = float(np.max(z + along / tangent)), float(np.max(z - along / tangent))
+        one = float(np.max(z + along / tangent))
+        other = float(np.max(z - along / tangent))
         shifts.append(tangent * (one - other) / 2.0)
         distances.append((one + other) / 2.0)
     middle = float(z.min() + z.max()) / 2.0

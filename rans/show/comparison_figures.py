@@ -28,8 +28,11 @@ from rans.show.panels import GREY, INK, PLAIN, RED, label, look
 
 def logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
     """Plain numbers at these multiples of powers of ten; nothing where no value is positive."""
-    least, scale = ((axes.dataLim.minposx, axes.set_xscale) if axis is axes.xaxis
-                    else (axes.dataLim.minposy, axes.set_yscale))
+    least, scale = (
+        (axes.dataLim.minposx, axes.set_xscale)
+        if axis is axes.xaxis
+        else (axes.dataLim.minposy, axes.set_yscale)
+    )
     if not np.isfinite(least):
         return
     scale("log")
@@ -48,7 +51,8 @@ def plane(comparison: Comparison) -> Figure:
     bootstrap = Bootstrap(len(starts))
     figure = Figure(figsize=(8.0, 4.2), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.4, 1.0))
-    left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
+    left = figure.add_subfigure(cells[0])
+    right = figure.add_subfigure(cells[1])
     axes = left.subplots()
     if comparison.certified_starts():
         _draw_certified(axes, comparison)
@@ -58,8 +62,12 @@ def plane(comparison: Comparison) -> Figure:
         _draw_contestant(axes, entry, starts, bootstrap, k)
     for axis in (axes.xaxis, axes.yaxis):
         logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
-    label(axes, f"time and thrust-time to arrive, medians over {counted(len(starts), 'start')}",
-          "time to arrive, s", "thrust-time to arrive, N s")
+    label(
+        axes,
+        f"time and thrust-time to arrive, medians over {counted(len(starts), 'start')}",
+        "time to arrive, s",
+        "thrust-time to arrive, N s",
+    )
     panels.legend_beside(right, axes)
     return figure
 
@@ -68,53 +76,102 @@ def _draw_certified(axes: Axes, comparison: Comparison) -> None:
     """Least time as a line, least thrust-time as bars with what was found on or above them."""
     least = float(np.median(comparison.bounds(Event())[0].values))
     horizons = np.array(comparison.horizons())
-    others = [[np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
-              for horizon in comparison.horizons()]
+    others = [
+        [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
+        for horizon in comparison.horizons()
+    ]
     axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
     axes.axvline(least, color=INK, linewidth=1.2, label="certified least time to arrive")
     lower, upper = np.transpose(others)
     shown = np.isfinite(lower)
     axes.plot(horizons[shown], lower[shown], linestyle=":", color=INK, linewidth=0.8)
-    axes.plot(horizons[shown], lower[shown], linestyle="", marker="_", markersize=16, markeredgewidth=2.5,
-              color=INK, label="certified least thrust-time at these times")
+    axes.plot(
+        horizons[shown],
+        lower[shown],
+        linestyle="",
+        marker="_",
+        markersize=16,
+        markeredgewidth=2.5,
+        color=INK,
+        label="certified least thrust-time at these times",
+    )
     if np.isfinite(upper).any():
-        axes.plot(horizons, upper, linestyle="", marker="o", markersize=8, markerfacecolor="none",
-                  markeredgecolor=RED, markeredgewidth=1.3, label="best on/off controls found, replayed")
+        axes.plot(
+            horizons,
+            upper,
+            linestyle="",
+            marker="o",
+            markersize=8,
+            markerfacecolor="none",
+            markeredgecolor=RED,
+            markeredgewidth=1.3,
+            label="best on/off controls found, replayed",
+        )
     axes.set_xlim(0.8 * least, 1.15 * horizons[-1])
 
 
 def _draw_relaxed(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
-    points, lost = [], False
+    points = []
+    lost = False
     for rows in comparison.relaxed.values():
         chosen = [rows[k] for k in starts if rows[k].solved]
         if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
             lost = lost or len(chosen) < len(starts)
-            points.append([np.median([getattr(row, key) for row in chosen]) for key in ("arrival", "thrust")])
+            points.append(
+                [np.median([getattr(row, key) for row in chosen]) for key in ("arrival", "thrust")]
+            )
     if points:
-        axes.plot(*np.transpose(points), linestyle="", marker="x", color=INK,
-                  label=f"relaxed thrust, exact goal (no controller{', where found' if lost else ''})")
+        axes.plot(
+            *np.transpose(points),
+            linestyle="",
+            marker="x",
+            color=INK,
+            label=f"relaxed thrust, exact goal (no controller{', where found' if lost else ''})",
+        )
 
 
 def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
     """The LQR of all weights as a curve, in their order."""
-    points = np.array([[np.median(x[starts]) for x in (e.arrival, e.arrival_thrust)]
-                       for e in comparison.curve])
+    points = np.array(
+        [[np.median(x[starts]) for x in (e.arrival, e.arrival_thrust)] for e in comparison.curve]
+    )
     for k in (0, -1) if len(points) else ():
-        axes.annotate(comparison.curve[k].name, points[k], (4, 4), textcoords="offset points", fontsize=7)
+        axes.annotate(
+            comparison.curve[k].name, points[k], (4, 4), textcoords="offset points", fontsize=7
+        )
     if len(points):
-        axes.plot(*points[np.isfinite(points).all(axis=1)].T, color=GREY, marker=".", linewidth=1.0,
-                  label=f"LQR, {counted(len(points), 'weight')}")
+        axes.plot(
+            *points[np.isfinite(points).all(axis=1)].T,
+            color=GREY,
+            marker=".",
+            linewidth=1.0,
+            label=f"LQR, {counted(len(points), 'weight')}",
+        )
 
 
-def _draw_contestant(axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> None:
+def _draw_contestant(
+    axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int
+) -> None:
     """A point with its intervals; in the legend, how many never arrive."""
     colour, marker = look(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
     name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
-    axes.errorbar([x.value], [y.value], xerr=_bars(x), yerr=_bars(y), color=colour, marker=marker,
-                  markersize=7, linestyle="", elinewidth=1.4, capsize=2.5, markeredgecolor="white",
-                  label=name, zorder=5)
+    axes.errorbar(
+        [x.value],
+        [y.value],
+        xerr=_bars(x),
+        yerr=_bars(y),
+        color=colour,
+        marker=marker,
+        markersize=7,
+        linestyle="",
+        elinewidth=1.4,
+        capsize=2.5,
+        markeredgecolor="white",
+        label=name,
+        zorder=5,
+    )
 
 
 def _bars(estimate: Estimate) -> np.ndarray:
@@ -144,12 +201,22 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
     width = edges[1] - edges[0]
     never = top + 1.5 * width
     bins = [*edges, never - width / 2, never + width / 2]
-    counts = {name: np.histogram(np.where(np.isfinite(r), r, never), bins)[0] for name, r in ratios.items()}
+    counts = {
+        name: np.histogram(np.where(np.isfinite(r), r, never), bins)[0]
+        for name, r in ratios.items()
+    }
     highest = max(1, *(count.max() for count in counts.values()))
     for k, name in enumerate(names):
         if name in counts:
             colour = INK if name == "best found" else look(k)[0]
-            axes.bar(bins[:-1], 0.85 * counts[name] / highest, np.diff(bins), -k, color=colour, align="edge")
+            axes.bar(
+                bins[:-1],
+                0.85 * counts[name] / highest,
+                np.diff(bins),
+                -k,
+                color=colour,
+                align="edge",
+            )
         axes.axhline(-k, color=GREY, linewidth=0.6)
     axes.set_yticks([0.35 - k for k in range(len(names))], names)
     ticks = [float(x) for x in axes.get_xticks() if 1.0 <= x <= top]
@@ -170,11 +237,17 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
             axes.ecdf(factor * entry.errors[quantity], color=look(k)[0], label=entry.name)
         bound = entries[0].flight.task.tolerances().get(quantity)
         if bound is not None:
-            axes.axvline(factor * bound, color=INK, linestyle="--", linewidth=1.0, label="tolerance")
+            axes.axvline(
+                factor * bound, color=INK, linestyle="--", linewidth=1.0, label="tolerance"
+            )
         axes.set_ylim(0.0, 1.02)
         logarithmic(axes, axes.xaxis)
-        label(axes, f"final {quantity} error", f"{quantity} error, mean of the last fifth, {unit}",
-              "share of starts")
+        label(
+            axes,
+            f"final {quantity} error",
+            f"{quantity} error, mean of the last fifth, {unit}",
+            "share of starts",
+        )
         axes.legend(loc="best")
     return figure
 
@@ -188,8 +261,17 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
     for axes, key in zip(grid, keys, strict=True):
         for k, row in enumerate(board.values()):
             colour, marker = look(k)
-            axes.errorbar([row[key].value], [-k], xerr=_bars(row[key]), color=colour, marker=marker,
-                          linestyle="", elinewidth=1.6, capsize=3, markersize=6)
+            axes.errorbar(
+                [row[key].value],
+                [-k],
+                xerr=_bars(row[key]),
+                color=colour,
+                marker=marker,
+                linestyle="",
+                elinewidth=1.6,
+                capsize=3,
+                markersize=6,
+            )
         axes.set_yticks([-k for k in range(len(board))], list(board))
         axes.set_ylim(0.6 - len(board), 0.6)
         label(axes, key.split(",")[0], key, "")
@@ -223,8 +305,10 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
 def _common_limits(flights: Sequence[tuple[str, Flight, int]]) -> Iterator[tuple[float, float]]:
     """One range per axis of W for all paths, m, equally wide."""
     way = [[x[:, episode] for x in panels.from_goal(flight)] for _, flight, episode in flights]
-    low, high = (np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*way, strict=True)])
-                 for pick in (np.min, np.max))
+    low, high = (
+        np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*way, strict=True)])
+        for pick in (np.min, np.max)
+    )
     half = 0.5 * float((high - low).max()) + 0.5
     for centre in 0.5 * (low + high):
         yield centre - half, centre + half

@@ -72,9 +72,14 @@ def best_returns(comparison: Comparison) -> np.ndarray | None:
 
 def differences(comparison: Comparison) -> dict[str, Scores]:
     """Median over starts of everybody's score less that of the first contestant from the same start."""
-    first, bootstrap = comparison.entries[0], Bootstrap(comparison.contest.episodes)
-    return {entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()}
-            for entry in comparison.entries[1:]}
+    first = comparison.entries[0]
+    bootstrap = Bootstrap(comparison.contest.episodes)
+    return {
+        entry.name: {
+            name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()
+        }
+        for entry in comparison.entries[1:]
+    }
 
 
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
@@ -91,7 +96,8 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     lower, upper = comparison.bounds(event)
     possible = np.isfinite(lower.values) & (lower.values > 0)
-    starts, lower = np.array(comparison.certified_starts())[possible], lower[possible]
+    starts = np.array(comparison.certified_starts())[possible]
+    lower = lower[possible]
     found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
     best = upper[possible].over(lower)
     return found | ({"best found": best} if np.isfinite(best).any() else {})
@@ -102,7 +108,10 @@ def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
 
     The contestants are those of `gap_names`, in their order.
     """
-    return [[event, *(_middle(found.get(name)) for name in gap_names(gaps))] for event, found in gaps.items()]
+    return [
+        [event, *(_middle(found.get(name)) for name in gap_names(gaps))]
+        for event, found in gaps.items()
+    ]
 
 
 def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
@@ -123,7 +132,9 @@ def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
         solved = [one for one in found if one.solved]
         middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
         worst = max((one.replay_error for one in solved), default=None)
-        rows.append([name, f"{len(solved)} of {len(found)}", *middle, worst, _median(solved, "seconds")])
+        rows.append(
+            [name, f"{len(solved)} of {len(found)}", *middle, worst, _median(solved, "seconds")]
+        )
     return rows
 
 
@@ -136,63 +147,117 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
     """For `rans.files.write_json`."""
     board = scoreboard(comparison)
     found = outcome(comparison, board)
-    return found if not comparison.entries else found | {
-        "text": text, "engine": comparison.contest.engine,
-        "estimates": _estimates(board), "differences_from_first": _estimates(differences(comparison)),
-        "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
-                        for e in comparison.entries},
-        "certified": {"starts": comparison.certified_starts(), "horizons": comparison.horizons(),
-                      "events": {event.text: event._asdict() for event in comparison.events()},
-                      "gaps": {question: {name: ratios.tolist() for name, ratios in found.items()}
-                               for question, found in gaps(comparison).items()}},
-        "front": front_tables.to_json(comparison.front) if comparison.front else None,
-        "per_start": {"contestants": {e.name: [*_starts(e)] for e in comparison.entries},
-                      "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
-                      "relaxed": {name: [_relaxed_row(row) for row in rows]
-                                  for name, rows in comparison.relaxed.items()},
-                      "certified": [asdict(one) for one in comparison.certified]},
-        "environment": environment()}
+    return (
+        found
+        if not comparison.entries
+        else found
+        | {
+            "text": text,
+            "engine": comparison.contest.engine,
+            "estimates": _estimates(board),
+            "differences_from_first": _estimates(differences(comparison)),
+            "contestants": {
+                e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
+                for e in comparison.entries
+            },
+            "certified": {
+                "starts": comparison.certified_starts(),
+                "horizons": comparison.horizons(),
+                "events": {event.text: event._asdict() for event in comparison.events()},
+                "gaps": {
+                    question: {name: ratios.tolist() for name, ratios in found.items()}
+                    for question, found in gaps(comparison).items()
+                },
+            },
+            "front": front_tables.to_json(comparison.front) if comparison.front else None,
+            "per_start": {
+                "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
+                "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
+                "relaxed": {
+                    name: [_relaxed_row(row) for row in rows]
+                    for name, rows in comparison.relaxed.items()
+                },
+                "certified": [asdict(one) for one in comparison.certified],
+            },
+            "environment": environment(),
+        }
+    )
 
 
 def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
     """What `rans.show.report.comparison_section` reads: who got there, and what went wrong."""
     rows = [*_summary(comparison, board), *_bound_summary(comparison)]
-    return {"title": comparison.contest.title(), "summary": rows, "notes": comparison.notes,
-            "failures": comparison.failures}
+    return {
+        "title": comparison.contest.title(),
+        "summary": rows,
+        "notes": comparison.notes,
+        "failures": comparison.failures,
+    }
 
 
 def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...]]]:
-    return {name: {key: astuple(estimate) for key, estimate in row.items()} for name, row in table.items()}
+    return {
+        name: {key: astuple(estimate) for key, estimate in row.items()}
+        for name, row in table.items()
+    }
 
 
 def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
     """A row per contestant."""
     for entry in comparison.entries:
-        count, row = len(entry.settling), board[entry.name]
-        yield {"contestant": entry.name, "kind": "controller", "starts": count, "flown": count,
-               "settled": int(np.isfinite(entry.settling).sum()),
-               "median_settling_time": row["settling time, s"].value,
-               "mean_impulse": row["thrust-time of the episode, N s"].value,
-               "return_percent": row[RETURN].value if RETURN in row else None}
+        count = len(entry.settling)
+        row = board[entry.name]
+        yield {
+            "contestant": entry.name,
+            "kind": "controller",
+            "starts": count,
+            "flown": count,
+            "settled": int(np.isfinite(entry.settling).sum()),
+            "median_settling_time": row["settling time, s"].value,
+            "mean_impulse": row["thrust-time of the episode, N s"].value,
+            "return_percent": row[RETURN].value if RETURN in row else None,
+        }
 
 
 def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
     for name, rows in comparison.relaxed.items():
         solved = [row for row in rows if row.solved]
-        yield {"contestant": f"{name} (relaxed)", "kind": "bound", "starts": len(rows),
-               "flown": len(solved), "settled": sum(math.isfinite(row.settling) for row in solved),
-               "median_settling_time": _median(solved, "settling"),
-               "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None}
+        yield {
+            "contestant": f"{name} (relaxed)",
+            "kind": "bound",
+            "starts": len(rows),
+            "flown": len(solved),
+            "settled": sum(math.isfinite(row.settling) for row in solved),
+            "median_settling_time": _median(solved, "settling"),
+            "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None,
+        }
 
 
 def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
     for k, failed in enumerate(entry.flight.failed()):
-        yield {"start": k, "failed": bool(failed), "settling_time": float(entry.settling[k]),
-               "arrival": float(entry.arrival[k]), "thrust_to_arrive": float(entry.arrival_thrust[k]),
-               "thrust": float(entry.thrust[k]), "return": float(entry.returns[k]),
-               "errors": {name: float(error[k]) for name, error in entry.errors.items()}}
+        yield {
+            "start": k,
+            "failed": bool(failed),
+            "settling_time": float(entry.settling[k]),
+            "arrival": float(entry.arrival[k]),
+            "thrust_to_arrive": float(entry.arrival_thrust[k]),
+            "thrust": float(entry.thrust[k]),
+            "return": float(entry.returns[k]),
+            "errors": {name: float(error[k]) for name, error in entry.errors.items()},
+        }
 
 
 def _relaxed_row(row: Relaxed) -> dict[str, Any]:
-    return {key: getattr(row, key) for key in ("start", "status", "arrival", "settling", "thrust", "total",
-                                               "replay_error", "seconds")}
+    return {
+        key: getattr(row, key)
+        for key in (
+            "start",
+            "status",
+            "arrival",
+            "settling",
+            "thrust",
+            "total",
+            "replay_error",
+            "seconds",
+        )
+    }

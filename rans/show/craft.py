@@ -26,9 +26,12 @@ PLUME = 1.7
 """Length of a plume at full command, in radii."""
 AXES = (Rgba(0.84, 0.25, 0.05), Rgba(0.0, 0.62, 0.30), Rgba(0.1, 0.42, 0.95))
 """Of the body's x, y and z: red, green and blue."""
-_DARK, _STEEL = Rgba(0.20, 0.24, 0.29), Rgba(0.80, 0.83, 0.86)
-_PANEL, _GLASS = Rgba(0.10, 0.18, 0.42), Rgba(0.05, 0.07, 0.10)
-_CORE, _HALO = Rgba(1.0, 0.62, 0.10), Rgba(1.0, 0.50, 0.05, 0.30)
+_DARK = Rgba(0.20, 0.24, 0.29)
+_STEEL = Rgba(0.80, 0.83, 0.86)
+_PANEL = Rgba(0.10, 0.18, 0.42)
+_GLASS = Rgba(0.05, 0.07, 0.10)
+_CORE = Rgba(1.0, 0.62, 0.10)
+_HALO = Rgba(1.0, 0.50, 0.05, 0.30)
 _BELL = 0.30
 """Length of a nozzle's bell, in radii."""
 _SIDES = 20
@@ -46,11 +49,14 @@ class Part(NamedTuple):
 
 def craft_parts(craft: Spacecraft, body: Rgba) -> list[Part]:
     """Hull, axes x, y, z (red, green, blue; in the plane only x, the heading) and nozzles, in B."""
-    r, parts = craft.radius, [*hull_parts(craft, body), *triad(craft, 1.55, 0.04)]
+    r = craft.radius
+    parts = [*hull_parts(craft, body), *triad(craft, 1.55, 0.04)]
     for i, (bell, thruster) in enumerate(zip(exhausts(craft, 0.0), craft.thrusters, strict=True)):
         parts.append(Part(f"nozzle {i}", frustum(0.045 * r, 0.12 * r, _BELL * r), _DARK, bell))
         place = np.array(thruster.position) - craft.centre_of_mass
-        parts.append(Part(f"valve {i}", Box(0.15 * r, 0.15 * r, 0.15 * r), _STEEL, RigidTransform(place)))
+        parts.append(
+            Part(f"valve {i}", Box(0.15 * r, 0.15 * r, 0.15 * r), _STEEL, RigidTransform(place))
+        )
         if (distance := float(np.linalg.norm(place))) > 0.7 * r:
             inner = place * (0.5 * r / distance)
             parts.append(Part(f"arm {i}", *rod(inner, place, 0.045 * r, _STEEL)))
@@ -64,29 +70,42 @@ def plumes(craft: Spacecraft) -> list[RigidTransform]:
 
 def plume_parts(craft: Spacecraft, command: float = 1.0) -> list[Part]:
     """A plume as long as its command, 0 to 1, in a frame of `plumes`."""
-    r, length = craft.radius, PLUME * command * craft.radius
-    return [Part("core", frustum(0.10 * r, 0.015 * r, 0.75 * length), _CORE, RigidTransform()),
-            Part("halo", frustum(0.11 * r, 0.24 * r, length), _HALO, RigidTransform())]
+    r = craft.radius
+    length = PLUME * command * craft.radius
+    return [
+        Part("core", frustum(0.10 * r, 0.015 * r, 0.75 * length), _CORE, RigidTransform()),
+        Part("halo", frustum(0.11 * r, 0.24 * r, length), _HALO, RigidTransform()),
+    ]
 
 
-def hull_parts(craft: Spacecraft, body: Rgba, scale: float = 1.0, one_colour: bool = False) -> list[Part]:
+def hull_parts(
+    craft: Spacecraft, body: Rgba, scale: float = 1.0, one_colour: bool = False
+) -> list[Part]:
     """Everything but nozzles, so many times as large; of the body's colour alone where that is asked for."""
     if craft.solids:
-        made = [_solid(craft, solid, body, scale, f"solid {k}") for k, solid in enumerate(craft.solids)]
+        made = [
+            _solid(craft, solid, body, scale, f"solid {k}") for k, solid in enumerate(craft.solids)
+        ]
     else:
-        made = [*(_platform if craft.dimension == 2 else _flyer)(scale * craft.radius, craft.shape, body)]
+        made = [
+            *(_platform if craft.dimension == 2 else _flyer)(
+                scale * craft.radius, craft.shape, body
+            )
+        ]
     return [part._replace(colour=body) for part in made] if one_colour else made
 
 
 def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
     """Two round decks on three air pads, with an air tank (a sphere or a cylinder) and a computer."""
+
     def at(x: float, y: float, z: float) -> RigidTransform:
         return RigidTransform([x * r, y * r, z * r])
 
     yield Part("deck", Cylinder(0.92 * r, 0.07 * r), body, at(0.0, 0.0, 0.0))
     yield Part("lower deck", Cylinder(0.92 * r, 0.07 * r), body, at(0.0, 0.0, -0.34))
     for k, angle in enumerate(math.radians(degrees) for degrees in (60.0, 180.0, 300.0)):
-        x, y = 0.66 * math.cos(angle), 0.66 * math.sin(angle)
+        x = 0.66 * math.cos(angle)
+        y = 0.66 * math.sin(angle)
         yield Part(f"post {k}", Cylinder(0.045 * r, 0.5 * r), _STEEL, at(x, y, -0.25))
         yield Part(f"pad {k}", frustum(0.24 * r, 0.18 * r, 0.10 * r), _DARK, at(x, y, FLOOR))
     if shape == "sphere":
@@ -100,18 +119,30 @@ def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
 def _flyer(r: float, shape: str, body: Rgba) -> Iterator[Part]:
     """A body of eight sides (or round) with solar cells, two tanks and a camera that looks along x."""
     turned = RotationMatrix.MakeZRotation(math.pi / 8.0)
-    yield Part("bus", frustum(0.74 * r, 0.74 * r, 0.84 * r, sides=8 if shape == "sphere" else _SIDES), body,
-               RigidTransform(turned, [0.0, 0.0, -0.42 * r]))
+    yield Part(
+        "bus",
+        frustum(0.74 * r, 0.74 * r, 0.84 * r, sides=8 if shape == "sphere" else _SIDES),
+        body,
+        RigidTransform(turned, [0.0, 0.0, -0.42 * r]),
+    )
     for k, z in enumerate((-0.42, 0.42)):
         yield Part(f"tank {k}", Sphere(0.40 * r), _STEEL, RigidTransform([0.0, 0.0, z * r]))
-        yield Part(f"ring {k}", Cylinder(0.50 * r, 0.06 * r), _DARK, RigidTransform([0.0, 0.0, z * r]))
+        yield Part(
+            f"ring {k}", Cylinder(0.50 * r, 0.06 * r), _DARK, RigidTransform([0.0, 0.0, z * r])
+        )
     for k in (1, 2, 3):
         turn = RotationMatrix.MakeZRotation(k * math.pi / 2.0)
-        yield Part(f"cells {k}", Box(0.03 * r, 0.50 * r, 0.70 * r), _PANEL,
-                   RigidTransform(turn, turn @ [0.70 * r, 0.0, 0.0]))
+        yield Part(
+            f"cells {k}",
+            Box(0.03 * r, 0.50 * r, 0.70 * r),
+            _PANEL,
+            RigidTransform(turn, turn @ [0.70 * r, 0.0, 0.0]),
+        )
     to_x = RotationMatrix.MakeYRotation(math.pi / 2.0)
-    for name, made, colour, x in (("camera", frustum(0.24 * r, 0.18 * r, 0.16 * r), _DARK, 0.68),
-                                   ("lens", Cylinder(0.13 * r, 0.02 * r), _GLASS, 0.845)):
+    for name, made, colour, x in (
+        ("camera", frustum(0.24 * r, 0.18 * r, 0.16 * r), _DARK, 0.68),
+        ("lens", Cylinder(0.13 * r, 0.02 * r), _GLASS, 0.845),
+    ):
         yield Part(name, made, colour, RigidTransform(to_x, [x * r, 0.0, 0.0]))
 
 
@@ -129,7 +160,11 @@ def _solid(craft: Spacecraft, solid: Solid, body: Rgba, scale: float, name: str)
     place = scale * (np.array(solid.position) - craft.centre_of_mass)
     if solid.shape == "cone":
         place = place - turn @ [0.0, 0.0, size[1] / 2.0]
-    colour = Rgba(*(int(solid.colour[k:k + 2], 16) / 255.0 for k in (1, 3, 5))) if solid.colour else body
+    colour = (
+        Rgba(*(int(solid.colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)))
+        if solid.colour
+        else body
+    )
     return Part(name, shape, colour, RigidTransform(turn, place))
 
 
@@ -137,31 +172,39 @@ def exhausts(craft: Spacecraft, along: float) -> list[RigidTransform]:
     """Frames in B whose z axes point along the exhausts, so many radii from the thrusters."""
     away = [-np.array(thruster.direction) for thruster in craft.thrusters]
     places = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
-    return [RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), place + along * craft.radius * z)
-            for z, place in zip(away, places, strict=True)]
+    return [
+        RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), place + along * craft.radius * z)
+        for z, place in zip(away, places, strict=True)
+    ]
 
 
 def triad(craft: Spacecraft, length: float, width: float, colour: Rgba | None = None) -> list[Part]:
     """Axes of length and radius in units of the spacecraft's radius; in the plane only x."""
-    ends = craft.radius * length * np.eye(3)[:1 if craft.dimension == 2 else 3]
-    return [Part(f"{name} axis", *rod(np.zeros(3), end, width * craft.radius, colour or own))
-            for name, end, own in zip("xyz", ends, AXES, strict=False)]
+    ends = craft.radius * length * np.eye(3)[: 1 if craft.dimension == 2 else 3]
+    return [
+        Part(f"{name} axis", *rod(np.zeros(3), end, width * craft.radius, colour or own))
+        for name, end, own in zip("xyz", ends, AXES, strict=False)
+    ]
 
 
-def rod(start: np.ndarray, end: np.ndarray, radius: float,
-        colour: Rgba) -> tuple[Shape, Rgba, RigidTransform]:
+def rod(
+    start: np.ndarray, end: np.ndarray, radius: float, colour: Rgba
+) -> tuple[Shape, Rgba, RigidTransform]:
     """A thin cylinder from one point to another, m."""
     way = end - start
     pose = RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), (start + end) / 2.0)
     return Cylinder(radius, float(np.linalg.norm(way))), colour, pose
 
 
-def frustum(bottom: float, top: float, height: float, scale: float = 1.0, sides: int = _SIDES) -> Mesh:
+def frustum(
+    bottom: float, top: float, height: float, scale: float = 1.0, sides: int = _SIDES
+) -> Mesh:
     """A closed cone, cut off, along z: radii at z = 0 and z = height, m, all of them times a scale.
 
     Few sides have edges, many look round.
     """
-    n, angles = sides, np.linspace(0.0, math.tau, sides, endpoint=False)
+    n = sides
+    angles = np.linspace(0.0, math.tau, sides, endpoint=False)
     around = np.stack((np.cos(angles), np.sin(angles)), axis=1)
     points = [*((*(bottom * a), 0.0) for a in around), *((*(top * a), height) for a in around)]
     points += [(0.0, 0.0, 0.0), (0.0, 0.0, height)]
@@ -173,13 +216,19 @@ def frustum(bottom: float, top: float, height: float, scale: float = 1.0, sides:
     return mesh(points, caps, scale, walls, [(*a, (bottom - top) / height) for a in around])
 
 
-def mesh(points: Sequence[Sequence[float]], flat: Sequence[tuple[int, int, int]], scale: float,
-          curved: Sequence[tuple[int, int, int]] = (), normals: Sequence[Sequence[float]] = ()) -> Mesh:
+def mesh(
+    points: Sequence[Sequence[float]],
+    flat: Sequence[tuple[int, int, int]],
+    scale: float,
+    curved: Sequence[tuple[int, int, int]] = (),
+    normals: Sequence[Sequence[float]] = (),
+) -> Mesh:
     """Triangles as a text in the format OBJ: points (v), normals (vn), faces (f) of "point//normal" from 1.
 
     Flat ones have normals of their own; at corner k of a curved one stands normal k modulo their number.
     """
-    corners, n = np.array(points), len(normals)
+    corners = np.array(points)
+    n = len(normals)
     lines = [f"f {' '.join(f'{i + 1}//{i % n + 1}' for i in face)}" for face in curved]
     around: list[Sequence[float]] = [*normals]
     for face in flat:
@@ -187,6 +236,9 @@ def mesh(points: Sequence[Sequence[float]], flat: Sequence[tuple[int, int, int]]
         normal = np.cross(b - a, c - a)
         around.append(normal / max(float(np.linalg.norm(normal)), 1e-30))
         lines.append(f"f {' '.join(f'{i + 1}//{len(around)}' for i in face)}")
-    text = [*("v {:.5g} {:.5g} {:.5g}".format(*point) for point in points),
-            *("vn {:.4g} {:.4g} {:.4g}".format(*normal) for normal in around), *lines]
+    text = [
+        *("v {:.5g} {:.5g} {:.5g}".format(*point) for point in points),
+        *("vn {:.4g} {:.4g} {:.4g}".format(*normal) for normal in around),
+        *lines,
+    ]
     return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(text), ".obj", "mesh.obj")), scale)

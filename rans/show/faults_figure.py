@@ -16,7 +16,9 @@ from rans.show.panels import GREEN, RED, label
 
 
 @styled
-def faults_figure(craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]) -> Figure:
+def faults_figure(
+    craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]
+) -> Figure:
     """A square for every pair of failed thrusters, on the diagonal for one: green if recoverable.
 
     Args:
@@ -29,7 +31,8 @@ def faults_figure(craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Seque
         grid = np.full((count, count), np.nan)
         for (of, _), sets in found.items():
             for one in sets if of == kind else ():
-                first, last = one.thrusters[0], one.thrusters[-1]
+                first = one.thrusters[0]
+                last = one.thrusters[-1]
                 grid[last, first] = grid[first, last] = float(one.recoverable)
         axes.imshow(grid, cmap=ListedColormap([RED, GREEN]), vmin=0.0, vmax=1.0)
         axes.set(xticks=range(count), yticks=range(count))
@@ -41,7 +44,9 @@ def faults_figure(craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Seque
         singles, pairs = (found.get((kind, n), ()) for n in (1, 2))
         title = f"{kind}: {_share(singles)} single, {_share(pairs)} pairs recoverable"
         label(axes, title, "thruster", "thruster")
-    figure.suptitle(f"{craft.name}: green can still push and turn every way; on the diagonal one alone")
+    figure.suptitle(
+        f"{craft.name}: green can still push and turn every way; on the diagonal one alone"
+    )
     return figure
 
 

@@ -19,7 +19,19 @@ from matplotlib.ticker import MaxNLocator
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show import panels
-from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, STYLE, label, only
+from rans.show.panels import (
+    BLUE,
+    GREEN,
+    GREY,
+    MILLIONS,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
+    STYLE,
+    label,
+    only,
+)
 from rans.show.svg import svg
 
 styled = matplotlib.rc_context(STYLE)
@@ -54,7 +66,8 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
     """One episode of the batch: its path with headings, its errors, and when each thruster fired."""
     figure = Figure(figsize=(9.4, 4.6), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
-    left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
+    left = figure.add_subfigure(cells[0])
+    right = figure.add_subfigure(cells[1])
     panels.path(left, flight, episode)
     stack = right.subplots(2, 1, sharex=True)
     panels.episode_errors(stack[0], flight, episode)
@@ -90,8 +103,9 @@ def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
         write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
 
 
-def _series(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, factor: float, colour: str,
-            name: str) -> None:
+def _series(
+    axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, factor: float, colour: str, name: str
+) -> None:
     points = [(row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row]
     if points:
         axes.plot(*zip(*points, strict=True), color=colour, label=name, marker=only(points))

@@ -16,8 +16,10 @@ from rans.show.camera import Camera
 from rans.show.render import DIRECTION, FIELD_OF_VIEW, INK, Renderer, solved_at
 from rans.show.scene import Motion
 
-_ROWS, _COLUMNS = 2, 5
-_WIDTH, _HEIGHT = 480, 420
+_ROWS = 2
+_COLUMNS = 5
+_WIDTH = 480
+_HEIGHT = 420
 """Of one frame, pixels."""
 
 
@@ -37,8 +39,14 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
         frame = renderer.picture(float(motion.times[k]), _camera(motion, k))
         draw = ImageDraw.Draw(frame)
         draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
-        ink, font = INK[motion.craft.dimension], ImageFont.load_default(24)
-        draw.text((14, 10), "    ".join([f"{motion.times[k]:.1f} s", *motion.told(k)]), fill=ink, font=font)
+        ink = INK[motion.craft.dimension]
+        font = ImageFont.load_default(24)
+        draw.text(
+            (14, 10),
+            "    ".join([f"{motion.times[k]:.1f} s", *motion.told(k)]),
+            fill=ink,
+            font=font,
+        )
         row, column = divmod(index, _COLUMNS)
         picture.paste(frame, (column * _WIDTH, row * _HEIGHT))
     replace_file(file, lambda draft: picture.save(draft, optimize=True))
@@ -46,8 +54,12 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
 
 def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
     """Ten of the first ``count`` instants, evenly spread up to 1 s after the task is solved for good."""
-    end = min(count - 1, solved_at(flight, episode, count) + round(1.0 / flight.timing.control_period))
-    return np.rint(np.linspace(0, max(end, min(count - 1, _ROWS * _COLUMNS)), _ROWS * _COLUMNS)).astype(int)
+    end = min(
+        count - 1, solved_at(flight, episode, count) + round(1.0 / flight.timing.control_period)
+    )
+    return np.rint(
+        np.linspace(0, max(end, min(count - 1, _ROWS * _COLUMNS)), _ROWS * _COLUMNS)
+    ).astype(int)
 
 
 def _camera(motion: Motion, k: int) -> Camera:
@@ -59,4 +71,6 @@ def _camera(motion: Motion, k: int) -> Camera:
     margin = max([2.7 * motion.craft.radius, *(scene.velocity_arrow(v)[1] for v in arrows)])
     reach = float(np.linalg.norm(points - target, axis=1).max()) + margin
     back = np.array(DIRECTION[motion.craft.dimension])
-    return Camera(target + reach / math.sin(FIELD_OF_VIEW / 2.0) * back / np.linalg.norm(back), target)
+    return Camera(
+        target + reach / math.sin(FIELD_OF_VIEW / 2.0) * back / np.linalg.norm(back), target
+    )

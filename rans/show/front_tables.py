@@ -17,13 +17,25 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
     quantity, factor, unit = _error(front)
     rows = []
     for entry in _ordered(front):
-        place, multiple = point(entry), front.multiple(entry)
-        over = ((multiple.epsilon, multiple.until, multiple.episode) if multiple
-                else (math.nan, math.nan, math.nan))
+        place = point(entry)
+        multiple = front.multiple(entry)
+        over = (
+            (multiple.epsilon, multiple.until, multiple.episode)
+            if multiple
+            else (math.nan, math.nan, math.nan)
+        )
         numbers = 100.0 * place.there, place.time, place.impulse, factor * place.error, *over
         rows.append([entry.name, *map(figure, numbers)])
-    return ["contestant", "get there, %", "time, s", "impulse, N s", f"{quantity} error, {unit}",
-            "behind the front", "until there over its bound", "impulse over its bound"], rows
+    return [
+        "contestant",
+        "get there, %",
+        "time, s",
+        "impulse, N s",
+        f"{quantity} error, {unit}",
+        "behind the front",
+        "until there over its bound",
+        "impulse over its bound",
+    ], rows
 
 
 def sentences(front: Front) -> Iterator[str]:
@@ -32,16 +44,24 @@ def sentences(front: Front) -> Iterator[str]:
         for other in front.others():
             verdict = front.verdict(line, other)
             does = "dominates" if verdict.dominates else "does not dominate"
-            sure = (f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)" if verdict.dominates
-                    else "")
+            sure = (
+                f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)"
+                if verdict.dominates
+                else ""
+            )
             yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
         over = {one.contestant.knob: own for one in line if (own := front.multiple(one))}
-        for says, name in (("is behind the certified front, in time and impulse at once, by factors of",
-                            "epsilon"),
-                           ("spends, in multiples of the certified least impulse for its own times,",
-                            "episode")):
+        for says, name in (
+            (
+                "is behind the certified front, in time and impulse at once, by factors of",
+                "epsilon",
+            ),
+            ("spends, in multiples of the certified least impulse for its own times,", "episode"),
+        ):
             if over:
-                told = ", ".join(f"{getattr(own, name):.2f} at {knob:g}" for knob, own in over.items())
+                told = ", ".join(
+                    f"{getattr(own, name):.2f} at {knob:g}" for knob, own in over.items()
+                )
                 yield f"{agent} {says} {told}."
 
 
@@ -54,26 +74,42 @@ def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: 
     text = f"in {other.time:.4g} s {thrifty.impulse:.4g} N s instead of {other.impulse:.4g}"
     if quick is None or quick.time >= other.time:
         return f"{text}, but with {other.impulse:.4g} N s it is no quicker"
-    error, there = max(thrifty.error, quick.error), min(thrifty.there, quick.there)
-    return (f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
-            f"{quantity} error {factor * error:.3g} {unit} beside {factor * other.error:.3g}; there from "
-            f"{100.0 * there:.4g} % of starts beside {100.0 * other.there:.4g}")
+    error = max(thrifty.error, quick.error)
+    there = min(thrifty.there, quick.there)
+    return (
+        f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
+        f"{quantity} error {factor * error:.3g} {unit} beside {factor * other.error:.3g}; there from "
+        f"{100.0 * there:.4g} % of starts beside {100.0 * other.there:.4g}"
+    )
 
 
 def to_json(front: Front) -> dict[str, Any]:
     """For `rans.files.write_json`; SI units."""
     return {
-        "horizon": front.contest.duration, "starts": front.contest.episodes,
-        "points": {one.name: {"knob": one.contestant.knob, **point(one)._asdict(),
-                              "over_bound": multiple._asdict() if (multiple := front.multiple(one)) else None}
-                   for one in _ordered(front)},
+        "horizon": front.contest.duration,
+        "starts": front.contest.episodes,
+        "points": {
+            one.name: {
+                "knob": one.contestant.knob,
+                **point(one)._asdict(),
+                "over_bound": multiple._asdict() if (multiple := front.multiple(one)) else None,
+            }
+            for one in _ordered(front)
+        },
         "lines": {agent: [one.name for one in line] for agent, line in front.lines().items()},
-        "dominates": {agent: {other.name: front.verdict(line, other).dominates for other in front.others()}
-                      for agent, line in front.lines().items()},
+        "dominates": {
+            agent: {other.name: front.verdict(line, other).dominates for other in front.others()}
+            for agent, line in front.lines().items()
+        },
         "said": [*sentences(front)],
-        "certified": {"starts": front.starts(),
-                      "bounds": [{"event": event.text, "horizon": event.horizon, "mean": bound}
-                                 for event, bound in front.front().items()]}}
+        "certified": {
+            "starts": front.starts(),
+            "bounds": [
+                {"event": event.text, "horizon": event.horizon, "mean": bound}
+                for event, bound in front.front().items()
+            ],
+        },
+    }
 
 
 def _ordered(front: Front) -> list[Entry]:

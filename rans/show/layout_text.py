@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from rans.model.spacecraft import Spacecraft
 
 _ARROWS = "→↗↑↖←↙↓↘"
-TOWARDS, AWAY = "⊙", "⊗"
+TOWARDS = "⊙"
+AWAY = "⊗"
 _WIDEST = 3.0
 """The farthest thruster in a picture is so many units away: of the outer radius, or longer ones."""
 
@@ -19,7 +20,10 @@ def layout_text(craft: Spacecraft) -> str:
     Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
     ⊗ away; + is the centre of mass and the dots are the outer radius.
     """
-    arms = [[p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)] for t in craft.thrusters]
+    arms = [
+        [p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)]
+        for t in craft.thrusters
+    ]
     unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
@@ -34,8 +38,10 @@ def layout_text(craft: Spacecraft) -> str:
         _put(cells, (x / unit + 0.35 * dx, y / unit + 0.35 * dy), f"{index}{mark}")
     rows, columns = zip(*cells, strict=True)
     width = range(min(columns) - 2, max(columns) + 1)
-    return "\n".join("".join(cells.get((row, column), " ") for column in width)
-                     for row in range(min(rows), max(rows) + 1))
+    return "\n".join(
+        "".join(cells.get((row, column), " ") for column in width)
+        for row in range(min(rows), max(rows) + 1)
+    )
 
 
 def _cell(place: Sequence[float], width: float) -> tuple[int, int]:

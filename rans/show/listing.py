@@ -40,22 +40,35 @@ class Listing(NamedTuple):
 def spacecraft_listing(craft: Spacecraft) -> Listing:
     """Masses and shape."""
     moments = "\n".join(vector(row, 4) for row in craft.inertia)
-    return Listing(craft.name, ("property", "value"), [
-        ("moves in", space(craft)),
-        ("mass", f"{craft.mass:g} kg"),
-        ("inertia about the centre of mass, kg m²", moments),
-        ("centre of mass, m", vector(craft.centre_of_mass[:craft.dimension], 4)),
-        ("outer radius", f"{craft.radius:g} m"),
-        ("thrust sharing", craft.thrust_sharing),
-        ("actuators", craft.actuators.kind)])
+    return Listing(
+        craft.name,
+        ("property", "value"),
+        [
+            ("moves in", space(craft)),
+            ("mass", f"{craft.mass:g} kg"),
+            ("inertia about the centre of mass, kg m²", moments),
+            ("centre of mass, m", vector(craft.centre_of_mass[: craft.dimension], 4)),
+            ("outer radius", f"{craft.radius:g} m"),
+            ("thrust sharing", craft.thrust_sharing),
+            ("actuators", craft.actuators.kind),
+        ],
+    )
 
 
 def thruster_listing(craft: Spacecraft) -> Listing:
     """A row a thruster, its torque about the centre of mass."""
     axes = craft.dimension
-    return Listing("Thrusters", ("thruster", "position, m", "direction", "force, N", "torque, N m"), [
-        (str(i), *(vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])))
-        for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))])
+    return Listing(
+        "Thrusters",
+        ("thruster", "position, m", "direction", "force, N", "torque, N m"),
+        [
+            (
+                str(i),
+                *(vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])),
+            )
+            for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))
+        ],
+    )
 
 
 def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
@@ -68,45 +81,72 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
         yield _ends(task)
     yield settings_listing(task, prefix)
     for dimension in works:
-        yield Listing(f"Observation {PLACES[dimension]}", ("column", "what", "unit", "frame"), [
-            (str(index), *column) for index, column in enumerate(observation_columns(task, dimension))])
+        yield Listing(
+            f"Observation {PLACES[dimension]}",
+            ("column", "what", "unit", "frame"),
+            [
+                (str(index), *column)
+                for index, column in enumerate(observation_columns(task, dimension))
+            ],
+        )
 
 
 def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
     quantities = task.errors(*example_state(task, dimension))
     errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in quantities)
-    return Listing(f"Reward of a step{f' of {name}' if name else ''}, the sum of", ("term", "value"),
-                   [*reward_formulas(task, dimension).items()] or [_UNREAD],
-                   f"Of the errors {errors}, and {OPEN}, how many thrusters are.")
+    return Listing(
+        f"Reward of a step{f' of {name}' if name else ''}, the sum of",
+        ("term", "value"),
+        [*reward_formulas(task, dimension).items()] or [_UNREAD],
+        f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
+    )
 
 
 _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
 
 
 def _ends(task: Task) -> Listing:
-    near = ", ".join(f"{name} {value:.4g} {UNITS.get(name, '')}".rstrip()
-                     for name, value in task.tolerances().items())
+    near = ", ".join(
+        f"{name} {value:.4g} {UNITS.get(name, '')}".rstrip()
+        for name, value in task.tolerances().items()
+    )
     failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
     seconds = _USUAL.episode_steps * _USUAL.control_period
-    return Listing("An episode", ("ends", "when"), [
-        ("truncated", f"{_USUAL.episode_steps} control periods of {_USUAL.control_period:g} s are over, "
-                      f"{seconds:g} s"),
-        ("terminated, failed", " ".join(failing)),
-        ("as a success", f"truncated with errors within {near}")])
+    return Listing(
+        "An episode",
+        ("ends", "when"),
+        [
+            (
+                "truncated",
+                f"{_USUAL.episode_steps} control periods of {_USUAL.control_period:g} s are over, "
+                f"{seconds:g} s",
+            ),
+            ("terminated, failed", " ".join(failing)),
+            ("as a success", f"truncated with errors within {near}"),
+        ],
+    )
 
 
 def settings_listing(given: Any, prefix: str = "", title: str = "Settings") -> Listing:
     """A row a field; with the prefix by which ``rans train --set`` knows it."""
     told = meanings(type(given))
-    return Listing(title, ("key", "value", "meaning"), [
-        (prefix + one.name, setting(getattr(given, one.name)), told.get(one.name, ""))
-        for one in dataclasses.fields(given)])
+    return Listing(
+        title,
+        ("key", "value", "meaning"),
+        [
+            (prefix + one.name, setting(getattr(given, one.name)), told.get(one.name, ""))
+            for one in dataclasses.fields(given)
+        ],
+    )
 
 
 def conditions_listing(conditions: Conditions) -> Listing:
     """What is not the default."""
-    return Listing(conditions.description or "Conditions", ("what", "range"),
-                   list(_changed(conditions)) or [("nothing", "a perfect world")])
+    return Listing(
+        conditions.description or "Conditions",
+        ("what", "range"),
+        list(_changed(conditions)) or [("nothing", "a perfect world")],
+    )
 
 
 def _changed(given: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -118,8 +158,12 @@ def _changed(given: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
             yield from ((f"others.{k}", str(other)) for k, other in enumerate(value))
         elif value != default(one) and one.name != "description":
             ranged = isinstance(value, tuple) and all(isinstance(x, float) for x in value)
-            yield prefix + one.name, (" to " if ranged else ", ").join(
-                map(setting, value if isinstance(value, tuple) else (value,)))
+            yield (
+                prefix + one.name,
+                (" to " if ranged else ", ").join(
+                    map(setting, value if isinstance(value, tuple) else (value,))
+                ),
+            )
 
 
 def setting(value: object) -> str:

@@ -35,8 +35,10 @@ def html(value: Any) -> str:
 
 @html.register
 def _(craft: Spacecraft) -> str:
-    picture = (f'<img style="width:24em;max-width:100%" src="{data_uri(svg(draw_layout(craft)))}" '
-               f'alt="{_said(craft.name)}: force of each thruster">')
+    picture = (
+        f'<img style="width:24em;max-width:100%" src="{data_uri(svg(draw_layout(craft)))}" '
+        f'alt="{_said(craft.name)}: force of each thruster">'
+    )
     tables = _table(spacecraft_listing(craft)) + _table(thruster_listing(craft))
     return f'<div style="{_SIDE}"><div>{tables}</div>{picture}</div>'
 
@@ -45,7 +47,9 @@ def _(craft: Spacecraft) -> str:
 def _(task: Task) -> str:
     summary = (type(task).__doc__ or "").strip().partition("\n")[0]
     told = (one for one in task_listings(task) if not one.title.startswith("Observation"))
-    return f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, told))}"
+    return (
+        f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, told))}"
+    )
 
 
 @html.register
@@ -55,8 +59,9 @@ def _(conditions: Conditions) -> str:
 
 @html.register
 def _(metrics: Metrics) -> str:
-    rows = [(name, value, interval, meaning)
-            for _, (name, value, interval, meaning) in metrics.lines()]
+    rows = [
+        (name, value, interval, meaning) for _, (name, value, interval, meaning) in metrics.lines()
+    ]
     return _table(Listing(metrics.title(), COLUMNS, rows))
 
 
@@ -70,11 +75,15 @@ def _(comparison: Comparison) -> str:
 
 
 def _table(listing: Listing) -> str:
-    head, *body = (_row(row, cell) for row, cell in
-                   ((listing.columns, "th"), *((row, "td") for row in listing.rows)))
+    head, *body = (
+        _row(row, cell)
+        for row, cell in ((listing.columns, "th"), *((row, "td") for row in listing.rows))
+    )
     note = f"<p>{_said(listing.note)}</p>" if listing.note else ""
-    return (f"<p><b>{_said(listing.title)}</b></p>{note}"
-            f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>")
+    return (
+        f"<p><b>{_said(listing.title)}</b></p>{note}"
+        f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
+    )
 
 
 def _row(texts: Sequence[str], cell: str) -> str:

@@ -29,8 +29,10 @@ class Table:
 
     def numeric(self, k: int) -> bool:
         """Whether a column holds numbers, which stand right; a dash stands where its column does."""
-        return all(row[k] is None or (isinstance(row[k], Number) and not isinstance(row[k], bool))
-                   for row in self.rows) and bool(self.rows)
+        return all(
+            row[k] is None or (isinstance(row[k], Number) and not isinstance(row[k], bool))
+            for row in self.rows
+        ) and bool(self.rows)
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,15 @@ class Picture:
     @classmethod
     def of(cls, figure: Figure | str, caption: str) -> Picture:
         """A drawn one, or the text of an SVG file."""
-        from rans.show.svg import data_uri, panels, svg  # a page without pictures needs no Matplotlib
+        from rans.show.svg import (
+            data_uri,
+            panels,
+            svg,
+        )  # a page without pictures needs no Matplotlib
 
-        return cls([*map(data_uri, panels(figure if isinstance(figure, str) else svg(figure)))], caption)
+        return cls(
+            [*map(data_uri, panels(figure if isinstance(figure, str) else svg(figure)))], caption
+        )
 
 
 @dataclass(frozen=True)
@@ -103,8 +111,14 @@ class Page:
     @property
     def verdict(self) -> str:
         """In one sentence."""
-        return self.conclusion or {True: "Everything checked has passed.", False: "Something has failed.",
-                None: "Nothing was checked here."}[self.passed]
+        return (
+            self.conclusion
+            or {
+                True: "Everything checked has passed.",
+                False: "Something has failed.",
+                None: "Nothing was checked here.",
+            }[self.passed]
+        )
 
     def summary(self) -> rich.table.Table:
         """The few most telling lines of every section, for the terminal."""
@@ -118,8 +132,13 @@ class Page:
 
     def html(self) -> str:
         """The page."""
-        environment = Environment(loader=PackageLoader("rans.show", "."), autoescape=True,
-                                  undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        environment = Environment(
+            loader=PackageLoader("rans.show", "."),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
         environment.filters["show"] = show
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         return environment.get_template("page.html.j2").render(page=self, written=written)
@@ -140,12 +159,19 @@ def show(value: Any) -> str:
 
 def header(about: Mapping[str, Any]) -> dict[str, str]:
     """How something was made, by name; a group of values in one line, without what is not known ("")."""
-    return {name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))
-            for name, group in about.items() if group != ""}
+    return {
+        name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))
+        for name, group in about.items()
+        if group != ""
+    }
 
 
 def named(value: Any, name: str = "") -> list[tuple[str, Any]]:
     """The plain values of nested mappings, by dotted name; lists become texts."""
     if not isinstance(value, Mapping):
         return [(name, ", ".join(map(show, value)) if isinstance(value, list) else value)]
-    return [leaf for key, inner in value.items() for leaf in named(inner, f"{name}.{key}" if name else key)]
+    return [
+        leaf
+        for key, inner in value.items()
+        for leaf in named(inner, f"{name}.{key}" if name else key)
+    ]

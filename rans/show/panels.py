@@ -17,8 +17,15 @@ from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.model.fields import map_leaves
 
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-INK, GREY, LINES = "#1F2933", "#7B8794", "#E4E7EB"
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+RED = "#D55E00"
+PURPLE = "#CC79A7"
+SKY = "#56B4E9"
+INK = "#1F2933"
+GREY = "#7B8794"
+LINES = "#E4E7EB"
 """Colours of Okabe and Ito ("Color Universal Design", 2008), and neutral ones, which dark pages change."""
 
 _LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
@@ -30,15 +37,29 @@ def look(k: int) -> tuple[str, str]:
 
 
 STYLE: dict[Any, Any] = {
-    "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.grid": True, "axes.labelcolor": INK,
-    "axes.spines.right": False, "axes.spines.top": False, "axes.titlelocation": "left",
-    "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlecolor": INK, "font.size": 9,
+    "axes.axisbelow": True,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlecolor": INK,
+    "font.size": 9,
     "text.color": INK,
     **{f"axes3d.{axis}axis.panecolor": (0.5, 0.5, 0.5, 0.07) for axis in "xyz"},
-    "grid.color": LINES, "grid.linewidth": 0.7, "legend.frameon": False, "legend.fontsize": 8,
-    "lines.linewidth": 1.4, "xtick.color": INK, "ytick.color": INK,
+    "grid.color": LINES,
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.4,
+    "xtick.color": INK,
+    "ytick.color": INK,
     # Reproducible files: ids from this text and no date, so that equal figures give equal bytes.
-    "svg.hashsalt": "rans", "savefig.dpi": 160,
+    "svg.hashsalt": "rans",
+    "savefig.dpi": 160,
 }
 
 PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
@@ -70,12 +91,28 @@ def activations(axes: Axes, flight: Flight) -> None:
     """Per thruster, the spread over episodes of how long it was open."""
     seconds = flight.commands.sum(axis=0) * flight.timing.control_period
     parts = axes.boxplot(
-        seconds, positions=range(seconds.shape[1]), widths=0.6, whis=(5, 95), showfliers=False,
-        showmeans=True, patch_artist=True, medianprops={"color": INK}, whiskerprops={"color": BLUE},
-        capprops={"color": BLUE}, boxprops={"facecolor": SKY, "edgecolor": BLUE},
-        meanprops={"marker": "o", "markersize": 3.5, "markerfacecolor": RED, "markeredgecolor": RED})
-    axes.legend([parts["boxes"][0], parts["medians"][0], parts["means"][0]],
-                ["middle half (whiskers 5 to 95 %)", "median", "mean"])
+        seconds,
+        positions=range(seconds.shape[1]),
+        widths=0.6,
+        whis=(5, 95),
+        showfliers=False,
+        showmeans=True,
+        patch_artist=True,
+        medianprops={"color": INK},
+        whiskerprops={"color": BLUE},
+        capprops={"color": BLUE},
+        boxprops={"facecolor": SKY, "edgecolor": BLUE},
+        meanprops={
+            "marker": "o",
+            "markersize": 3.5,
+            "markerfacecolor": RED,
+            "markeredgecolor": RED,
+        },
+    )
+    axes.legend(
+        [parts["boxes"][0], parts["medians"][0], parts["means"][0]],
+        ["middle half (whiskers 5 to 95 %)", "median", "mean"],
+    )
     axes.set_ylim(0.0, 1.35 * max(0.1, axes.get_ylim()[1]))
     label(axes, "(a) thruster activations", "thruster", "open time an episode, s")
 
@@ -83,8 +120,15 @@ def activations(axes: Axes, flight: Flight) -> None:
 def _lines(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
     """Every column of x and y, both (T, N), as a thin line; a bitmap, or files would be huge."""
     opacity = min(0.6, 2.0 / np.sqrt(x.shape[1]))
-    axes.add_collection(LineCollection(list(np.stack((x, y), axis=-1).transpose(1, 0, 2)), colors=BLUE,
-                                       linewidths=0.5, alpha=opacity, rasterized=True))
+    axes.add_collection(
+        LineCollection(
+            list(np.stack((x, y), axis=-1).transpose(1, 0, 2)),
+            colors=BLUE,
+            linewidths=0.5,
+            alpha=opacity,
+            rasterized=True,
+        )
+    )
 
 
 def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: str) -> None:
@@ -102,9 +146,13 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     every.yaxis.set_major_formatter(PLAIN)
     summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
     bound = flight.task.tolerances().get(quantity)
-    for axes, letter, what in zip((every, summarised), letters, ("every episode", "summary"), strict=True):
+    for axes, letter, what in zip(
+        (every, summarised), letters, ("every episode", "summary"), strict=True
+    ):
         if bound is not None:
-            axes.axhline(factor * bound, color=RED, linestyle="--", linewidth=1.0, label="tolerance")
+            axes.axhline(
+                factor * bound, color=RED, linestyle="--", linewidth=1.0, label="tolerance"
+            )
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper right")
         label(axes, f"({letter}) {quantity} error, {what}", "time, s", f"{quantity} error, {unit}")
@@ -112,10 +160,19 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
 
 def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst: Pick) -> None:
     """Mean and spread over episodes, with the episodes whose means over time are best and worst."""
-    mean, spread, ranking = values.mean(axis=1), values.std(axis=1), values.mean(axis=0)
+    mean = values.mean(axis=1)
+    spread = values.std(axis=1)
+    ranking = values.mean(axis=0)
     low = np.maximum(mean - spread, min(0.0, values.min()))
-    axes.fill_between(times, low, mean + spread, color=SKY, alpha=0.35, linewidth=0,
-                      label="mean ± standard deviation")
+    axes.fill_between(
+        times,
+        low,
+        mean + spread,
+        color=SKY,
+        alpha=0.35,
+        linewidth=0,
+        label="mean ± standard deviation",
+    )
     axes.plot(times, values[:, worst(ranking)], color=ORANGE, linewidth=1.0, label="worst episode")
     axes.plot(times, values[:, best(ranking)], color=GREEN, linewidth=1.0, label="best episode")
     axes.plot(times, mean, color=BLUE, linewidth=1.8, label="mean")
@@ -151,7 +208,7 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     """The way of one episode with the direction of the body's x axis once a second."""
     way = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
-    nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, :len(way), 0].T
+    nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, : len(way), 0].T
     arrows = [x[::every] for x in (*way, *nose)]
     axes: Any = figure.add_subplot(projection="3d" if len(way) == 3 else None)
     if len(way) == 3:
@@ -175,8 +232,12 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     bounds = flight.task.tolerances().items()
     for (quantity, bound), colour in zip(bounds, (BLUE, ORANGE, GREEN, PURPLE), strict=False):
         factor, unit = DISPLAY[quantity]
-        axes.semilogy(flight.times, errors[quantity][:, episode] / bound, color=colour,
-                      label=f"{quantity} (tolerance {factor * bound:g} {unit})")
+        axes.semilogy(
+            flight.times,
+            errors[quantity][:, episode] / bound,
+            color=colour,
+            label=f"{quantity} (tolerance {factor * bound:g} {unit})",
+        )
     axes.axhline(1.0, color=RED, linestyle="--", linewidth=1.0)
     axes.yaxis.set_major_formatter(PLAIN)
     axes.legend(loc="upper right")
@@ -187,8 +248,15 @@ def timeline(axes: Axes, flight: Flight, episode: int) -> None:
     """When each thruster of one episode was open."""
     command = flight.commands[:, episode].T
     shades = LinearSegmentedColormap.from_list("open", [f"{BLUE}00", BLUE])
-    axes.imshow(command, aspect="auto", interpolation="nearest", cmap=shades, vmin=0.0, vmax=1.0,
-                extent=(0.0, flight.times[-1], len(command) - 0.5, -0.5))
+    axes.imshow(
+        command,
+        aspect="auto",
+        interpolation="nearest",
+        cmap=shades,
+        vmin=0.0,
+        vmax=1.0,
+        extent=(0.0, flight.times[-1], len(command) - 0.5, -0.5),
+    )
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False)
     label(axes, "(c) open thrusters", "time, s", "thruster")

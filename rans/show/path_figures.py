@@ -31,10 +31,15 @@ def following_figure(following: Following, number: int = 0) -> Figure:
 def _ways(figure: SubFigure, following: Following, number: int) -> None:
     path = following.planner.path
     axes: Any = figure.add_subplot(projection="3d" if path.dimension == 3 else None)
-    axes.plot(*path.at(np.arange(path.last + 1)).T, color=ORANGE, linewidth=3.0, alpha=0.6, label="path")
+    axes.plot(
+        *path.at(np.arange(path.last + 1)).T, color=ORANGE, linewidth=3.0, alpha=0.6, label="path"
+    )
     for flight, steps in enumerate(_steps(following)):
-        axes.plot(*following.positions[:steps, flight].T, **_look(flight == number),
-                  label=f"flight {number}" if flight == number else "")
+        axes.plot(
+            *following.positions[:steps, flight].T,
+            **_look(flight == number),
+            label=f"flight {number}" if flight == number else "",
+        )
     start = following.positions[:1, number].T
     axes.plot(*start, "o", color=INK, markersize=4, label="its start")
     axes.set_aspect("equal", adjustable="datalim" if path.dimension == 2 else "box")
@@ -46,8 +51,11 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
 
 def _look(chosen: bool) -> dict[str, Any]:
     """Of one flight's line: that which is drawn in full stands out."""
-    return ({"color": BLUE, "linewidth": 1.3, "zorder": 3} if chosen
-            else {"color": GREY, "linewidth": 0.55, "zorder": 2, "alpha": 0.5})
+    return (
+        {"color": BLUE, "linewidth": 1.3, "zorder": 3}
+        if chosen
+        else {"color": GREY, "linewidth": 0.55, "zorder": 2, "alpha": 0.5}
+    )
 
 
 def _steps(following: Following) -> np.ndarray:
@@ -56,22 +64,42 @@ def _steps(following: Following) -> np.ndarray:
 
 
 def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
-    times, steps = following.flight.times, _steps(following)[number]
-    axes.plot(times[:steps], following.velocities[:steps, number, axis], color=BLUE, linewidth=1.0,
-              label="flown")
-    axes.step(times[:steps - 1], following.commands[:steps - 1, number, axis], where="post",
-              color=ORANGE, linewidth=1.0, label="command")
+    times = following.flight.times
+    steps = _steps(following)[number]
+    axes.plot(
+        times[:steps],
+        following.velocities[:steps, number, axis],
+        color=BLUE,
+        linewidth=1.0,
+        label="flown",
+    )
+    axes.step(
+        times[: steps - 1],
+        following.commands[: steps - 1, number, axis],
+        where="post",
+        color=ORANGE,
+        linewidth=1.0,
+        label="command",
+    )
     axes.set_ylabel(f"v_{'xyz'[axis]}, m/s")
     if axis == 0:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)  # above the curves
 
 
 def _distances(axes: Axes, following: Following, number: int) -> None:
-    times, distance, counts = following.flight.times, 100.0 * following.cross_track, following.measured
+    times = following.flight.times
+    distance = 100.0 * following.cross_track
+    counts = following.measured
     for flight, steps in enumerate(_steps(following) - 1):
         axes.plot(times[:steps], distance[:steps, flight], **_look(flight == number))
-    axes.axvspan(0.0, times[counts[:, number].argmax()], color=GREEN, alpha=0.12, linewidth=0,
-                 label=f"approach of flight {number}, not measured")
+    axes.axvspan(
+        0.0,
+        times[counts[:, number].argmax()],
+        color=GREEN,
+        alpha=0.12,
+        linewidth=0,
+        label=f"approach of flight {number}, not measured",
+    )
     rms = following.quantities()[0].values.mean()
     axes.axhline(rms, color=RED, linestyle="--", linewidth=1.0, label=f"mean RMS, {rms:.2g} cm")
     axes.set_ylim(bottom=0.0)

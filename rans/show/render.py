@@ -33,8 +33,11 @@ INK = {2: "#1F2933", 3: "#EEF2F6"}
 """Of texts on it."""
 _SMOOTHING = 2
 """Rendered so many times larger and averaged down, which smooths edges."""
-_LIGHTS = (("camera", 0.9, [0.4, 0.6, 1.0]), ("camera", 0.45, [-0.8, 0.1, 1.0]),
-           ("world", 0.45, [0.0, 0.0, 1.0]))
+_LIGHTS = (
+    ("camera", 0.9, [0.4, 0.6, 1.0]),
+    ("camera", 0.45, [-0.8, 0.1, 1.0]),
+    ("world", 0.45, [0.0, 0.0, 1.0]),
+)
 """Parallel ones: from above the viewer's shoulder, from his other side, and from below."""
 
 
@@ -46,14 +49,25 @@ class Renderer:
 
     def __init__(self, motion: Motion, width: int, height: int) -> None:
         require_egl()
-        self.motion, self.width, self.height = motion, width, height
+        self.motion = motion
+        self.width = width
+        self.height = height
         low, high = motion.box()
         self._far = 2.0 * scene.STARS * float(np.linalg.norm(high - low))
-        self._poses = PiecewisePose.MakeLinear(motion.times, motion.poses) if len(motion.times) > 1 else None
-        self._engine = geometry.MakeRenderEngineVtk(geometry.RenderEngineVtkParams(
-            default_clear_color=SKY[motion.craft.dimension], lights=[
-                geometry.LightParameter(type="directional", frame=frame, intensity=intensity, direction=way)
-                for frame, intensity, way in _LIGHTS]))
+        self._poses = (
+            PiecewisePose.MakeLinear(motion.times, motion.poses) if len(motion.times) > 1 else None
+        )
+        self._engine = geometry.MakeRenderEngineVtk(
+            geometry.RenderEngineVtkParams(
+                default_clear_color=SKY[motion.craft.dimension],
+                lights=[
+                    geometry.LightParameter(
+                        type="directional", frame=frame, intensity=intensity, direction=way
+                    )
+                    for frame, intensity, way in _LIGHTS
+                ],
+            )
+        )
         for part in scene.ground_parts(low, high, space=motion.craft.dimension == 3):
             self._register(part.pose, part)
         self._trail = list(scene.trail_parts(motion.way))
@@ -69,11 +83,20 @@ class Renderer:
         passing = [self._register(frame @ part.pose, part) for frame, part in self._moving(time, k)]
         R_WC = RotationMatrix(np.stack((camera.axes[0], -camera.axes[1], -camera.axes[2]), axis=1))
         self._engine.UpdateViewpoint(RigidTransform(R_WC, camera.place))
-        width, height = self.width * _SMOOTHING, self.height * _SMOOTHING
+        width = self.width * _SMOOTHING
+        height = self.height * _SMOOTHING
         image = ImageRgba8U(width, height)
-        self._engine.RenderColorImage(geometry.ColorRenderCamera(geometry.RenderCameraCore(
-            "", CameraInfo(width, height, FIELD_OF_VIEW), geometry.ClippingRange(1e-4 * self._far, self._far),
-            RigidTransform())), image)
+        self._engine.RenderColorImage(
+            geometry.ColorRenderCamera(
+                geometry.RenderCameraCore(
+                    "",
+                    CameraInfo(width, height, FIELD_OF_VIEW),
+                    geometry.ClippingRange(1e-4 * self._far, self._far),
+                    RigidTransform(),
+                )
+            ),
+            image,
+        )
         for one in passing:
             self._engine.RemoveGeometry(one)
         return Image.fromarray(np.array(image.data)[:, :, :3]).reduce(_SMOOTHING)
@@ -86,14 +109,17 @@ class Renderer:
 
     def _moving(self, time: float, k: int) -> Iterator[tuple[RigidTransform, Part]]:
         """Everything that is elsewhere at another time, each part with its frame."""
-        motion, pose = self.motion, self.pose(time)
+        motion = self.motion
+        pose = self.pose(time)
         if motion.craft.dimension == 2:
             x, y, _ = pose.translation()
             yield RigidTransform([x, y, motion.box()[0][2]]), scene.shadow_part(motion.craft)
         yield from ((pose, part) for part in craft.craft_parts(motion.craft, scene.BODIES["grey"]))
         for frame, command in zip(craft.plumes(motion.craft), motion.opening[k], strict=True):
             if command > 0.0:
-                yield from ((pose @ frame, part) for part in craft.plume_parts(motion.craft, float(command)))
+                yield from (
+                    (pose @ frame, part) for part in craft.plume_parts(motion.craft, float(command))
+                )
         goal = motion.goal_at(k)
         if "position" not in motion.wanted:
             goal = RigidTransform(goal.rotation(), pose.translation())
@@ -105,7 +131,8 @@ class Renderer:
                 yield from ((arrow, part) for part in scene.velocity_parts(own, length))
 
     def _register(self, pose: RigidTransform, part: Part) -> geometry.GeometryId:
-        material, name = geometry.PerceptionProperties(), geometry.GeometryId.get_new_id()
+        material = geometry.PerceptionProperties()
+        name = geometry.GeometryId.get_new_id()
         material.AddProperty("phong", "diffuse", part.colour)
         material.AddProperty("label", "id", geometry.RenderLabel.kDontCare)
         self._engine.RegisterVisual(name, part.shape, material, pose, needs_updates=False)
@@ -132,5 +159,7 @@ def require_egl() -> None:
         for name in ("libEGL.so.1", "libOpenGL.so.0"):
             ctypes.CDLL(name)
     except OSError as error:
-        raise ConfigError(f"rendering needs OpenGL's libraries ({error}); on Debian and Ubuntu: sudo apt-get "
-                          "install -y libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0.") from error
+        raise ConfigError(
+            f"rendering needs OpenGL's libraries ({error}); on Debian and Ubuntu: sudo apt-get "
+            "install -y libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0."
+        ) from error

@@ -23,8 +23,11 @@ SOLVED_SHARE = 100.0 * WANTED
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
 """Metrics of an evaluation that belong into a summary."""
 
-_PROGRESS = (("steps", "environment steps", "{:,}"), ("seconds", "training time", "{:.1f} s"),
-             ("success", "episodes solved", "{:.1%}"))
+_PROGRESS = (
+    ("steps", "environment steps", "{:,}"),
+    ("seconds", "training time", "{:.1f} s"),
+    ("success", "episodes solved", "{:.1%}"),
+)
 """Keys of ``metrics.jsonl`` that belong into a summary, what they are and how they are shown."""
 
 
@@ -38,14 +41,19 @@ def report_from_run(run: Path) -> Page:
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
     """
-    evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
-                               for name in ("evaluation", "assurance"))
+    evaluations, assurances = (
+        sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
+        for name in ("evaluation", "assurance")
+    )
     builders: dict[str, Callable[[Any], Section]] = {
-        **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section,
+        **{file.name: partial(_evaluation, file) for file in evaluations},
+        "compare.json": comparison_section,
         "stress.json": stress_section,
         **{file.name: partial(assurance_section, file) for file in assurances},
-        "sweep.json": partial(_sweep, inside(run, "sweep.svg")), "metrics.jsonl": training_section,
-        "validation.json": validation_section}
+        "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
+        "metrics.jsonl": training_section,
+        "validation.json": validation_section,
+    }
     if (run / "sweep.json").is_file():
         del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
@@ -74,21 +82,36 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     It has ``checks`` (name, value, tolerance, unit, reason, passed) and, if known, ``title`` and
     ``skipped`` (name, reason).
     """
-    checks, skipped, title = study["checks"], study.get("skipped", ()), study.get("title", "Validation")
+    checks = study["checks"]
+    skipped = study.get("skipped", ())
+    title = study.get("title", "Validation")
     failed = [check for check in checks if not check["passed"]]
     within = f"{len(checks) - len(failed)} of {len(checks)}"
     columns = ("check", "value", "tolerance", "unit", "verdict", "why this tolerance")
     keys = ("name", "value", "tolerance", "unit", "passed", "reason")
     rows = [[check[key] for key in keys] for check in checks]
     rows += [[one["name"], None, None, None, "not run", one["reason"]] for one in skipped]
-    findings = [*(Finding(f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
-                          False) for c in failed),
-                Finding(f"{title}: {within} checks within tolerance.",
-                        True if checks and not failed else None),
-                *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped)]
-    return Section("Validation", f"{title}. Every value must stay within its tolerance.",
-                   [Table(columns, rows)], findings=findings, summary=[("checks within tolerance", within)],
-                   folded=True)
+    findings = [
+        *(
+            Finding(
+                f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
+                False,
+            )
+            for c in failed
+        ),
+        Finding(
+            f"{title}: {within} checks within tolerance.", True if checks and not failed else None
+        ),
+        *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped),
+    ]
+    return Section(
+        "Validation",
+        f"{title}. Every value must stay within its tolerance.",
+        [Table(columns, rows)],
+        findings=findings,
+        summary=[("checks within tolerance", within)],
+        folded=True,
+    )
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
@@ -96,41 +119,61 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
     last = rows[-1]
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     picture = Picture.of(learning_curve(rows), "Success and return by term while training.")
-    return Section("Training", "", [Table(("at the end", "value"), summary)], [picture], summary=summary)
+    return Section(
+        "Training", "", [Table(("at the end", "value"), summary)], [picture], summary=summary
+    )
 
 
 def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
     """What became of every member, and the figure beside it."""
-    members, keys = sweep["members"], list(sweep["members"][0])
-    varied = keys[keys.index("seed") + 1:keys.index("solved")]
-    rows = [[one[key] for key in ("member", "seed", *varied, "solved")]
-            + [f"{one['steps']:,}", f"{one['success']:.1%}"] for one in members]
+    members = sweep["members"]
+    keys = list(sweep["members"][0])
+    varied = keys[keys.index("seed") + 1 : keys.index("solved")]
+    rows = [
+        [one[key] for key in ("member", "seed", *varied, "solved")]
+        + [f"{one['steps']:,}", f"{one['success']:.1%}"]
+        for one in members
+    ]
     solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
     caption = "Success while training, and steps until solved; the best is orange."
     pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
     best = str(sweep["best"])
-    return Section("Sweep", "", [table], pictures,
-                   findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
-                   summary=[("members that solved the task", solved), ("best member", best)])
+    return Section(
+        "Sweep",
+        "",
+        [table],
+        pictures,
+        findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
+        summary=[("members that solved the task", solved), ("best member", best)],
+    )
 
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
     """Metrics with their intervals, one table per flight, and figures."""
     tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
-    text = ("All episodes fly to their full length and count. Steps are the states after each command. "
-            "Intervals are 95 % percentile bootstraps over episodes.")
+    text = (
+        "All episodes fly to their full length and count. Steps are the states after each command. "
+        "Intervals are 95 % percentile bootstraps over episodes."
+    )
     shares = [(m.title(), m["solved"].value) for m in measured]
-    findings = [Finding(f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.",
-                        share >= SOLVED_SHARE) for title, share in shares]
+    findings = [
+        Finding(
+            f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.", share >= SOLVED_SHARE
+        )
+        for title, share in shares
+    ]
     summary = [line for m in measured for line in _key_metrics(m)]
     return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
 
 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
     yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
-    yield from ((name, f"{value} ({interval})") for _, (name, value, interval, _) in measured.lines()
-                if name in _KEY_METRICS)
+    yield from (
+        (name, f"{value} ({interval})")
+        for _, (name, value, interval, _) in measured.lines()
+        if name in _KEY_METRICS
+    )
 
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
@@ -138,30 +181,53 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
     texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
-    return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)],
-                   findings=findings, summary=summary, link="compare.html")
+    return Section(
+        "Comparison",
+        f"{comparison['title']}.",
+        [Table(("contestant", "outcome"), summary)],
+        findings=findings,
+        summary=summary,
+        link="compare.html",
+    )
 
 
 def stress_section(stress: Mapping[str, Any]) -> Section:
     """Shares held in worlds without a size (`rans.show.stress_page`); stress.html has the rest."""
-    rows = [(f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**found["held"]))
-            for name, world in stress["worlds"].items() if world["size"] is None
-            for who, found in world["contestants"].items()]
+    rows = [
+        (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**found["held"]))
+        for name, world in stress["worlds"].items()
+        if world["size"] is None
+        for who, found in world["contestants"].items()
+    ]
     findings = [Finding(text, False) for text in stress["failures"]]
-    return Section("Stress", f"{stress['title']}.", [Table(("conditions", "held"), rows)],
-                   findings=findings, summary=rows, link="stress.html")
+    return Section(
+        "Stress",
+        f"{stress['title']}.",
+        [Table(("conditions", "held"), rows)],
+        findings=findings,
+        summary=rows,
+        link="stress.html",
+    )
 
 
 def assurance_section(file: Path, found: Mapping[str, Any]) -> Section:
     """What an assurance counted (`rans.show.assure_counts`); the page beside its file has the rest."""
-    wanted, page, table = found["about"]["below"] is not None, file.with_suffix(".html"), counts(found)
+    wanted = found["about"]["below"] is not None
+    page = file.with_suffix(".html")
+    table = counts(found)
     passed = found["decision"] == "below" if wanted and is_over(found) else None
     failed = "{failures:,} of {flights:,}".format(**found["bounds"]["any"])
-    return Section(_title(file), f"Flown by {found['command']}.", [table],
-                   findings=[Finding(verdict(found), passed)],
-                   summary=[("flights that failed", failed),
-                            (f"probability of failure, {table.columns[-1]}", table.rows[0][-1])],
-                   link=page.name if page.is_file() else "")
+    return Section(
+        _title(file),
+        f"Flown by {found['command']}.",
+        [table],
+        findings=[Finding(verdict(found), passed)],
+        summary=[
+            ("flights that failed", failed),
+            (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
+        ],
+        link=page.name if page.is_file() else "",
+    )
 
 
 def _title(file: Path) -> str:
@@ -171,7 +237,10 @@ def _title(file: Path) -> str:
 
 def _outcome(row: Mapping[str, Any]) -> str:
     text = f"settles from {row['settled']} of {counted(row['starts'], 'start')}"
-    for key, what in (("median_settling_time", "s (median)"), ("mean_impulse", "N s of thrust (mean)")):
+    for key, what in (
+        ("median_settling_time", "s (median)"),
+        ("mean_impulse", "N s of thrust (mean)"),
+    ):
         if math.isfinite(value := number(row.get(key))):
             text += f", {value:.2f} {what}"
     lost = row["starts"] - row["flown"]
@@ -196,8 +265,10 @@ def _kept_picture(file: Path, caption: str) -> Picture:
     try:
         return Picture.of(only_drawn(text), caption)
     except ConfigError as error:
-        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to "
-                          "have the report without it.") from error
+        raise ConfigError(
+            f"the picture {file} was not put into the report: {error} Delete it to "
+            "have the report without it."
+        ) from error
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

@@ -17,13 +17,38 @@ from matplotlib.transforms import Bbox
 from rans.errors import ConfigError, brief
 from rans.show.panels import BLUE, GREY, INK, LINES, STYLE
 
-_SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+_SVG = "http://www.w3.org/2000/svg"
+_LINK = "http://www.w3.org/1999/xlink"
 _DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
-_ELEMENTS = {"svg", "g", "defs", "style", "title", "desc", "path", "use", "symbol", "clipPath", "rect",
-             "circle", "ellipse", "line", "polyline", "polygon", "text", "tspan", "image",
-             "linearGradient", "radialGradient", "stop", "pattern", "marker", "mask"}
+_ELEMENTS = {
+    "svg",
+    "g",
+    "defs",
+    "style",
+    "title",
+    "desc",
+    "path",
+    "use",
+    "symbol",
+    "clipPath",
+    "rect",
+    "circle",
+    "ellipse",
+    "line",
+    "polyline",
+    "polygon",
+    "text",
+    "tspan",
+    "image",
+    "linearGradient",
+    "radialGradient",
+    "stop",
+    "pattern",
+    "marker",
+    "mask",
+}
 """What Matplotlib's pictures consist of, and their like: none runs or fetches anything by itself."""
 _DECLARES = re.compile(r"<!DOCTYPE[^>]*\[")
 """A document type with declarations: entities, which may grow without bounds, and attributes."""
@@ -42,13 +67,19 @@ def svg(figure: Figure) -> str:
     """
     buffer = io.StringIO()
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Creating legend with loc")  # only says that this machine is busy
+        warnings.filterwarnings(
+            "ignore", "Creating legend with loc"
+        )  # only says that this machine is busy
         _mark_panels(figure)
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
-    rules = "".join(f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'
-                    for ink, dark in _DARK.items() for what in ("fill", "stroke"))
+    rules = "".join(
+        f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'
+        for ink, dark in _DARK.items()
+        for what in ("fill", "stroke")
+    )
     return buffer.getvalue().replace(
-        "</style>", f"{_GROUND}@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1)
+        "</style>", f"{_GROUND}@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1
+    )
 
 
 def data_uri(picture: str | bytes) -> str:
@@ -86,14 +117,17 @@ def _check_drawn(element: ET.Element) -> None:
     """Refuse (`ConfigError`) an element that does more than to draw."""
     space, _, tag = element.tag.rpartition("}")
     if space != f"{{{_SVG}" or tag not in _ELEMENTS:
-        raise ConfigError(f"it holds the element {brief(element.tag)}, which no picture of RANS "
-                          "does.")
+        raise ConfigError(
+            f"it holds the element {brief(element.tag)}, which no picture of RANS does."
+        )
     for name, value in element.items():
         local = name.rpartition("}")[2].lower()
         foreign = local == "href" and not _OWN_LINK.match(value)
         if local.startswith("on") or foreign or (local != "href" and _FETCHES.search(value)):
-            raise ConfigError(f"its element {brief(tag)} has {local} = {brief(value)}, which could "
-                              "run a script or fetch something from elsewhere.")
+            raise ConfigError(
+                f"its element {brief(tag)} has {local} = {brief(value)}, which could "
+                "run a script or fetch something from elsewhere."
+            )
     if tag == "style" and _FETCHES.search(element.text or ""):
         raise ConfigError("its style could fetch something from elsewhere.")
 
@@ -121,14 +155,18 @@ def _mark_panels(figure: Figure) -> None:
     """Give every panel, parts of the figure or else axes, its place in points as the name of its group."""
     figure.set_dpi(72.0)
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # done: laid out again, the panels would be elsewhere, and it takes long
+    figure.set_layout_engine(
+        "none"
+    )  # done: laid out again, the panels would be elsewhere, and it takes long
     width, height = 72.0 * figure.get_size_inches()
     for part in figure.subfigs or figure.axes:
         inner = [axes for axes in _inside(part) if _drawn(axes)]
         if inner:
             box = Bbox.union([*map(_extent, inner)]).transformed(figure.transFigure.inverted())
-            x0, y0, x1, y1 = (width * box.x0 - 4.0, height * (1.0 - box.y1) - 4.0,
-                              width * box.x1 + 4.0, height * (1.0 - box.y0) + 4.0)
+            x0 = width * box.x0 - 4.0
+            y0 = height * (1.0 - box.y1) - 4.0
+            x1 = width * box.x1 + 4.0
+            y1 = height * (1.0 - box.y0) + 4.0
             part.set_gid(f"panel {x0:.1f} {y0:.1f} {x1 - x0:.1f} {y1 - y0:.1f}")
 
 
@@ -148,16 +186,20 @@ def _extent(axes: Axes) -> Bbox:
     return (drawn and drawn.get_tightbbox()) or axes.bbox
 
 
-def _document(group: ET.Element, box: list[str], shared: dict[str, ET.Element],
-              style: ET.Element | None) -> str:
+def _document(
+    group: ET.Element, box: list[str], shared: dict[str, ET.Element], style: ET.Element | None
+) -> str:
     """A file of one group, with whatever it refers to."""
     sizes = {"viewBox": " ".join(box), "width": f"{box[2]}pt", "height": f"{box[3]}pt"}
     root = ET.Element(f"{{{_SVG}}}svg", sizes)
     if style is not None:
         root.append(style)
     own = {one.get("id") for one in group.iter()}
-    ET.SubElement(root, f"{{{_SVG}}}defs").extend(shared[name] for name in dict.fromkeys(_references(group))
-                                                if name in shared and name not in own)
+    ET.SubElement(root, f"{{{_SVG}}}defs").extend(
+        shared[name]
+        for name in dict.fromkeys(_references(group))
+        if name in shared and name not in own
+    )
     root.append(group)
     return ET.tostring(root, "unicode")
 

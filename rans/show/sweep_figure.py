@@ -20,7 +20,8 @@ _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 @styled
 def sweep_figure(sweep: Sweep) -> Figure:
     """Success of every member while it trained, and its steps until solved, by config; the best in orange."""
-    configs, best = sweep.configs(), sweep.best()
+    configs = sweep.configs()
+    best = sweep.best()
     figure = Figure(figsize=(9.4, max(3.6, 1.2 + 0.3 * len(configs))), layout="constrained")
     curves, ends = figure.subplots(1, 2)
     for row, members in enumerate(configs):
@@ -31,8 +32,12 @@ def sweep_figure(sweep: Sweep) -> Figure:
     _curve(curves, best, ORANGE, linewidth=2.5, zorder=3, label=f"best: seed {best.config.seed}")
     curves.set(xlim=(0.0, None), ylim=(-2.0, 102.0))
     curves.legend(loc="best")
-    label(curves, f"success of {counted(len(sweep.members), 'member')} while training",
-          "environment steps a member", "episodes, %")
+    label(
+        curves,
+        f"success of {counted(len(sweep.members), 'member')} while training",
+        "environment steps a member",
+        "episodes, %",
+    )
     ends.margins(x=0.08)
     ends.set(xlim=(0.0, None), ylim=(len(configs) - 0.5, -0.5), yticks=range(len(configs)))
     ends.set_yticklabels([_name(sweep, members) for members in configs])
@@ -51,8 +56,14 @@ def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour:
     """One mark a member, apart enough that equal ones are seen."""
     for place, member in enumerate(members):
         height = row + 0.6 * ((place + 0.5) / len(members) - 0.5)
-        axes.scatter(member.rows[-1]["steps"], height, c=ORANGE if member is best else colour,
-                     marker="o" if member.solved else "x", s=24, zorder=3)
+        axes.scatter(
+            member.rows[-1]["steps"],
+            height,
+            c=ORANGE if member is best else colour,
+            marker="o" if member.solved else "x",
+            s=24,
+            zorder=3,
+        )
 
 
 def _name(sweep: Sweep, members: Sequence[Member]) -> str:

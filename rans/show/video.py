@@ -35,11 +35,23 @@ _SIZE = {".mp4": (640, 480), ".gif": (432, 324)}
 _HEAD = 0.15
 """Part of the height for what stands above the picture."""
 _ENCODER = {
-    ".mp4": {"codec": "libx264", "pix_fmt_out": "yuv420p", "output_params": ["-movflags", "+faststart"]},
+    ".mp4": {
+        "codec": "libx264",
+        "pix_fmt_out": "yuv420p",
+        "output_params": ["-movflags", "+faststart"],
+    },
     # Colours of its own, of what moves; the dither is one that compresses.
-    ".gif": {"codec": "gif", "pix_fmt_out": "pal8", "output_params": [
-        "-filter_complex", "split[a][b];[a]palettegen=max_colors=128:stats_mode=full[p];"
-        "[b][p]paletteuse=dither=bayer:bayer_scale=4:diff_mode=rectangle", "-loop", "0"]},
+    ".gif": {
+        "codec": "gif",
+        "pix_fmt_out": "pal8",
+        "output_params": [
+            "-filter_complex",
+            "split[a][b];[a]palettegen=max_colors=128:stats_mode=full[p];"
+            "[b][p]paletteuse=dither=bayer:bayer_scale=4:diff_mode=rectangle",
+            "-loop",
+            "0",
+        ],
+    },
 }
 _REST = 2.0
 """The film goes on so long after the last has solved its task, s."""
@@ -52,24 +64,31 @@ def check_video(file: Path) -> None:
         ConfigError: another ending than `SUFFIXES`, a folder or device in its place, no FFmpeg or no OpenGL.
     """
     if file.suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"--video writes a film, whose name must end in .mp4 or .gif, got {str(file)!r}.")
+        raise ConfigError(
+            f"--video writes a film, whose name must end in .mp4 or .gif, got {str(file)!r}."
+        )
     if file.exists():
         raise ConfigError(f"{file} exists already; choose another name for the film.")
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise ConfigError("films are encoded by FFmpeg, which is not installed: pip install 'rans[video]'.")
+        raise ConfigError(
+            "films are encoded by FFmpeg, which is not installed: pip install 'rans[video]'."
+        )
     require_egl()
 
 
-def save_video(flights: Sequence[Flight], file: Path,
-               told: Callable[[int, int], object] = lambda *_: None) -> None:
+def save_video(
+    flights: Sequence[Flight], file: Path, told: Callable[[int, int], object] = lambda *_: None
+) -> None:
     """Write a film: a column for each flight, a row for each episode, each with a camera of its own.
 
     In each stand who flies, the time and the task's errors. ``told`` is called with the number of a frame and
     of all. `ConfigError` if FFmpeg fails or the disk refused; whatever ends it, no half film is left.
     """
     ending = file.suffix.lower()
-    panels = [[_Panel(flight, k, ending) for flight in flights if k < flight.commands.shape[1]]
-              for k in range(max(flight.commands.shape[1] for flight in flights))]
+    panels = [
+        [_Panel(flight, k, ending) for flight in flights if k < flight.commands.shape[1]]
+        for k in range(max(flight.commands.shape[1] for flight in flights))
+    ]
     duration = max(panel.end for row in panels for panel in row)
     times = np.arange(0.0, duration + 1e-9, 1.0 / _RATE[ending])
     width, height = _SIZE[ending]
@@ -93,24 +112,38 @@ class _Panel:
     def __init__(self, flight: Flight, episode: int, ending: str) -> None:
         width, height = _SIZE[ending]
         self.motion = Motion.of(flight, episode)
-        dimension, count = self.motion.craft.dimension, len(self.motion.times)
+        dimension = self.motion.craft.dimension
+        count = len(self.motion.times)
         seen = height - round(_HEAD * height)
         self._renderer = Renderer(self.motion, width, seen)
         self._camera = fit(self.motion.points(), DIRECTION[dimension], FIELD_OF_VIEW, width / seen)
-        self._ground = Image.new("RGB", (width, height), tuple(round(255.0 * x) for x in SKY[dimension]))
-        self._colour, self._size = INK[dimension], height // 20
-        self.end = float(self.motion.times[min(count - 1, solved_at(flight, episode, count))]) + _REST
+        self._ground = Image.new(
+            "RGB", (width, height), tuple(round(255.0 * x) for x in SKY[dimension])
+        )
+        self._colour = INK[dimension]
+        self._size = height // 20
+        self.end = (
+            float(self.motion.times[min(count - 1, solved_at(flight, episode, count))]) + _REST
+        )
 
     def draw(self, time: float) -> Image.Image:
         """At a time; what has ended stays as it was."""
-        motion, k = self.motion, instant(self.motion, time)
-        frame, seen = self._ground.copy(), self._renderer.picture(time, self._camera)
+        motion = self.motion
+        k = instant(self.motion, time)
+        frame = self._ground.copy()
+        seen = self._renderer.picture(time, self._camera)
         frame.paste(seen, (0, frame.height - seen.height))
-        draw, font, line = ImageDraw.Draw(frame), ImageFont.load_default(self._size), 1.35 * self._size
+        draw = ImageDraw.Draw(frame)
+        font = ImageFont.load_default(self._size)
+        line = 1.35 * self._size
         draw.text((0.7 * line, 0.4 * line), motion.controller, fill=self._colour, font=font)
         clock = f"{min(time, float(motion.times[-1])):.1f} s"
-        draw.text((frame.width - 0.7 * line, 0.4 * line), clock, fill=self._colour, font=font, anchor="ra")
-        draw.text((0.7 * line, 1.4 * line), "   ".join(motion.told(k)), fill=self._colour, font=font)
+        draw.text(
+            (frame.width - 0.7 * line, 0.4 * line), clock, fill=self._colour, font=font, anchor="ra"
+        )
+        draw.text(
+            (0.7 * line, 1.4 * line), "   ".join(motion.told(k)), fill=self._colour, font=font
+        )
         return frame
 
 
@@ -118,8 +151,14 @@ def _encode(file: Path, size: tuple[int, int], ending: str, frames: Iterator[Ima
     import imageio_ffmpeg
 
     logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)
-    writer = imageio_ffmpeg.write_frames(str(file), size, fps=_RATE[ending], macro_block_size=1,
-                                         ffmpeg_log_level="error", **_ENCODER[ending])
+    writer = imageio_ffmpeg.write_frames(
+        str(file),
+        size,
+        fps=_RATE[ending],
+        macro_block_size=1,
+        ffmpeg_log_level="error",
+        **_ENCODER[ending],
+    )
     with contextlib.closing(writer):  # also after Ctrl-C: FFmpeg ends, and the draft is removed
         writer.send(None)
         for frame in frames:

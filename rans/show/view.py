@@ -32,22 +32,30 @@ _FRAMES_PER_SECOND = 1000.0
 _ROUNDS = 1000
 """The animation begins again so often."""
 
-_UPRIGHT, _ASPECT = math.radians(40.0), 1.6
+_UPRIGHT = math.radians(40.0)
+_ASPECT = 1.6
 """What the camera sees: from the lower to the upper edge; width over height (the page adapts it)."""
 _DIRECTION = {True: (0.25, -0.75, 0.75), False: (0.25, -0.8, 0.42)}
 """Where it stands, seen from the flights: above where all fly in the plane."""
 _CAMERA = "/Cameras/default/rotated/<object>"
 
 _STAGE: tuple[tuple[str, str, Any], ...] = (
-    ("/Grid", "visible", False), ("/Axes", "visible", False),
+    ("/Grid", "visible", False),
+    ("/Axes", "visible", False),
     # Lights that fall off with the distance would leave far tiles in the dark.
-    *((f"/Lights/{name}", "visible", False)
-      for name in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX")),
-    ("/Lights/AmbientLight/<object>", "intensity", 2.2), ("/Lights/FillLight/<object>", "intensity", 1.6),
+    *(
+        (f"/Lights/{name}", "visible", False)
+        for name in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX")
+    ),
+    ("/Lights/AmbientLight/<object>", "intensity", 2.2),
+    ("/Lights/FillLight/<object>", "intensity", 1.6),
     (_CAMERA, "fov", math.degrees(_UPRIGHT)),
 )
 """Properties of Meshcat's own objects."""
-_SKY = {False: ([0.84, 0.88, 0.93], [0.97, 0.98, 0.99]), True: ([0.01, 0.015, 0.04], [0.03, 0.05, 0.10])}
+_SKY = {
+    False: ([0.84, 0.88, 0.93], [0.97, 0.98, 0.99]),
+    True: ([0.01, 0.015, 0.04], [0.03, 0.05, 0.10]),
+}
 """Background at the top and at the bottom of the picture: in a laboratory and in space."""
 
 
@@ -71,11 +79,19 @@ class View:
         self._meshcat.Delete("/flights")
         self._animation = MeshcatAnimation(_FRAMES_PER_SECOND)
         colours = list(islice(cycle(scene.BODIES), len(flights)))
-        rows = [[Motion.of(flight, k) for k in range(flight.commands.shape[1])] for flight in flights]
+        rows = [
+            [Motion.of(flight, k) for k in range(flight.commands.shape[1])] for flight in flights
+        ]
         boxes = [motion.box() for row in rows for motion in row]
-        low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
-        pitch = np.ceil(high - low) * (1.0, -1.0, 0.0)  # the first agent is farthest from the viewer
-        paths, points = [], []
+        low = np.min(boxes, axis=0)[0]
+        high = np.max(boxes, axis=0)[1]
+        pitch = np.ceil(high - low) * (
+            1.0,
+            -1.0,
+            0.0,
+        )  # the first agent is farthest from the viewer
+        paths = []
+        points = []
         for r, (row, colour) in enumerate(zip(rows, colours, strict=True)):
             for k, motion in enumerate(row):
                 paths.append(f"/flights/{r} {motion.controller.replace('/', '-')}/episode {k}")
@@ -112,7 +128,8 @@ class View:
 
     def _add(self, motion: Motion, path: str, body: Rgba, floor: float) -> None:
         """One spacecraft with everything that belongs to it."""
-        one, frames = motion.craft, np.rint(motion.times * _FRAMES_PER_SECOND).astype(int)
+        one = motion.craft
+        frames = np.rint(motion.times * _FRAMES_PER_SECOND).astype(int)
         self._put(f"{path}/craft", craft.craft_parts(one, body))
         self._put(f"{path}/goal", scene.goal_parts(one, motion.wanted))
         for k, frame in enumerate(frames):
@@ -130,11 +147,14 @@ class View:
             self._put(f"{path}/trail", [part])
             self._switch(frames, f"{path}/trail/{part.name}", np.arange(len(frames)) >= k)
         if "velocity" in motion.wanted:
-            self._add_arrow(motion, frames, f"{path}/target velocity", motion.goal_velocities, goal=True)
+            self._add_arrow(
+                motion, frames, f"{path}/target velocity", motion.goal_velocities, goal=True
+            )
             self._add_arrow(motion, frames, f"{path}/velocity", motion.velocities, goal=False)
 
-    def _add_arrow(self, motion: Motion, frames: np.ndarray, path: str, velocities: np.ndarray,
-                   goal: bool) -> None:
+    def _add_arrow(
+        self, motion: Motion, frames: np.ndarray, path: str, velocities: np.ndarray, goal: bool
+    ) -> None:
         """From the body's centre, as long as a velocity."""
         self._put(path, scene.velocity_parts(goal))
         for frame, place, velocity in zip(frames, motion.way, velocities, strict=True):
@@ -148,7 +168,9 @@ class View:
         if not np.isin(opening, (0.0, 1.0)).all():
             for frame, until, command in zip(frames[:-1], frames[1:], opening[:-1], strict=True):
                 for one in (frame, until - 1):
-                    self._animation.SetProperty(one, path, "scale", [1.0, 1.0, max(float(command), 1e-3)])
+                    self._animation.SetProperty(
+                        one, path, "scale", [1.0, 1.0, max(float(command), 1e-3)]
+                    )
 
     def _switch(self, frames: np.ndarray, path: str, on: np.ndarray) -> None:
         """Make a part visible while it is on; only changes are written."""
@@ -157,7 +179,8 @@ class View:
 
     def _surround(self, points: np.ndarray, space: bool, steep: bool) -> None:
         """Floor or stars, and the camera where all points are in sight."""
-        low, high = points.min(axis=0), points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
         self._put("/flights/ground", scene.ground_parts(low, high, space))
         for end, colour in zip(("top", "bottom"), _SKY[space], strict=True):
             self._meshcat.SetProperty("/Background", f"{end}_color", colour)

@@ -29,7 +29,9 @@ def watch(run: Path, port: int) -> None:
     real time without help. `ConfigError` if the port is taken, or the run folder damaged.
     """
     torch.set_num_threads(1)  # of small networks; more would disturb the training
-    view, file, shown = View(), RunFolder(run).policy_file, 0
+    view = View()
+    file = RunFolder(run).policy_file
+    shown = 0
     served = view.serve(port)
     open_browser(served.url)
     while True:

@@ -22,13 +22,21 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 def _checked(found: Any) -> type[Any]:
     """The class itself, if it is a task: a dataclass with defaults, and all that tasks have."""
-    if not (isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)):
-        raise ConfigError("a task must be a dataclass derived from rans.tasks.SingleTask, got "
-                          f"{brief(found)}.")
+    if not (
+        isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)
+    ):
+        raise ConfigError(
+            f"a task must be a dataclass derived from rans.tasks.SingleTask, got {brief(found)}."
+        )
     if missing := sorted(found.__abstractmethods__):
-        raise ConfigError(f"{found.__name__} has no {', '.join(missing)}, which every task must have.")
-    bare = [field.name for field in dataclasses.fields(found)
-            if field.default is field.default_factory is dataclasses.MISSING]
+        raise ConfigError(
+            f"{found.__name__} has no {', '.join(missing)}, which every task must have."
+        )
+    bare = [
+        field.name
+        for field in dataclasses.fields(found)
+        if field.default is field.default_factory is dataclasses.MISSING
+    ]
     if bare:
         raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
     if issubclass(found, SingleTask):
@@ -37,8 +45,10 @@ def _checked(found: Any) -> type[Any]:
         if not quantities:
             raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
         if unknown := sorted(quantities - UNITS.keys()):
-            raise ConfigError(f"{found.__name__} has a tolerance of {', '.join(unknown)}; errors can be of "
-                              f"{', '.join(UNITS)}.")
+            raise ConfigError(
+                f"{found.__name__} has a tolerance of {', '.join(unknown)}; errors can be of "
+                f"{', '.join(UNITS)}."
+            )
         _check_errors(task, quantities)
     return found
 
@@ -52,22 +62,31 @@ def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
     else:
         return
     if unknown := sorted(errors - UNITS.keys()):
-        raise ConfigError(f"{type(task).__name__} has an error of {', '.join(unknown)}; errors can be of "
-                          f"{', '.join(UNITS)}.")
+        raise ConfigError(
+            f"{type(task).__name__} has an error of {', '.join(unknown)}; errors can be of "
+            f"{', '.join(UNITS)}."
+        )
     if missing := sorted(quantities - errors):
-        raise ConfigError(f"{type(task).__name__} has a tolerance of {', '.join(missing)}, but its errors "
-                          f"are of {', '.join(errors)}.")
+        raise ConfigError(
+            f"{type(task).__name__} has a tolerance of {', '.join(missing)}, but its errors "
+            f"are of {', '.join(errors)}."
+        )
 
 
-TASKS = Registry("task", "rans.tasks", {
-    "go-to-position": "rans.tasks:GoToPosition",
-    "go-to-pose": "rans.tasks:GoToPose",
-    "track-velocity": "rans.tasks:TrackVelocity",
-    "track-twist": "rans.tasks:TrackTwist",
-    "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
-    "multi-task": "rans.tasks:MultiTask",
-    "go-to-pose-priced": "rans.tasks:GoToPosePriced",
-}, _checked)
+TASKS = Registry(
+    "task",
+    "rans.tasks",
+    {
+        "go-to-position": "rans.tasks:GoToPosition",
+        "go-to-pose": "rans.tasks:GoToPose",
+        "track-velocity": "rans.tasks:TrackVelocity",
+        "track-twist": "rans.tasks:TrackTwist",
+        "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
+        "multi-task": "rans.tasks:MultiTask",
+        "go-to-pose-priced": "rans.tasks:GoToPosePriced",
+    },
+    _checked,
+)
 """The class of every task by the name the command line uses."""
 
 _PUBLISHED = {
@@ -91,8 +110,10 @@ def load_task(name: str | Task) -> Task:
     if isinstance(name, Task):
         return name
     if not isinstance(name, str):
-        raise ConfigError("a task is a name or an object such as rans.GoToPose(thrust_weight=0.05), got "
-                          f"{brief(name)}.")
+        raise ConfigError(
+            "a task is a name or an object such as rans.GoToPose(thrust_weight=0.05), got "
+            f"{brief(name)}."
+        )
     return TASKS[name]()
 
 
@@ -117,7 +138,21 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 
 __all__ = [
-    "TASKS", "GoToPose", "GoToPosePriced", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
-    "TrackVelocity", "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation",
-    "observation_columns", "observation_width", "registered_name",
+    "TASKS",
+    "GoToPose",
+    "GoToPosePriced",
+    "GoToPosition",
+    "MultiTask",
+    "SingleTask",
+    "Task",
+    "TrackTwist",
+    "TrackVelocity",
+    "TrackVelocityHeading",
+    "Transition",
+    "gymnasium_ids",
+    "load_task",
+    "observation",
+    "observation_columns",
+    "observation_width",
+    "registered_name",
 ]

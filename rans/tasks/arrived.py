@@ -40,19 +40,25 @@ class Arrived:
     arrived_squarings: int = 2
     """How sharp the edges are: errors over their bounds are squared so often."""
 
-    def arrived(self, transition: Transition, closest: tuple[Field, ...], *shares: Field) -> dict[str, Field]:
+    def arrived(
+        self, transition: Transition, closest: tuple[Field, ...], *shares: Field
+    ) -> dict[str, Field]:
         """The terms whose weight is not zero.
 
         Shares are the errors over the task's tolerances; what is closest, the narrow rewards of each.
         """
-        state, inside = transition.state, partial(within, squarings=self.arrived_squarings)
+        state = transition.state
+        inside = partial(within, squarings=self.arrived_squarings)
         shares = tuple(share / self.arrived_within for share in shares)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.arrived_weight):
             rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin
             worth = sum(closest) * self.arrived_fine_weight + self.arrived_weight
             if is_used(self.arrived_still_weight):
-                worth = worth + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
+                worth = (
+                    worth
+                    + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
+                )
             if is_used(self.arrived_thrust_weight):
                 worth = worth - reduce(add, transition.command) * self.arrived_thrust_weight
             terms["arrived"] = inside(*shares, *rest) * worth

@@ -91,7 +91,8 @@ class Task(Settings, ABC):
 
     def reached(self, state: State, goal: State) -> Field:
         """Whether every error that has a tolerance is within it."""
-        errors, tolerances = self.errors(state, goal), self.tolerances()
+        errors = self.errors(state, goal)
+        tolerances = self.tolerances()
         return reduce(operator.and_, (errors[name] < tolerances[name] for name in tolerances))
 
     @abstractmethod
@@ -122,8 +123,11 @@ class SingleTask(Prices, Task):
 
     def tolerances(self) -> dict[str, float]:
         """The settings named after a quantity, such as "position_tolerance"."""
-        return {one.name.removesuffix("_tolerance"): getattr(self, one.name) for one in fields(self)
-                if one.name.endswith("_tolerance")}
+        return {
+            one.name.removesuffix("_tolerance"): getattr(self, one.name)
+            for one in fields(self)
+            if one.name.endswith("_tolerance")
+        }
 
 
 def sight(task: Task, state: State, goal: State) -> Sight:
@@ -131,10 +135,16 @@ def sight(task: Task, state: State, goal: State) -> Sight:
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.sight(state, goal)
     missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
-    return Sight((
-        OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
-        Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", flag),
-        *data, *(Scalar("unused", "-", flag * 0.0) for _ in range(missing))))
+    return Sight(
+        (
+            OwnAttitude("", "-", state.attitude),
+            VectorInW("v_", "m/s", state.v),
+            Spin("w", "rad/s", state.spin()),
+            Scalar("task flag", "-", flag),
+            *data,
+            *(Scalar("unused", "-", flag * 0.0) for _ in range(missing)),
+        )
+    )
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:

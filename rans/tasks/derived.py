@@ -37,11 +37,13 @@ def check_dimension(task: Task, dimension: Dimension) -> None:
     """
     if (reason := _failure(task, dimension)) is None or dimension in (works := dimensions(task)):
         return
-    here, there = PLACES[dimension], PLACES[works[0]]
+    here = PLACES[dimension]
+    there = PLACES[works[0]]
     raise ConfigError(
         f"the task {type(task).__name__} works {there}, but not {here}: {type(reason).__name__}: "
         f"{first_line(reason)}. Fly a spacecraft that moves {there}, or write the task with what states have "
-        "in both, such as (goal.p - state.p).norm() and state.attitude.to(goal.attitude).") from reason
+        "in both, such as (goal.p - state.p).norm() and state.attitude.to(goal.attitude)."
+    ) from reason
 
 
 def _failure(task: Task, dimension: Dimension) -> Exception | None:
@@ -86,6 +88,7 @@ def symbolic(task: Task, dimension: Dimension) -> tuple[Task, State, State]:
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
+
     def fixed(name: str, value: Field) -> Field:
         return value if isinstance(value, int | float) else Symbol.input(name)
 
@@ -111,8 +114,11 @@ def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
 
 def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """How far the task's data are from where they are at the goal, column by column."""
-    return tuple(x - target for entry in task.sight(state, goal)
-                 for x, target in zip(entry.columns(), entry.target(), strict=True))
+    return tuple(
+        x - target
+        for entry in task.sight(state, goal)
+        for x, target in zip(entry.columns(), entry.target(), strict=True)
+    )
 
 
 def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
@@ -134,8 +140,9 @@ def goal_stands_still(task: Task) -> bool:
 def watches_switching(task: Task, craft: Spacecraft) -> bool:
     """Whether the reward looks at the previous command, found by running it on symbols."""
     thrusters = range(len(craft.thrusters))
-    command, previous = (tuple(Symbol.input(f"{name} {i}") for i in thrusters)
-                         for name in ("command", "previous"))
+    command, previous = (
+        tuple(Symbol.input(f"{name} {i}") for i in thrusters) for name in ("command", "previous")
+    )
     try:
         task, state, goal = symbolic(task, craft.dimension)
         terms = task.reward(Transition(state, goal, command, previous))

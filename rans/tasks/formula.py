@@ -13,9 +13,12 @@ from rans.tasks.derived import example_state
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Dimension
 
-OPEN, BEFORE = "open", "open_before"
+OPEN = "open"
+BEFORE = "open_before"
 """Names of how many thrusters are open, now and in the step before; errors have the names of the task."""
-_SUM, _PRODUCT, _WHOLE = 1, 2, 3
+_SUM = 1
+_PRODUCT = 2
+_WHOLE = 3
 """How tightly a text holds together."""
 
 
@@ -27,15 +30,22 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
     '0.5 exp(-position / 1.5)'
     """
     try:
-        state, goal = (_named(one, name) for one, name in
-                       zip(example_state(task, dimension), ("", "goal_"), strict=True))
-        shown = {entry.value: Symbol.input(entry.name) for entry in task.sight(state, goal)
-                 if isinstance(entry.value, Symbol)}
+        state, goal = (
+            _named(one, name)
+            for one, name in zip(example_state(task, dimension), ("", "goal_"), strict=True)
+        )
+        shown = {
+            entry.value: Symbol.input(entry.name)
+            for entry in task.sight(state, goal)
+            if isinstance(entry.value, Symbol)
+        }
         goal = replace(goal, notes=tuple(shown.get(note, note) for note in goal.notes))
         errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))
-        terms = named.reward(Transition(state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),)))
+        terms = named.reward(
+            Transition(state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),))
+        )
     except UNTRACEABLE:
         return {}
     return {name: _text(Symbol.constant(term)) for name, term in terms.items()}
@@ -57,12 +67,16 @@ def _told(symbol: Symbol, divided: bool) -> tuple[str, int]:
         return str(symbol.value), _WHOLE
     if symbol.operation == "constant":
         return f"{symbol.value:.4g}", _WHOLE if symbol.value >= 0 else _SUM
-    first, last = symbol.args[0], symbol.args[-1]
+    first = symbol.args[0]
+    last = symbol.args[-1]
     match symbol.operation:
         case "neg":
             return f"-{_text(first, _PRODUCT, divided)}", _SUM
         case "+" | "-" as sign:
-            return f"{_text(first, _SUM)} {sign} {_text(last, _PRODUCT if sign == '-' else _SUM)}", _SUM
+            return (
+                f"{_text(first, _SUM)} {sign} {_text(last, _PRODUCT if sign == '-' else _SUM)}",
+                _SUM,
+            )
         case "*" if "constant" in (first.operation, last.operation):
             factor, rest = (first, last) if first.operation == "constant" else (last, first)
             return _times(float(factor.value), rest, divided)
@@ -76,7 +90,8 @@ def _told(symbol: Symbol, divided: bool) -> tuple[str, int]:
 
 
 def _times(factor: float, rest: Symbol, divided: bool) -> tuple[str, int]:
-    sign, size = "-" if factor < 0 else "", abs(factor)
+    sign = "-" if factor < 0 else ""
+    size = abs(factor)
     if size == 0.5 and (beyond := _half_of(rest)) is not None:
         return f"{sign}max({_text(beyond)}, 0)", _SUM if sign else _WHOLE
     if divided:

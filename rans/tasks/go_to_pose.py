@@ -76,7 +76,10 @@ class GoToPose(Arrived, SingleTask):
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Position and attitude still to go."""
-        return (VectorInW("d", "m", goal.p - state.p), Turn("d", "-", state.attitude.to(goal.attitude)))
+        return (
+            VectorInW("d", "m", goal.p - state.p),
+            Turn("d", "-", state.attitude.to(goal.attitude)),
+        )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance and angle to the goal."""
@@ -93,19 +96,35 @@ class GoToPose(Arrived, SingleTask):
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
         closest = near(self.fine_position_scale), aligned(self.fine_attitude_scale)
-        return {"position": near(self.position_scale),
-                "attitude": aligned(self.attitude_scale),
-                "approach": near(self.approach_scale) * self.approach_weight,
-                "turn": aligned(self.turn_scale) * self.approach_weight,
-                **({"fine position": closest[0] * self.fine_weight,
-                    "fine attitude": closest[1] * self.fine_weight} if is_used(self.fine_weight) else {}),
-                **({"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
-                   if is_used(self.misaligned_weight) else {}),
-                **self.arrived(transition, closest, distance / self.position_tolerance,
-                               angle / self.attitude_tolerance),
-                **self.prices(transition)}
+        return {
+            "position": near(self.position_scale),
+            "attitude": aligned(self.attitude_scale),
+            "approach": near(self.approach_scale) * self.approach_weight,
+            "turn": aligned(self.turn_scale) * self.approach_weight,
+            **(
+                {
+                    "fine position": closest[0] * self.fine_weight,
+                    "fine attitude": closest[1] * self.fine_weight,
+                }
+                if is_used(self.fine_weight)
+                else {}
+            ),
+            **(
+                {"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
+                if is_used(self.misaligned_weight)
+                else {}
+            ),
+            **self.arrived(
+                transition,
+                closest,
+                distance / self.position_tolerance,
+                angle / self.attitude_tolerance,
+            ),
+            **self.prices(transition),
+        }
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""
-        lost, spin = (goal.p - state.p).norm() > self.fail_distance, state.spin()
+        lost = (goal.p - state.p).norm() > self.fail_distance
+        spin = state.spin()
         return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)

@@ -14,7 +14,9 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Entry, Knob
 
-_PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")}
+_PRICED = {
+    name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")
+}
 """Terms of the reward that the price multiplies, and their weights."""
 
 
@@ -41,7 +43,9 @@ class GoToPosePriced(GoToPose):
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.knob[1], float | int) and self.knob[1] > 1.0:
-            raise ConfigError(f"knob must be a range within 0 (fast) to 1 (thrifty), got {self.knob!r}.")
+            raise ConfigError(
+                f"knob must be a range within 0 (fast) to 1 (thrifty), got {self.knob!r}."
+            )
         if isinstance(self.price[0], float | int) and self.price[0] == 0.0:
             raise ConfigError(f"price must be > 0, as it rises by factors, got {self.price!r}.")
 
@@ -80,8 +84,10 @@ class GoToPosePriced(GoToPose):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """As `GoToPose`, with the price of the episode."""
         price = self.price_at(transition.goal.notes[0])
-        return {name: term * price if name in _PRICED else term
-                for name, term in super().reward(transition).items()}
+        return {
+            name: term * price if name in _PRICED else term
+            for name, term in super().reward(transition).items()
+        }
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,9 @@ class KnobPositions(Mapping[str, GoToPosePriced]):
         try:
             return replace(self.task, knob=(float(name), float(name)))
         except (ValueError, ConfigError):
-            raise ConfigError(f"the knob turns from 0 (fast) to 1 (thrifty), got {brief(name)}.") from None
+            raise ConfigError(
+                f"the knob turns from 0 (fast) to 1 (thrifty), got {brief(name)}."
+            ) from None
 
     def __iter__(self) -> Iterator[str]:
         return (f"{at:g}" for at in (0.0, 0.25, 0.5, 0.75, 1.0))

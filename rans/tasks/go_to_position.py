@@ -77,11 +77,18 @@ class GoToPosition(SingleTask):
         """exp(-distance / scale), as the original system; a wider and a narrower copy; stillness."""
         distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
-        return {"position": near(self.position_scale),
-                "approach": near(self.approach_scale) * self.approach_weight,
-                "stillness": nearness(spin, self.stillness_scale, self.rest_spin) * self.stillness_weight,
-                **({"fine": near(self.fine_scale) * self.fine_weight} if is_used(self.fine_weight) else {}),
-                **self.prices(transition)}
+        return {
+            "position": near(self.position_scale),
+            "approach": near(self.approach_scale) * self.approach_weight,
+            "stillness": nearness(spin, self.stillness_scale, self.rest_spin)
+            * self.stillness_weight,
+            **(
+                {"fine": near(self.fine_scale) * self.fine_weight}
+                if is_used(self.fine_weight)
+                else {}
+            ),
+            **self.prices(transition),
+        }
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

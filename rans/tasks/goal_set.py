@@ -36,7 +36,8 @@ def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
     The set is that of `rans.evaluation.compare.bounds.goal_set`: where `aims` adds velocity or spin, their
     tolerances are `REST_SPEED` and `REST_SPIN`. States have fields (T + 1, N), goals (N,).
     """
-    inside, added = task.reached(states, goals), aims(task) - task.tolerances().keys()
+    inside = task.reached(states, goals)
+    added = aims(task) - task.tolerances().keys()
     if "velocity" in added:
         inside = inside & ((goals.v - states.v).norm() <= REST_SPEED)
     if "spin" in added:

@@ -37,7 +37,12 @@ class MultiTask(Task):
     """
 
     tasks: tuple[str, ...] = (
-        "go-to-position", "go-to-pose", "track-velocity", "track-twist", "track-velocity-heading")
+        "go-to-position",
+        "go-to-pose",
+        "track-velocity",
+        "track-twist",
+        "track-velocity-heading",
+    )
     """The tasks to draw from."""
     go_to_position: GoToPosition = field(default_factory=GoToPosition)
     go_to_pose: GoToPose = field(default_factory=GoToPose)
@@ -52,8 +57,14 @@ class MultiTask(Task):
         for part in own:
             checked(part.name, getattr(self, part.name), type(default(part)))
         known = [part.name.replace("_", "-") for part in own]
-        if not self.tasks or len(set(self.tasks)) < len(self.tasks) or not set(self.tasks) <= set(known):
-            raise ConfigError(f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}.")
+        if (
+            not self.tasks
+            or len(set(self.tasks)) < len(self.tasks)
+            or not set(self.tasks) <= set(known)
+        ):
+            raise ConfigError(
+                f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}."
+            )
 
     def parts(self) -> dict[str, SingleTask]:
         """The tasks to draw from, by name."""
@@ -61,11 +72,15 @@ class MultiTask(Task):
 
     def drawn(self, goal: State) -> SingleTask:
         """The task that one goal, of numbers, belongs to."""
-        return next(part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal))))
+        return next(
+            part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal)))
+        )
 
     def for_evaluation(self) -> MultiTask:
         """The task with the starts and goals that agents are judged on."""
-        judged = {name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()}
+        judged = {
+            name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()
+        }
         return replace(self, **judged)
 
     def flag_of(self, goal: State) -> Field:
@@ -74,7 +89,8 @@ class MultiTask(Task):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of the drawn task."""
-        parts, draw = tuple(self.parts().values()), random.unit() * len(self.tasks)
+        parts = tuple(self.parts().values())
+        draw = random.unit() * len(self.tasks)
         flag = draw * 0.0 + float(parts[0].flag)
         for rank, part in enumerate(parts[1:], start=1):
             flag = where(draw >= rank, float(part.flag), flag)
@@ -84,25 +100,37 @@ class MultiTask(Task):
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
-        flag, shown = self.flag_of(goal), [part.sight(state, goal) for part in self.parts().values()]
+        flag = self.flag_of(goal)
+        shown = [part.sight(state, goal) for part in self.parts().values()]
         vectors = self._drawn_row(flag, [first.columns() for first, *_ in shown])
-        rest = self._drawn_row(flag, [[x for entry in data for x in entry.columns()] for _, *data in shown])
+        rest = self._drawn_row(
+            flag, [[x for entry in data for x in entry.columns()] for _, *data in shown]
+        )
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
-        return (vector, Drawn("task data", "-", rest, self._choices(shown, len(rest)))) if rest else (vector,)
+        return (
+            (vector, Drawn("task data", "-", rest, self._choices(shown, len(rest))))
+            if rest
+            else (vector,)
+        )
 
     def _choices(self, shown: Sequence[tuple[Entry, ...]], width: int) -> tuple[Choice, ...]:
         """What `sight`'s second entry is, by the drawn task's flag."""
+
         def blocks(data: Sequence[Entry]) -> tuple[Block, ...]:
             own = tuple(entry.block() for entry in data)
             return (*own, *(Block(Scalar, 1),) * (width - sum(block.width for block in own)))
 
-        return tuple((float(part.flag), blocks(data))
-                     for part, (_, *data) in zip(self.parts().values(), shown, strict=True))
+        return tuple(
+            (float(part.flag), blocks(data))
+            for part, (_, *data) in zip(self.parts().values(), shown, strict=True)
+        )
 
     def tolerances(self) -> dict[str, float]:
         """Refused (`ConfigError`): there are none that all tasks share."""
-        raise ConfigError("a multi-task is judged on each of its tasks by itself, as their tolerances "
-                          "differ: name one of them.")
+        raise ConfigError(
+            "a multi-task is judged on each of its tasks by itself, as their tolerances "
+            "differ: name one of them."
+        )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Those of the drawn task; a quantity it does not name has no error."""
@@ -110,15 +138,21 @@ class MultiTask(Task):
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """The drawn task's terms; those of the others are zero."""
-        return self._drawn_terms(transition.goal, [part.reward(transition) for part in self.parts().values()])
+        return self._drawn_terms(
+            transition.goal, [part.reward(transition) for part in self.parts().values()]
+        )
 
     def reached(self, state: State, goal: State) -> Field:
         """Whether every error of the drawn task is within its tolerance."""
-        return self._drawn(self.flag_of(goal), [part.reached(state, goal) for part in self.parts().values()])
+        return self._drawn(
+            self.flag_of(goal), [part.reached(state, goal) for part in self.parts().values()]
+        )
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the drawn task has failed."""
-        return self._drawn(self.flag_of(goal), [part.failed(state, goal) for part in self.parts().values()])
+        return self._drawn(
+            self.flag_of(goal), [part.failed(state, goal) for part in self.parts().values()]
+        )
 
     def _drawn(self, flag: Field, values: Sequence[Field]) -> Field:
         """The drawn task's among the values of all tasks."""
@@ -133,5 +167,6 @@ class MultiTask(Task):
         return tuple(self._drawn(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
 
     def _drawn_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
-        names, flag = dict.fromkeys(name for some in terms for name in some), self.flag_of(goal)
+        names = dict.fromkeys(name for some in terms for name in some)
+        flag = self.flag_of(goal)
         return {name: self._drawn(flag, [some.get(name, 0.0) for some in terms]) for name in names}

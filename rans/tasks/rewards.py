@@ -22,7 +22,9 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     """
     if is_used(rest):
         beyond = error - rest
-        error = 0.5 * (beyond + absolute(beyond))  # no `where`: optimisers round absolute values off
+        error = 0.5 * (
+            beyond + absolute(beyond)
+        )  # no `where`: optimisers round absolute values off
     return exp(error * (-1.0 / scale))
 
 

@@ -22,24 +22,35 @@ def check_settings(task: Any) -> None:
             range's bounds are in the wrong order, or episodes fail where they start.
     """
     for field in dataclasses.fields(task):
-        name, value = field.name, getattr(task, field.name)
+        name = field.name
+        value = getattr(task, field.name)
         if isinstance(value, bool):
             continue
-        numbers = [x for x in (value if isinstance(value, tuple) else (value,))
-                   if isinstance(x, int | float) or getattr(x, "shape", None) != ()]  # curricula check theirs
+        numbers = [
+            x
+            for x in (value if isinstance(value, tuple) else (value,))
+            if isinstance(x, int | float) or getattr(x, "shape", None) != ()
+        ]  # curricula check theirs
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
         if name.endswith("_squarings") and not (isinstance(value, int) and 1 <= value <= 8):
             raise ConfigError(f"{name} must be a whole number from 1 to 8, got {value!r}.")
         if isinstance(value, tuple) and value[0] > value[1]:
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
-        may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+        may_be_zero = (
+            isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+        )
         if numbers == [0] and not may_be_zero:
-            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
-    spawn, fails = getattr(task, "spawn_distance", None), getattr(task, "fail_distance", math.inf)
+            raise ConfigError(
+                f"{name} must be > 0, got {value!r}; only weights and rests may be zero."
+            )
+    spawn = getattr(task, "spawn_distance", None)
+    fails = getattr(task, "fail_distance", math.inf)
     if isinstance(spawn, tuple) and fails <= spawn[1]:
-        raise ConfigError(f"fail_distance must exceed the farthest start, {spawn[1]} m, got {fails}: "
-                          "episodes would fail as they begin.")
+        raise ConfigError(
+            f"fail_distance must exceed the farthest start, {spawn[1]} m, got {fails}: "
+            "episodes would fail as they begin."
+        )
 
 
 def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = False) -> Tree:
@@ -58,13 +69,21 @@ def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = Fal
 def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], checked: bool) -> Any:
     first = values[0]
     if isinstance(first, tuple):
-        return tuple(_mapped(function, f"{name}.{i}", column, checked)
-                     for i, column in enumerate(zip(*values, strict=True)))
+        return tuple(
+            _mapped(function, f"{name}.{i}", column, checked)
+            for i, column in enumerate(zip(*values, strict=True))
+        )
     if not dataclasses.is_dataclass(first) or isinstance(first, type):
         return function(name, *values) if _is_number(first) else first
-    inner = {field.name: _mapped(function, f"{name}.{field.name}".lstrip("."),
-                                 tuple(getattr(value, field.name) for value in values), checked)
-             for field in dataclasses.fields(first)}
+    inner = {
+        field.name: _mapped(
+            function,
+            f"{name}.{field.name}".lstrip("."),
+            tuple(getattr(value, field.name) for value in values),
+            checked,
+        )
+        for field in dataclasses.fields(first)
+    }
     if checked:
         return dataclasses.replace(first, **inner)
     result = copy.copy(first)
@@ -74,4 +93,6 @@ def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], ch
 
 
 def _is_number(value: Any) -> bool:
-    return hasattr(value, "shape") or (isinstance(value, int | float) and not isinstance(value, bool))
+    return hasattr(value, "shape") or (
+        isinstance(value, int | float) and not isinstance(value, bool)
+    )

@@ -82,7 +82,7 @@ class VectorInW(Entry):
 
     def labels(self) -> Sequence[str]:
         """See `Entry`."""
-        return [self.name + axis for axis in "xyz"[:len(self.columns())]]
+        return [self.name + axis for axis in "xyz"[: len(self.columns())]]
 
     @staticmethod
     def in_body(columns: Columns, turned: Turned) -> Columns:
@@ -187,7 +187,9 @@ class Drawn(Entry):
 
     def target(self) -> Sequence[float]:
         """Refused (`ConfigError`): there is none that all tasks share."""
-        raise ConfigError("a multi-task's data have no target that its tasks share: name one of them.")
+        raise ConfigError(
+            "a multi-task's data have no target that its tasks share: name one of them."
+        )
 
     def block(self) -> Block:
         """See `Entry`."""
@@ -205,8 +207,11 @@ class Block(NamedTuple):
         """The columns of B from an equivalent side, under this task flag."""
         result = self.kind.mirrored(columns, view, hand)
         for choice, blocks in self.choices:
-            seen = [x for block, mine in Layout(blocks).split(columns)
-                    for x in block.mirrored(mine, view, hand, flag)]
+            seen = [
+                x
+                for block, mine in Layout(blocks).split(columns)
+                for x in block.mirrored(mine, view, hand, flag)
+            ]
             result = [where(flag == choice, a, b) for a, b in zip(seen, result, strict=True)]
         return result
 
@@ -234,17 +239,19 @@ class Layout(NamedTuple):
         """The columns of each block."""
         start = 0
         for block in self.blocks:
-            yield block, columns[start:start + block.width]
+            yield block, columns[start : start + block.width]
             start += block.width
 
     def in_body(self, columns: Columns) -> list[Field]:
         """Columns of an observation with vectors in B, without the attitude: `body`."""
-        turned = to_body(columns[:self.blocks[0].width])
+        turned = to_body(columns[: self.blocks[0].width])
         return [x for block, mine in self.split(columns) for x in block.kind.in_body(mine, turned)]
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The first vector among the task's data, of `body`'s columns: the way to go, if there is one."""
-        return next((mine for block, mine in [*self.split(columns)][3:] if block.kind is VectorInW), None)
+        return next(
+            (mine for block, mine in [*self.split(columns)][3:] if block.kind is VectorInW), None
+        )
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
         """Columns of `body` as they are seen from an equivalent side of the spacecraft."""
@@ -287,5 +294,6 @@ def to_body(attitude: Columns) -> Turned:
 
 def matrix_rows(matrix: Columns) -> list[Columns]:
     """The three rows of a rotation matrix, from the first two."""
-    a, b = Vec3(*matrix[:3]), Vec3(*matrix[3:])
+    a = Vec3(*matrix[:3])
+    b = Vec3(*matrix[3:])
     return [row.columns() for row in (a, b, a.cross(b))]

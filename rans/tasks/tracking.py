@@ -90,10 +90,13 @@ class TrackVelocity(Tracking):
         """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
-        return {"velocity": nearness(velocity, self.velocity_scale),
-                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-                "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-                **self.within(errors), **self.prices(transition)}
+        return {
+            "velocity": nearness(velocity, self.velocity_scale),
+            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+            "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
+            **self.within(errors),
+            **self.prices(transition),
+        }
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,10 @@ class TrackTwist(Tracking):
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The velocities still to gain."""
-        return (VectorInW("dv_", "m/s", goal.v - state.v), Spin("dw", "rad/s", spin_difference(state, goal)))
+        return (
+            VectorInW("dv_", "m/s", goal.v - state.v),
+            Spin("dw", "rad/s", spin_difference(state, goal)),
+        )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Lengths of both differences."""
@@ -162,12 +168,18 @@ class TrackTwist(Tracking):
         """exp(-error / scale) of both velocities; narrower copies."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
-        return {"velocity": nearness(velocity, self.velocity_scale),
-                "rotation": nearness(spin, self.spin_scale),
-                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-                **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
-                   if is_used(self.fine_spin_weight) else {}),
-                **self.within(errors), **self.prices(transition)}
+        return {
+            "velocity": nearness(velocity, self.velocity_scale),
+            "rotation": nearness(spin, self.spin_scale),
+            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+            **(
+                {"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
+                if is_used(self.fine_spin_weight)
+                else {}
+            ),
+            **self.within(errors),
+            **self.prices(transition),
+        }
 
 
 @dataclass(frozen=True)
@@ -215,7 +227,10 @@ class TrackVelocityHeading(Tracking):
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The velocity still to gain and the rotation still to make."""
-        return (VectorInW("dv_", "m/s", goal.v - state.v), Turn("d", "-", state.attitude.to(goal.attitude)))
+        return (
+            VectorInW("dv_", "m/s", goal.v - state.v),
+            Turn("d", "-", state.attitude.to(goal.attitude)),
+        )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Velocity error, and angle to the goal's attitude."""
@@ -226,11 +241,14 @@ class TrackVelocityHeading(Tracking):
         """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
         errors = self.errors(transition.state, transition.goal)
         velocity, angle = errors.values()
-        return {"velocity": nearness(velocity, self.velocity_scale),
-                "attitude": nearness(angle, self.attitude_scale),
-                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-                "turn": nearness(angle, self.turn_scale) * self.turn_weight,
-                **self.within(errors), **self.prices(transition)}
+        return {
+            "velocity": nearness(velocity, self.velocity_scale),
+            "attitude": nearness(angle, self.attitude_scale),
+            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+            "turn": nearness(angle, self.turn_scale) * self.turn_weight,
+            **self.within(errors),
+            **self.prices(transition),
+        }
 
 
 def spin_difference(state: State, goal: State) -> tuple[Field, ...]:

@@ -31,18 +31,24 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_conditions_of_one_name_have_files_apart() -> None:
     Path("lab.toml").write_text("[body]\nmass = 1.2\n")
     for given in ("lab", "lab.toml"):
-        assert main(["assure", AGENT, "--conditions", given, "--episodes", "8", "--worst", "0"]) == 0
+        assert (
+            main(["assure", AGENT, "--conditions", given, "--episodes", "8", "--worst", "0"]) == 0
+        )
     written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
     assert len(list(written)) == 2
 
 
-def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytest.MonkeyPatch,
-                                                              capsys: pytest.CaptureFixture[str]) -> None:
+def test_numbers_a_page_and_commands_that_show_failures_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = ["assure", AGENT, *LAB, "--episodes", "60", "--worst", "1"]
     monkeypatch.setattr(sys, "argv", ["rans", *command])
     assert main(command) == 0
-    printed, folder = capsys.readouterr().out, Path("runs/evaluations/pretrained-go-to-pose-2d")
-    read, page = (folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html"))
+    printed = capsys.readouterr().out
+    folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
+    read, page = (
+        folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html")
+    )
     found: dict[str, Any] = json.loads(read)
     failed = sum(map(len, found["campaign"]["listed"].values()))
     low, high = binomtest(failed, 60).proportion_ci(0.98, "exact")  # 1 % beyond either end
@@ -58,7 +64,9 @@ def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytes
     assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
     assert main(["report", str(folder)]) == 0
     report = (folder / "report.html").read_text("utf-8")
-    rows = re.findall(r"<tr>.*?</tr>", page.partition("<table>")[2].partition("</table>")[0], re.DOTALL)
+    rows = re.findall(
+        r"<tr>.*?</tr>", page.partition("<table>")[2].partition("</table>")[0], re.DOTALL
+    )
     assert [row in report for row in rows] == [True] * 7  # a heading, any failure, five kinds
     shown: list[Any] = []
     monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
@@ -66,10 +74,12 @@ def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytes
     assert solved(shown[0]).tolist() == [False]
 
 
-def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: pytest.MonkeyPatch,
-                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(BATCH, "cpu", 32)
-    part, calls = Flights._part, []
+    part = Flights._part
+    calls = []
 
     def interrupted(self: Flights, first: int, count: int, seed: int) -> Any:
         calls.append(first)
@@ -85,12 +95,16 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: p
     assert "Interrupted" in told.out
     assert "writing what was found" in told.err
     before = Path("here/assurance.json").read_bytes()
-    assert main([*command, "--episodes", "48", "--seed", "7"]) == 2  # flights that took long are not lost
+    assert (
+        main([*command, "--episodes", "48", "--seed", "7"]) == 2
+    )  # flights that took long are not lost
     told = capsys.readouterr()
     assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
     assert "another one (by its seed, looks)" in told.err
     assert Path("here/assurance.json").read_bytes() == before
-    assert main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0  # as of a moved folder
+    assert (
+        main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0
+    )  # as of a moved folder
     assert calls == [0, 32, 32]
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
     assert main([*command, "--episodes", "48"]) == 2
@@ -112,18 +126,23 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
     assert "Refuted" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["lqr:go-to-pose-2d"], "no trained agent"),
-    (["pretrained:multi-task-2d"], "#go-to-pose"),
-    ([AGENT, "--episodes", "0"], "--episodes"),
-    ([AGENT, "--rare", "-1"], "--rare"),
-    ([AGENT, "--confidence", "99"], "--confidence"),
-    ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
-    ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
-    ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
-    ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus")])
-def test_wrong_input_is_refused_in_a_sentence(arguments: list[str], words: str,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["lqr:go-to-pose-2d"], "no trained agent"),
+        (["pretrained:multi-task-2d"], "#go-to-pose"),
+        ([AGENT, "--episodes", "0"], "--episodes"),
+        ([AGENT, "--rare", "-1"], "--rare"),
+        ([AGENT, "--confidence", "99"], "--confidence"),
+        ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
+        ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
+        ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
+        ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus"),
+    ],
+)
+def test_wrong_input_is_refused_in_a_sentence(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["assure", *arguments]) == 2
     told = capsys.readouterr()
     assert words in told.err
@@ -143,8 +162,12 @@ from rans.cli import main
 sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20",
                "--worst", "1", "--output", sys.argv[2]]))
 """
-    done = subprocess.run([sys.executable, "-c", code, AGENT, str(tmp_path)], capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, AGENT, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert "Drake is not installed here" in done.stdout
     assert "Matplotlib is not installed" in (tmp_path / "assurance-lab.html").read_text("utf-8")

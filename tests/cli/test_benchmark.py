@@ -27,32 +27,48 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
 QUICK = ["--device", "cpu", "--spacecraft", "floating-platform", "--quick"]
 
 
-def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path,
-                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_figures(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("validation.speed.flights._UNITS", {2: (64,)})  # of three sizes
     file = tmp_path / "speed.json"
     assert main(["benchmark", *QUICK, "--num-envs", "64", "--output", str(file)]) == 0
     text = capsys.readouterr().out
     assert text.index("ratio") < text.index("memory copy")  # what matters comes first
-    for part in ("floating-platform, 64 environments", "PPO, floating-platform", "ms a solve", "percentile"):
+    for part in (
+        "floating-platform, 64 environments",
+        "PPO, floating-platform",
+        "ms a solve",
+        "percentile",
+    ):
         assert part in text
     content = json.loads(file.read_text())
     measured = [row for row in content["measurements"] if not row["name"].startswith("ONNX")]
-    assert {row["kind"] for row in measured} == {"memory", "engine", "flights", "training",
-                                                  "optimal control", "policy"}
+    assert {row["kind"] for row in measured} == {
+        "memory",
+        "engine",
+        "flights",
+        "training",
+        "optimal control",
+        "policy",
+    }
     assert all(row["value"] > 0 for row in measured)
     assert content["environment"]["device"] == "CPU"
     assert content["command"].startswith("rans")
     assert content["peers"] == content["unmeasured"] == []
     shares = {row["name"]: row["value"] for row in content["ratios"]}
     # of 250 bytes: state 24, goal 4, clock 4, first number 4, action 8, observations 80, reward 24, flags 3
-    assert shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
+    assert (
+        shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
+    )
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
-        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """pip finds no such version; Stable-Baselines3 is there anyway. Ours was in `test_figures`."""
+
     def environment(home: Path, **_: Any) -> None:
         """None of its own, which would take seconds: without an index pip installs nothing."""
         python = home / "bin" / "python"
@@ -62,8 +78,13 @@ def test_peers_that_cannot_be_installed_are_rows_that_say_why(
 
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setattr("validation.peers.runner.venv.create", environment)
-    monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
-        Measurement("engine", "64 environments", 1e6, "steps/s"), Measurement("policy", "one", 9.0, "us")])
+    monkeypatch.setattr(
+        "validation.speed.suite.measurements",
+        lambda *_: [
+            Measurement("engine", "64 environments", 1e6, "steps/s"),
+            Measurement("policy", "one", 9.0, "us"),
+        ],
+    )
     sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())
     absent = Peer("absent", "absent_module", "absent.py", ("absent-package==1.2.3",))
     monkeypatch.setattr("validation.speed.ratios.PEERS", (absent, sb3))
@@ -84,12 +105,20 @@ def test_peers_that_cannot_be_installed_are_rows_that_say_why(
 
 
 def test_interrupted_it_shows_and_writes_what_was_measured(
-        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ctrl-C comes while the first agent is timed: the figure has no panel of agents."""
+
     def measured(*_: object) -> Iterator[Measurement]:
         yield Measurement("memory", "memory copy", 12.5, "GB/s")
-        yield Measurement("engine", "7 environments", 3.0, "M steps/s", bound=4.0,
-                          bound_name="what the copy bandwidth allows to it")
+        yield Measurement(
+            "engine",
+            "7 environments",
+            3.0,
+            "M steps/s",
+            bound=4.0,
+            bound_name="what the copy bandwidth allows to it",
+        )
         raise KeyboardInterrupt
 
     monkeypatch.setattr("validation.speed.suite.measurements", measured)
@@ -105,13 +134,19 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
 
 
 def test_interrupted_among_peers_it_keeps_those_before(
-        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def compared(*_: object) -> Iterator[tuple[PeerResult, list[Ratio]]]:
-        yield PeerResult("brax", "python brax.py", reason="no wheel"), [Ratio("steps/s, over brax", 8.0)]
+        yield (
+            PeerResult("brax", "python brax.py", reason="no wheel"),
+            [Ratio("steps/s, over brax", 8.0)],
+        )
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
-        Measurement("engine", "7 environments", 3.0, "M steps/s")])
+    monkeypatch.setattr(
+        "validation.speed.suite.measurements",
+        lambda *_: [Measurement("engine", "7 environments", 3.0, "M steps/s")],
+    )
     monkeypatch.setattr("validation.speed.ratios.compare_peers", compared)
     assert main(["benchmark", *QUICK, "--peers"]) == 130
     out = capsys.readouterr().out
@@ -120,7 +155,8 @@ def test_interrupted_among_peers_it_keeps_those_before(
 
 
 def test_interrupted_before_anything_was_measured_it_writes_nothing(
-        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def measured(*_: object) -> Iterator[Measurement]:
         raise KeyboardInterrupt
         yield
@@ -131,20 +167,30 @@ def test_interrupted_before_anything_was_measured_it_writes_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
-    ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1 and < 2^31, got 0"),
-    (["--task", "hover"], "no task named 'hover'"),
-    (["--spacecraft", "nowhere.toml"], "nowhere.toml"),
-    pytest.param(["--device", "cuda"], "torch sees no CUDA device", marks=pytest.mark.skipif(
-        torch.cuda.is_available(), reason="there is a CUDA device")),
-])
-def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
+        ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1 and < 2^31, got 0"),
+        (["--task", "hover"], "no task named 'hover'"),
+        (["--spacecraft", "nowhere.toml"], "nowhere.toml"),
+        pytest.param(
+            ["--device", "cuda"],
+            "torch sees no CUDA device",
+            marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device"),
+        ),
+    ],
+)
+def test_wrong_arguments(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
     assert main(["benchmark", *arguments]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_without_a_compiler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")
     assert main(["benchmark", "--device", "cpu"]) == 2
@@ -154,29 +200,66 @@ def test_without_a_compiler(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
 def test_a_peer_is_a_row_with_its_rate_in_millions() -> None:
     figures = {"version": "2.1", "num_envs": 4096, "steps_per_s": 2_500_000.0, "task": "ant"}
     assert _peer(PeerResult("brax", "python brax.py", figures=figures)) == (
-        "brax", "2.1", "4,096", "2.5", "ant", "python brax.py")
+        "brax",
+        "2.1",
+        "4,096",
+        "2.5",
+        "ant",
+        "python brax.py",
+    )
     assert _peer(PeerResult("brax", "python brax.py", reason="no wheel")) == (
-        "brax", "-", "-", "-", "no wheel", "python brax.py")
+        "brax",
+        "-",
+        "-",
+        "-",
+        "no wheel",
+        "python brax.py",
+    )
 
 
 def test_a_measurement_is_a_row_with_its_unit() -> None:
     """Warm-up in s; one that could not be made says why and has no value."""
     assert _measured(Measurement("engine", "x", 12_345_678.0, "steps/s", 2.25, "a note")) == (
-        "engine", "x", "1.235e+07", "steps/s", "2.2 s", "a note")
+        "engine",
+        "x",
+        "1.235e+07",
+        "steps/s",
+        "2.2 s",
+        "a note",
+    )
     assert _measured(Measurement("policy", "y", None, "us", note="no ONNX")) == (
-        "policy", "y", "-", "us", "", "no ONNX")
+        "policy",
+        "y",
+        "-",
+        "us",
+        "",
+        "no ONNX",
+    )
 
 
-@pytest.mark.parametrize(("options", "expected"), [
-    ({"device": "cpu"}, (1024, 16_384, 262_144)), ({"device": "cuda"}, (16_384, 262_144, 4_194_304)),
-    ({"device": "cpu", "quick": True}, (1024,)), ({"device": "cuda", "quick": True}, (1024,)),
-    ({"device": "cuda", "quick": True, "num_envs": (7, 8)}, (7, 8))])
-def test_sizes(options: dict[str, Any], expected: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"device": "cpu"}, (1024, 16_384, 262_144)),
+        ({"device": "cuda"}, (16_384, 262_144, 4_194_304)),
+        ({"device": "cpu", "quick": True}, (1024,)),
+        ({"device": "cuda", "quick": True}, (1024,)),
+        ({"device": "cuda", "quick": True, "num_envs": (7, 8)}, (7, 8)),
+    ],
+)
+def test_sizes(
+    options: dict[str, Any], expected: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What was asked for, or what its help promises."""
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("validation.speed.suite.measurements", lambda *given: asked.append(given) or ())
+    monkeypatch.setattr(
+        "validation.speed.suite.measurements", lambda *given: asked.append(given) or ()
+    )
     Benchmark(task="track-twist", **options)._measure(Terminal(), options["device"], [])
     [(crafts, name, task, sizes, _)] = asked
     assert sizes == expected
-    assert ([craft.name for craft in crafts], name) == (["floating-platform", "free-flyer"], "track-twist")
+    assert ([craft.name for craft in crafts], name) == (
+        ["floating-platform", "free-flyer"],
+        "track-twist",
+    )
     assert isinstance(task, TASKS["track-twist"])

@@ -13,9 +13,16 @@ STYLES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 COLUMNS = 80
 AGENT = "pretrained:go-to-pose-2d"
 COMMANDS = {
-    "list": [], "list lab": [], "list orbit": [], "list TASKS": [], "list SPACECRAFT": [], "list AGENTS": [],
-    "list CONTROLLERS": [], "list CONDITIONS": [],
-    "list free-flyer": ["-0.219 -0.219 0"], f"list {AGENT}": [],
+    "list": [],
+    "list lab": [],
+    "list orbit": [],
+    "list TASKS": [],
+    "list SPACECRAFT": [],
+    "list AGENTS": [],
+    "list CONTROLLERS": [],
+    "list CONDITIONS": [],
+    "list free-flyer": ["-0.219 -0.219 0"],
+    f"list {AGENT}": [],
     "faults floating-platform --picture picture.svg": [],
     f"assure {AGENT} --episodes 300 --worst 0": ["flights", "any failure", "not finite", "0.0152"],
     f"assure {AGENT} --failure-below 1e-4 --plan": [],
@@ -27,8 +34,12 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_it_fits(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                 capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_fits(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", str(COLUMNS))
     monkeypatch.setenv("FORCE_COLOR", "1")  # what Rich takes for a terminal

@@ -19,10 +19,20 @@ from tests.fast.training import CONFIG, tiny_trainer
 IDLE = "python:tests.evaluation.policies:idle"
 
 
-def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    command = ["compare", "lqr:go-to-pose-2d", IDLE, "--with", "lqr", "--episodes", "3",
-               "--output", str(tmp_path)]
+def test_writes_page_and_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = [
+        "compare",
+        "lqr:go-to-pose-2d",
+        IDLE,
+        "--with",
+        "lqr",
+        "--episodes",
+        "3",
+        "--output",
+        str(tmp_path),
+    ]
     monkeypatch.setattr("sys.argv", ["rans", *command])
     assert main(command) == 0
     read = json.loads((tmp_path / "compare.json").read_text())
@@ -33,11 +43,23 @@ def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "settling time, s" in capsys.readouterr().out
 
 
-def test_who_is_not_there_is_told_before_anybody_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                       capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_is_not_there_is_told_before_anybody_flies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("rans.evaluation.compare.run.fill", None)
-    assert main(["compare", "lqr:go-to-pose-2d", "sb3:nofile.zip", "runs/nobody",
-                 "--output", str(tmp_path / "x")]) == 2
+    assert (
+        main(
+            [
+                "compare",
+                "lqr:go-to-pose-2d",
+                "sb3:nofile.zip",
+                "runs/nobody",
+                "--output",
+                str(tmp_path / "x"),
+            ]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert "nofile.zip" in said
     assert "runs/nobody is not a run folder" in said
@@ -45,30 +67,55 @@ def test_who_is_not_there_is_told_before_anybody_flies(tmp_path: Path, monkeypat
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_failure_is_told_and_the_rest_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["compare", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", "--with", "lqr",
-               "--episodes", "2",
-               "--output", str(tmp_path)]
+def test_a_failure_is_told_and_the_rest_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "compare",
+        "lqr:go-to-pose-2d",
+        "python:tests.evaluation.policies:broken",
+        "--with",
+        "lqr",
+        "--episodes",
+        "2",
+        "--output",
+        str(tmp_path),
+    ]
     assert main(command) == 1
     assert "KeyError: 'no such layer'" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                     capsys: pytest.CaptureFixture[str]) -> None:
+def test_interrupted_it_still_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", interrupted)
-    assert main(["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--episodes", "2",
-                 "--output", str(tmp_path)]) == 130
+    assert (
+        main(
+            [
+                "compare",
+                "lqr:go-to-pose-2d",
+                "--with",
+                "optimal",
+                "--episodes",
+                "2",
+                "--output",
+                str(tmp_path),
+            ]
+        )
+        == 130
+    )
     assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
     assert "interrupted; what was written is kept" in capsys.readouterr().err
 
 
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -80,49 +127,114 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     assert "Nobody has flown yet" in " ".join(capsys.readouterr().out.split())
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["runs/nobody"], "runs/nobody"),
-    ([IDLE], "knows no task"),
-    (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
-    (["lqr:go-to-pose-2d", "--output", "/dev/null/x"], "cannot write into /dev/null/x: Not a directory"),
-    (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
-    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-    (["lqr:go-to-pose-2d", "--seed", "18446744073709551616"], "rans: the seed must be a whole number"),
-    (["go-to-pose-2d-knob#"], "go-to-pose-2d-knob has a knob: hold it, as in go-to-pose-2d-knob#0.5"),
-    (["lqr:go-to-pose-2d", "--front", "--positions", "1"], "--positions must be >= 2, the ends of the knob"),
-    (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
-])
-def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
-                                    capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["runs/nobody"], "runs/nobody"),
+        ([IDLE], "knows no task"),
+        (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
+        (
+            ["lqr:go-to-pose-2d", "--output", "/dev/null/x"],
+            "cannot write into /dev/null/x: Not a directory",
+        ),
+        (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
+        (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+        (
+            ["lqr:go-to-pose-2d", "--seed", "18446744073709551616"],
+            "rans: the seed must be a whole number",
+        ),
+        (
+            ["go-to-pose-2d-knob#"],
+            "go-to-pose-2d-knob has a knob: hold it, as in go-to-pose-2d-knob#0.5",
+        ),
+        (
+            ["lqr:go-to-pose-2d", "--front", "--positions", "1"],
+            "--positions must be >= 2, the ends of the knob",
+        ),
+        (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["compare", *arguments]) == 2
     assert sentence in capsys.readouterr().err
 
 
-def test_every_option_reaches_the_comparison(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_option_reaches_the_comparison(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fill(comparison: Comparison, flying: Any, *given: Any) -> None:
         contest = comparison.contest
         told.append(((contest.episodes, contest.seed, contest.engine), tuple(flying), *given[:-1]))
 
     told: list[Any] = []
     monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)
-    assert main(["compare", "lqr:go-to-pose-2d", IDLE, "--with", "mpc", "--episodes", "5", "--seed", "11",
-                 "--engine", "drake", "--certified", "2", "--output", str(tmp_path)]) == 0
-    assert told == [((5, 11, "drake"), ("lqr:go-to-pose-2d", IDLE), ("mpc",), 2,
-                     tmp_path / "compare-bounds.json")]
+    assert (
+        main(
+            [
+                "compare",
+                "lqr:go-to-pose-2d",
+                IDLE,
+                "--with",
+                "mpc",
+                "--episodes",
+                "5",
+                "--seed",
+                "11",
+                "--engine",
+                "drake",
+                "--certified",
+                "2",
+                "--output",
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
+    assert told == [
+        (
+            (5, 11, "drake"),
+            ("lqr:go-to-pose-2d", IDLE),
+            ("mpc",),
+            2,
+            tmp_path / "compare-bounds.json",
+        )
+    ]
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_front_of_an_agent_with_a_knob(tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_front_of_an_agent_with_a_knob(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Both ends of the knob are contestants, the positions between fly for the front only."""
-    monkeypatch.setattr("rans.evaluation.compare.certified.bounds", lambda asked, starts, *_: (
-        (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)))
-    config = replace(CONFIG, task="go-to-pose-priced", settings=GoToPosePriced(), total_timesteps=1,
-                     timing=Timing())
+    monkeypatch.setattr(
+        "rans.evaluation.compare.certified.bounds",
+        lambda asked, starts, *_: (
+            (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
+        ),
+    )
+    config = replace(
+        CONFIG,
+        task="go-to-pose-priced",
+        settings=GoToPosePriced(),
+        total_timesteps=1,
+        timing=Timing(),
+    )
     run = tmp_path / "turned"
     tiny_trainer(run, config).train(lambda _: None)
-    command = ["compare", str(run), "lqr:go-to-pose-2d", "--front", "--positions", "3", "--with", "lqr",
-               "--episodes", "2"]
+    command = [
+        "compare",
+        str(run),
+        "lqr:go-to-pose-2d",
+        "--front",
+        "--positions",
+        "3",
+        "--with",
+        "lqr",
+        "--episodes",
+        "2",
+    ]
     assert main(command) == 0
     read = json.loads((run / "compare.json").read_text())
     assert [row["contestant"] for row in read["summary"]] == ["turned#0", "turned#1", "LQR"]

@@ -50,7 +50,8 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
 
 @pytest.mark.usefixtures("undrawn")
 def test_flights_too_many_to_keep_are_judged_as_they_fly(
-        capsys: pytest.CaptureFixture[str], run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], run_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arguments = ["evaluate", str(run_folder), "--seed", "7"]
     assert main([*arguments, "--episodes", "30"]) == 0
     monkeypatch.setattr("rans.cli.evaluate._KEPT", 20)
@@ -58,7 +59,9 @@ def test_flights_too_many_to_keep_are_judged_as_they_fly(
     assert main([*arguments, "--episodes", "30"]) == 0
     assert str(run_folder / "evaluation-many.json") in capsys.readouterr().out.replace("\n", "")
     assert (run_folder / "evaluation.json").read_text() == kept
-    few, many = (json.loads((run_folder / f"evaluation{name}.json").read_text()) for name in ("", "-many"))
+    few, many = (
+        json.loads((run_folder / f"evaluation{name}.json").read_text()) for name in ("", "-many")
+    )
     rows = {row["name"]: row for row in many["many"]["rows"]}
     for row in few["fast"]["rows"]:
         if row["name"] in ("solved", "settled", "failed"):
@@ -89,10 +92,25 @@ def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Pat
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
-    assert main(["evaluate", str(run_folder), "--episodes", "3", "--protocol", "original",
-                 "--trajectories"]) == 0
+    assert (
+        main(
+            [
+                "evaluate",
+                str(run_folder),
+                "--episodes",
+                "3",
+                "--protocol",
+                "original",
+                "--trajectories",
+            ]
+        )
+        == 0
+    )
     written = json.loads((run_folder / "evaluation-original.json").read_text())
-    assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == ("floating-platform-shared", 250)
+    assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == (
+        "floating-platform-shared",
+        250,
+    )
     with np.load(run_folder / "episodes-original.npz") as episodes:
         assert episodes["states"].shape == (251, 3, 6)
         assert episodes["PT5"].shape == (3,)
@@ -107,8 +125,15 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
     trainer.save()
     assert main(["evaluate", str(tmp_path / "all"), "--episodes", "2"]) == 0
-    names = {name: {row["name"] for row in json.loads(
-        (tmp_path / "all" / f"evaluation-{name}.json").read_text())["fast"]["rows"]} for name in tasks.tasks}
+    names = {
+        name: {
+            row["name"]
+            for row in json.loads((tmp_path / "all" / f"evaluation-{name}.json").read_text())[
+                "fast"
+            ]["rows"]
+        }
+        for name in tasks.tasks
+    }
     assert "position error" in names["go-to-pose"] - names["track-twist"]
     assert "velocity error" in names["track-twist"] - names["go-to-pose"]
 
@@ -117,7 +142,8 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_the_seed_decides(run_folder: Path) -> None:
     """And results of the other engine stay only beside those of the same episodes."""
-    file, results = run_folder / "evaluation.json", []
+    file = run_folder / "evaluation.json"
+    results = []
     for seed, kept in (("1", False), ("1", True), ("2", False)):
         assert main(["evaluate", str(run_folder), "--episodes", "6", "--seed", seed]) == 0
         written = json.loads(file.read_text())
@@ -127,8 +153,12 @@ def test_the_seed_decides(run_folder: Path) -> None:
     assert results[0] == results[1] != results[2]
 
 
-def test_wrong_arguments(capsys: pytest.CaptureFixture[str], run_folder: Path, tmp_path: Path) -> None:
-    assert "--episodes must be >= 1 and < 2^31, got 0" in refused(capsys, str(run_folder), "--episodes", "0")
+def test_wrong_arguments(
+    capsys: pytest.CaptureFixture[str], run_folder: Path, tmp_path: Path
+) -> None:
+    assert "--episodes must be >= 1 and < 2^31, got 0" in refused(
+        capsys, str(run_folder), "--episodes", "0"
+    )
     assert "is not a run folder" in refused(capsys, str(tmp_path / "nowhere"))
     (run_folder / "policy.zip").write_bytes(b"rubbish")
     assert "policy.zip is damaged" in refused(capsys, str(run_folder))
@@ -138,6 +168,8 @@ def test_wrong_arguments(capsys: pytest.CaptureFixture[str], run_folder: Path, t
 
 def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     answers = iter([False, True])
-    monkeypatch.setattr("rans.evaluation.fly.contestants.judged_separately", lambda _: ["run#a", "run#b"])
+    monkeypatch.setattr(
+        "rans.evaluation.fly.contestants.judged_separately", lambda _: ["run#a", "run#b"]
+    )
     monkeypatch.setattr(Evaluate, "judge", lambda command: next(answers))
     assert Evaluate("run", engine="both").run() == 1

@@ -10,14 +10,16 @@ from rans.cli import main
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
-def test_tells_what_can_be_recovered_and_what_not(capsys: pytest.CaptureFixture[str], tmp_path: Path,
-                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tells_what_can_be_recovered_and_what_not(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "150")
     picture = tmp_path / "faults.svg"
     assert main(["faults", "floating-platform", "--picture", str(picture)]) == 0
     said = capsys.readouterr().out
-    assert [line.split("│")[1:4] for line in said.splitlines() if line.startswith("│ two dead")] == [
-        [" two dead       ", " 16 of 28    ", " 33.3%        "]]
+    assert [
+        line.split("│")[1:4] for line in said.splitlines() if line.startswith("│ two dead")
+    ] == [[" two dead       ", " 16 of 28    ", " 33.3%        "]]
     assert "0+2, 0+5, 0+6, 1+3" in said
     assert "16 of 28 pairs recoverable" in picture.read_text()
 
@@ -30,9 +32,13 @@ def test_refuses_what_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thrusters cannot push")
-def test_one_thruster_is_none_to_do_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_thruster_is_none_to_do_without(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "one.toml"
     whole = to_toml(load_spacecraft("floating-platform"))
     file.write_text("[[thruster]]".join(whole.split("[[thruster]]")[:2]))
     assert main(["faults", str(file)]) == 2
-    assert "has one thruster, which it cannot do without" in " ".join(capsys.readouterr().err.split())
+    assert "has one thruster, which it cannot do without" in " ".join(
+        capsys.readouterr().err.split()
+    )

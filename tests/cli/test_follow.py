@@ -25,8 +25,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return trainer.run.path
 
 
-def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
-                                         capsys: pytest.CaptureFixture[str]) -> None:
+def test_writes_table_numbers_and_figure(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "corner.csv"
     file.write_text("x,y\n0,0\n1,0\n1,1\n")
     assert Follow(str(run), str(file), speed=0.5, flights=3).run() == 0
@@ -51,22 +52,29 @@ def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
 
 
 def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
-    trainer = tiny_trainer(tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128))
+    trainer = tiny_trainer(
+        tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128)
+    )
     trainer.save()
     assert isinstance(load_agent(trainer.run.path).task, GoToPose)
-    with pytest.raises(ConfigError, match=r"only an agent trained for track-velocity .* but poser was"):
+    with pytest.raises(
+        ConfigError, match=r"only an agent trained for track-velocity .* but poser was"
+    ):
         Follow(str(trainer.run.path)).run()
 
 
-@pytest.mark.parametrize(("wrong", "said"), [
-    ({"path": "cirle"}, "no path named 'cirle'"),
-    ({"path": "nowhere.csv"}, "cannot read nowhere.csv"),
-    ({"speed": -1.0}, "the speed must be"),
-    ({"speed": 2.0}, "the speed must be at most the 0.75 m/s"),
-    ({"look_ahead": 0.0}, "the look-ahead must be"),
-    ({"flights": 0}, "--flights must be >= 1 and < 2\\^31, got 0"),
-    ({"path": "helix"}, "the path helix is spatial"),
-])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"path": "cirle"}, "no path named 'cirle'"),
+        ({"path": "nowhere.csv"}, "cannot read nowhere.csv"),
+        ({"speed": -1.0}, "the speed must be"),
+        ({"speed": 2.0}, "the speed must be at most the 0.75 m/s"),
+        ({"look_ahead": 0.0}, "the look-ahead must be"),
+        ({"flights": 0}, "--flights must be >= 1 and < 2\\^31, got 0"),
+        ({"path": "helix"}, "the path helix is spatial"),
+    ],
+)
 def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:
     with pytest.raises(ConfigError, match=said):
         replace(Follow(str(run)), **wrong).run()  # type: ignore[arg-type]

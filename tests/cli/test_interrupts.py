@@ -37,19 +37,31 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
 
 
 @pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize(("moment", "code", "said"), [
-    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
-    ("leaving", None, ""), ("never", 0, "")])
+@pytest.mark.parametrize(
+    ("moment", "code", "said"),
+    [
+        ("loading", -signal.SIGINT, ""),
+        ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
+        ("leaving", None, ""),
+        ("never", 0, ""),
+    ],
+)
 def test_an_interrupt_shows_no_traceback(moment: str, code: int | None, said: str, by: str) -> None:
     """SIGTERM is how the time limit of a cluster's queue interrupts."""
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment, signal=by)],
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(moment=moment, signal=by)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     code = -signal.Signals[by] if code is None else code
     assert (done.returncode, done.stderr) == (code, said)
 
 
 @pytest.mark.parametrize("moment", [0.05, 1e-5])
-def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch, moment: float) -> None:
+def test_an_interrupt_in_a_callback_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, moment: float
+) -> None:
     """Python drops what a weak reference's callback raises; torch's compiler has many of these.
 
     The shorter moment is over before Python is done with dropping, as on a busy machine.
@@ -73,6 +85,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch,
 
 def test_a_second_interrupt_leaves_locks_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """Python takes a condition's lock back on its way out of a wait, and fails if that is interrupted."""
+
     def strike(frame: FrameType, *_: object) -> None:
         if frame.f_code.co_name == "_acquire_restore":
             os.kill(os.getpid(), signal.SIGINT)

@@ -12,8 +12,13 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_users_own_validation_is_not_run(tmp_path: Path) -> None:
     (tmp_path / "validation.py").write_text("raise SystemExit('the wrong one')")
-    done = subprocess.run([sys.executable, "-m", "rans", "validate", "--quick", "--layer", "thrusters"],
-                          cwd=tmp_path, capture_output=True, text=True, check=False,
-                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "validate", "--quick", "--layer", "thrusters"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     assert done.returncode == 0, done.stderr
     assert "checks passed" in done.stdout

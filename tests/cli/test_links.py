@@ -33,24 +33,33 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("command", "place"), [
-    *(("evaluate run --episodes 2", name) for name in ("config.json", "spacecraft.toml", "policy.zip",
-                                                   "evaluation.json")),
-    *(("train --resume run", name) for name in ("metrics.jsonl", "checkpoint.safetensors", "checkpoint.pt",
-                                                ".lock")),
-    ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
-    ("assure run --episodes 8", "assurance.json"),
-    ("export run --output shipped", "metrics.jsonl"),
-    ("report run", "evaluation-of-a-stranger.json"),
-    ("report run", "sweep.svg"),
-    ("sweep --resume sweep", "../sweep/configs.json"),
-    ("sweep --resume sweep", "../sweep/.lock"),
-    ("sweep --resume sweep", "../sweep/batches/0/metrics.jsonl"),
-])
-def test_a_file_that_is_a_link_is_refused(run: Path, command: str, place: str,
-                                          capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        *(
+            ("evaluate run --episodes 2", name)
+            for name in ("config.json", "spacecraft.toml", "policy.zip", "evaluation.json")
+        ),
+        *(
+            ("train --resume run", name)
+            for name in ("metrics.jsonl", "checkpoint.safetensors", "checkpoint.pt", ".lock")
+        ),
+        ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
+        ("assure run --episodes 8", "assurance.json"),
+        ("export run --output shipped", "metrics.jsonl"),
+        ("report run", "evaluation-of-a-stranger.json"),
+        ("report run", "sweep.svg"),
+        ("sweep --resume sweep", "../sweep/configs.json"),
+        ("sweep --resume sweep", "../sweep/.lock"),
+        ("sweep --resume sweep", "../sweep/batches/0/metrics.jsonl"),
+    ],
+)
+def test_a_file_that_is_a_link_is_refused(
+    run: Path, command: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Before anything is read from it or added to it; a copy would do what the link does, if it could."""
-    link, outside = run / place, Path("outside")
+    link = run / place
+    outside = Path("outside")
     shutil.copy(link, outside) if link.exists() else outside.write_text("mine")
     before = outside.read_bytes()
     link.unlink(missing_ok=True)
@@ -61,23 +70,29 @@ def test_a_file_that_is_a_link_is_refused(run: Path, command: str, place: str,
     assert outside.read_bytes() == before
 
 
-@pytest.mark.parametrize(("command", "place"), [
-    ("train --resume run", "tensorboard"),
-    ("sweep --resume sweep", "../sweep/batches"),
-    ("sweep --resume sweep", "../sweep/batches/0"),
-    ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
-    ("sweep --resume sweep", "../sweep/best"),
-    ("stress run --episodes 2 --only latency", "stress"),
-])
-def test_a_folder_that_is_a_link_is_refused(run: Path, command: str, place: str,
-                                            capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "place"),
+    [
+        ("train --resume run", "tensorboard"),
+        ("sweep --resume sweep", "../sweep/batches"),
+        ("sweep --resume sweep", "../sweep/batches/0"),
+        ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
+        ("sweep --resume sweep", "../sweep/best"),
+        ("stress run --episodes 2 --only latency", "stress"),
+    ],
+)
+def test_a_folder_that_is_a_link_is_refused(
+    run: Path, command: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     outside = Path("outside")
     outside.mkdir()
     link = run / place
     shutil.rmtree(link, ignore_errors=True)
     link.symlink_to(outside.absolute())
     assert main(command.split()) == 2
-    assert f"{os.path.normpath(link)} is a symbolic link" in " ".join(capsys.readouterr().err.split())
+    assert f"{os.path.normpath(link)} is a symbolic link" in " ".join(
+        capsys.readouterr().err.split()
+    )
     assert not list(outside.iterdir())
 
 

@@ -45,10 +45,18 @@ def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_an_agent_of_several_tasks_is_as_good_as_its_worst_and_best() -> None:
-    card = {"evaluation": {"own": {"a": {"solved": [99.02, 98.0, 99.5, "%"]},
-                                   "b": {"solved": [100.0, 100.0, 100.0, "%"]}}}}
+    card = {
+        "evaluation": {
+            "own": {
+                "a": {"solved": [99.02, 98.0, 99.5, "%"]},
+                "b": {"solved": [100.0, 100.0, 100.0, "%"]},
+            }
+        }
+    }
     assert _solved(card) == "99.02 to 100 %"
-    assert _solved({"evaluation": {"own": {"": {"solved": [99.8765, 99.0, 100.0, "%"]}}}}) == "99.88 %"
+    assert (
+        _solved({"evaluation": {"own": {"": {"solved": [99.8765, 99.0, 100.0, "%"]}}}}) == "99.88 %"
+    )
 
 
 @pytest.mark.parametrize("name", spacecraft_names())
@@ -81,7 +89,10 @@ def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 
 def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys, "go-to-pose")
-    for field, meaning in (("spawn_distance", "0.5, 4.5"), ("fail_distance", "An episode fails beyond")):
+    for field, meaning in (
+        ("spawn_distance", "0.5, 4.5"),
+        ("fail_distance", "An episode fails beyond"),
+    ):
         assert field in text
         assert meaning in text
     for column in (*observation_columns(GoToPose(), 2), *observation_columns(GoToPose(), 3)):
@@ -90,7 +101,11 @@ def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
     text = refused(capsys, "floating-plattform")
-    for part in ("'floating-plattform' (did you mean floating-platform?)", "`rans list` tells all", ".toml"):
+    for part in (
+        "'floating-plattform' (did you mean floating-platform?)",
+        "`rans list` tells all",
+        ".toml",
+    ):
         assert part in text
 
 
@@ -118,83 +133,123 @@ class Bare:
 WINDY = Conditions(description="windy")
 
 
-@pytest.mark.parametrize(("name", "told"), [
-    ("tests.cli.test_list:Own", "Of a module that is nowhere enrolled"),
-    ("tests.cli.test_list:Own", "SpacecraftEnv('tests.cli.test_list:Own', 2)"),
-    ("tests.cli.test_list:WINDY", 'description = "windy"'),
-    ("tests.cli.test_list:Bare", "no docstring"),
-    ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
-    ("tests.crafts:nasty_planar", "Thrusters")])
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("tests.cli.test_list:Own", "Of a module that is nowhere enrolled"),
+        ("tests.cli.test_list:Own", "SpacecraftEnv('tests.cli.test_list:Own', 2)"),
+        ("tests.cli.test_list:WINDY", 'description = "windy"'),
+        ("tests.cli.test_list:Bare", "no docstring"),
+        ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
+        ("tests.crafts:nasty_planar", "Thrusters"),
+    ],
+)
 def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:
     assert told in listed(capsys, name)
 
 
 def test_what_no_module_has(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "nowhere_at_all:x cannot be shown: ModuleNotFoundError" in refused(capsys, "nowhere_at_all:x")
+    assert "nowhere_at_all:x cannot be shown: ModuleNotFoundError" in refused(
+        capsys, "nowhere_at_all:x"
+    )
 
 
 def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere.toml" in refused(capsys, "nowhere.toml")
 
 
-@pytest.mark.parametrize(("ending", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str, magic: bytes) -> None:
+@pytest.mark.parametrize(
+    ("ending", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
+)
+def test_picture(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str, magic: bytes
+) -> None:
     file = tmp_path / f"x.{ending}"
     assert str(file) in listed(capsys, "free-flyer", "--picture", str(file)).replace("\n", "")
     assert file.read_bytes().startswith(magic)
 
 
 def test_wrong_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert ".png, .svg or .pdf" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "x.gif"))
+    assert ".png, .svg or .pdf" in refused(
+        capsys, "free-flyer", "--picture", str(tmp_path / "x.gif")
+    )
     (tmp_path / "file").touch()
-    assert "cannot write" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "file" / "x.png"))
+    assert "cannot write" in refused(
+        capsys, "free-flyer", "--picture", str(tmp_path / "file" / "x.png")
+    )
     assert "name it" in refused(capsys, "--picture", "x.png")
     assert "name it" in refused(capsys, "go-to-pose", "--picture", "x.png")
 
 
-@pytest.mark.parametrize(("direction", "mark"), [
-    ((1.0, 0.0, 0.0), "→"), ((0.6, 0.8, 0.0), "↗"), ((0.0, 1.0, 0.0), "↑"), ((-0.8, 0.6, 0.0), "↖"),
-    ((-1.0, 0.0, 0.0), "←"), ((-0.6, -0.8, 0.0), "↙"), ((0.0, -1.0, 0.0), "↓"), ((0.8, -0.6, 0.0), "↘"),
-    ((0.0, 0.0, 1.0), "⊙"), ((0.0, 0.0, -1.0), "⊗"),
-])
+@pytest.mark.parametrize(
+    ("direction", "mark"),
+    [
+        ((1.0, 0.0, 0.0), "→"),
+        ((0.6, 0.8, 0.0), "↗"),
+        ((0.0, 1.0, 0.0), "↑"),
+        ((-0.8, 0.6, 0.0), "↖"),
+        ((-1.0, 0.0, 0.0), "←"),
+        ((-0.6, -0.8, 0.0), "↙"),
+        ((0.0, -1.0, 0.0), "↓"),
+        ((0.8, -0.6, 0.0), "↘"),
+        ((0.0, 0.0, 1.0), "⊙"),
+        ((0.0, 0.0, -1.0), "⊗"),
+    ],
+)
 def test_arrow_of_a_force(direction: tuple[float, float, float], mark: str) -> None:
     with pytest.warns(UserWarning, match="cannot push"):
-        craft = Spacecraft("one", 3, 1.0, UNIT_INERTIA, (Thruster((0.0, 0.3, 0.0), direction, 1.0),))
+        craft = Spacecraft(
+            "one", 3, 1.0, UNIT_INERTIA, (Thruster((0.0, 0.3, 0.0), direction, 1.0),)
+        )
     lines = layout_text(craft).splitlines()
     rows = [line for line in lines if f"0{mark}" in line]
     assert len(rows) == 1
     assert lines.index(rows[0]) < next(i for i, line in enumerate(lines) if "+" in line)  # y is up
 
 
-@pytest.mark.parametrize("craft", [load_spacecraft("free-flyer"), nasty_planar(), nasty_spatial()],
-                         ids=lambda craft: craft.name)
+@pytest.mark.parametrize(
+    "craft",
+    [load_spacecraft("free-flyer"), nasty_planar(), nasty_spatial()],
+    ids=lambda craft: craft.name,
+)
 def test_no_thruster_hides_another(craft: Spacecraft) -> None:
     text = layout_text(craft)
     for letter in "→↗↑↖←↙↓↘⊙⊗":
         text = text.replace(letter, " ")
     assert sorted(int(word) for word in text.replace("·", " ").replace("+", " ").split()) == list(
-        range(len(craft.thrusters)))
+        range(len(craft.thrusters))
+    )
 
 
 def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """At (0.3, 0.1) of a craft whose centre of mass is at (0.1, 0), 2 N along y: 0.2 m times 2 N."""
     file = tmp_path / "one.toml"
-    file.write_text('name = "one"\ndimension = 2\nmass = 4.5\ninertia = 0.25\nradius = 0.4\n'
-                    "centre_of_mass = [0.1, 0.0]\n"
-                    "[[thruster]]\nposition = [0.3, 0.1]\ndirection = [0.0, 1.0]\nforce = 2.0\n")
+    file.write_text(
+        'name = "one"\ndimension = 2\nmass = 4.5\ninertia = 0.25\nradius = 0.4\n'
+        "centre_of_mass = [0.1, 0.0]\n"
+        "[[thruster]]\nposition = [0.3, 0.1]\ndirection = [0.0, 1.0]\nforce = 2.0\n"
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # one thruster cannot steer
         text = listed(capsys, str(file))
-    rows = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]] for line in text.splitlines()]
+    rows = [
+        [cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
+        for line in text.splitlines()
+    ]
     assert ["thruster", "position, m", "direction", "force, N", "torque, N m"] in rows
     assert ["0", "0.3 0.1", "0 1", "2", "0.4"] in rows
-    for row in (["mass", "4.5 kg"], ["outer radius", "0.4 m"], ["centre of mass, m", "0.1 0"],
-                ["thrust sharing", "none"]):
+    for row in (
+        ["mass", "4.5 kg"],
+        ["outer radius", "0.4 m"],
+        ["centre of mass, m", "0.1 0"],
+        ["thrust sharing", "none"],
+    ):
         assert row in rows
 
 
-def test_a_file_of_conditions_is_known_from_a_spacecraft(capsys: pytest.CaptureFixture[str],
-                                                         tmp_path: Path) -> None:
+def test_a_file_of_conditions_is_known_from_a_spacecraft(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
     assert listed(capsys, str(file)) == file.read_text()
@@ -217,8 +272,12 @@ def test_json_has_numbers_as_numbers(capsys: pytest.CaptureFixture[str]) -> None
 
 def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys, "go-to-pose")
-    for told in ("0.5 exp(-position / 1.5)", "settings.thrust_weight", "Too far away",
-                 "125 control periods of 0.2 s"):
+    for told in (
+        "0.5 exp(-position / 1.5)",
+        "settings.thrust_weight",
+        "Too far away",
+        "125 control periods of 0.2 s",
+    ):
         assert told in text
     assert "ppo.n_envs" in listed(capsys, "TRAINING")
 

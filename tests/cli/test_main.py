@@ -26,11 +26,46 @@ from rans.errors import ConfigError
 from rans.files import read_text, write_text
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
-OPTIONS = ["--seed", "--episodes", "--engine", "--set", "--device", "--total-timesteps", "--num-envs",
-           "--picture", "--quick", "--help", "--version", *MISSPELT]
-VALUES = ["-1", "0", "1e400", "nan", "", " ", "go-to-pose", "go-to-mars", "x=", "=", "ppo.n_steps=0",
-          "settings=3", "cpu", "cuda:99", "tpu", "drake", "\N{ROCKET}", "a\nb", "[red]", "{}", "%s", "../..",
-          "--", "\udcff"]
+OPTIONS = [
+    "--seed",
+    "--episodes",
+    "--engine",
+    "--set",
+    "--device",
+    "--total-timesteps",
+    "--num-envs",
+    "--picture",
+    "--quick",
+    "--help",
+    "--version",
+    *MISSPELT,
+]
+VALUES = [
+    "-1",
+    "0",
+    "1e400",
+    "nan",
+    "",
+    " ",
+    "go-to-pose",
+    "go-to-mars",
+    "x=",
+    "=",
+    "ppo.n_steps=0",
+    "settings=3",
+    "cpu",
+    "cuda:99",
+    "tpu",
+    "drake",
+    "\N{ROCKET}",
+    "a\nb",
+    "[red]",
+    "{}",
+    "%s",
+    "../..",
+    "--",
+    "\udcff",
+]
 
 
 def code_of(arguments: list[str]) -> int:
@@ -57,18 +92,30 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
 
 def test_letters_that_the_output_does_not_know() -> None:
     """As where PYTHONIOENCODING is ascii: 95 % intervals have a sign that it lacks."""
-    told = subprocess.run([sys.executable, "-m", "rans", "list", "atmos"], check=True, capture_output=True,
-                          env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    told = subprocess.run(
+        [sys.executable, "-m", "rans", "list", "atmos"],
+        check=True,
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+    )
     assert b"atmos" in told.stdout
     assert b"?" in told.stdout
     assert told.stderr == b""
 
 
-@pytest.mark.parametrize(("option", "kind"), [
-    (["train", "--seed"], "a whole number"), (["sweep", "--seeds"], "a whole number"),
-    (["assure", "x", "--failure-below"], "a number"), (["compare", "x", "--budget"], "a number"),
-    (["benchmark", "--num-envs", "16"], "a whole number")])
-def test_what_is_no_number(option: list[str], kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("option", "kind"),
+    [
+        (["train", "--seed"], "a whole number"),
+        (["sweep", "--seeds"], "a whole number"),
+        (["assure", "x", "--failure-below"], "a number"),
+        (["compare", "x", "--budget"], "a number"),
+        (["benchmark", "--num-envs", "16"], "a whole number"),
+    ],
+)
+def test_what_is_no_number(
+    option: list[str], kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """None or not, one or many: told in our words, without Python's types and functions."""
     assert code_of([*option, "x1"]) == 2
     said = " ".join(capsys.readouterr().err.replace("│", " ").split())
@@ -94,14 +141,25 @@ def test_no_output_at_all(arguments: list[str], monkeypatch: pytest.MonkeyPatch)
 def shell(line: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
     """What a line of Bash does, in which $RANS is the command."""
     known = {"RANS": f"{sys.executable} -P -m rans", "PYTHONPATH": str(Path(__file__).parents[2])}
-    return subprocess.run(["bash", "-c", line], cwd=folder, capture_output=True, check=False,
-                          env=os.environ | known | environment)
+    return subprocess.run(
+        ["bash", "-c", line],
+        cwd=folder,
+        capture_output=True,
+        check=False,
+        env=os.environ | known | environment,
+    )
 
 
-@pytest.mark.parametrize(("line", "code"), [
-    ("$RANS --help >&-", 0), ("$RANS list >&- 2>&- <&-", 0), ("$RANS evalute >&- 2>&-", 2),
-    # Its reader waits until it has left, so that the pipe is broken when something is written.
-    ("exec 3> >(:); wait $!; $RANS --help >&3", 1)])
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("$RANS --help >&-", 0),
+        ("$RANS list >&- 2>&- <&-", 0),
+        ("$RANS evalute >&- 2>&-", 2),
+        # Its reader waits until it has left, so that the pipe is broken when something is written.
+        ("exec 3> >(:); wait $!; $RANS --help >&3", 1),
+    ],
+)
 def test_closed_streams(line: str, code: int, tmp_path: Path) -> None:
     done = shell(line, tmp_path)
     assert (done.returncode, done.stderr) == (code, b"")
@@ -115,8 +173,9 @@ def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path: Path) -> 
 
 def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> None:
     """Drake does not load there."""
-    done = shell("$RANS validate --quick --layer thrusters --output é",
-                 tmp_path, LC_ALL="C", PYTHONUTF8="0")
+    done = shell(
+        "$RANS validate --quick --layer thrusters --output é", tmp_path, LC_ALL="C", PYTHONUTF8="0"
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     assert (tmp_path / "é" / "validation.html").exists()
 
@@ -137,71 +196,102 @@ def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 @pytest.mark.parametrize("columns", [60, 80])
-def test_help_fits_and_keeps_words_whole(command: str, columns: int, monkeypatch: pytest.MonkeyPatch,
-                                         capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_fits_and_keeps_words_whole(
+    command: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     assert code_of([*command.split(), "--help"]) == 0
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= columns
     assert "╭─ options" in printed
-    about = cli._ABOUT if not command else importlib.import_module(f"rans.cli.{command}").__dict__[
-        command.capitalize()].__doc__
+    about = (
+        cli._ABOUT
+        if not command
+        else importlib.import_module(f"rans.cli.{command}").__dict__[command.capitalize()].__doc__
+    )
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
 
 
 def test_help_of_an_option_is_one_paragraph() -> None:
     """The second line of its text in the source began a line of its own."""
-    done = subprocess.run([sys.executable, "-m", "rans", "compare", "--help"], capture_output=True, text=True,
-                          env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"}, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "compare", "--help"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"},
+        check=True,
+    )
     lines = [line.strip("│ ") for line in done.stdout.splitlines()]
     assert "with a knob, all others, and the certified front. (default:" in lines
 
 
 @pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])
-def test_an_option_twice_is_told(second: list[str], tmp_path: Path,
-                                 capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_option_twice_is_told(
+    second: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The last counts, as everywhere: whoever has an alias may go on."""
-    assert main(["compare", "pretrained:nobody", "--positions", "3", *second, "--output", str(tmp_path)]) == 2
-    assert "warning: '--positions' is given twice; what stands last counts" in capsys.readouterr().err
+    assert (
+        main(
+            ["compare", "pretrained:nobody", "--positions", "3", *second, "--output", str(tmp_path)]
+        )
+        == 2
+    )
+    assert (
+        "warning: '--positions' is given twice; what stands last counts" in capsys.readouterr().err
+    )
 
 
 def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(["evalute", "runs/first"]) == 2
     told = capsys.readouterr().err
-    assert told.startswith("rans: there is no command 'evalute' (did you mean evaluate?); commands are train")
+    assert told.startswith(
+        "rans: there is no command 'evalute' (did you mean evaluate?); commands are train"
+    )
     assert told.count("\n") == 1
 
 
-def test_on_a_terminal_sentences_break_between_words(monkeypatch: pytest.MonkeyPatch,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:
+def test_on_a_terminal_sentences_break_between_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     assert code_of(["evalute"]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert max(map(len, lines)) <= 40
     assert len(lines) > 3
-    assert "there is no command 'evalute' (did you mean evaluate?)" in " ".join(map(str.strip, lines))
+    assert "there is no command 'evalute' (did you mean evaluate?)" in " ".join(
+        map(str.strip, lines)
+    )
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_its_options(command: str, monkeypatch: pytest.MonkeyPatch,
-                                            capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_explains_its_options(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
     assert code_of([command, "--help"]) == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
     described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
     assert f"usage: rans {command}" in printed
-    for explanation in re.findall(r'\n    """(.*?)"""', inspect.getsource(described), re.DOTALL)[1:]:
+    for explanation in re.findall(r'\n    """(.*?)"""', inspect.getsource(described), re.DOTALL)[
+        1:
+    ]:
         assert " ".join(explanation.replace("`", "").split()) in printed
 
 
 def test_bash_completes_options_and_not_the_words_that_explain_them(tmp_path: Path) -> None:
     script = tmp_path / "completion.bash"
-    written = subprocess.run([sys.executable, "-m", "rans", "--tyro-print-completion", "bash"],
-                             capture_output=True, text=True, check=True)
+    written = subprocess.run(
+        [sys.executable, "-m", "rans", "--tyro-print-completion", "bash"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     script.write_text(written.stdout)
-    ask = (f"source {script}; COMP_WORDS=(rans evaluate --pro); COMP_CWORD=2; "
-           '_tyro_rans rans --pro evaluate; printf "%s\\n" "${COMPREPLY[@]}"')
+    ask = (
+        f"source {script}; COMP_WORDS=(rans evaluate --pro); COMP_CWORD=2; "
+        '_tyro_rans rans --pro evaluate; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
     found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
     assert found.stdout.splitlines() == ["--protocol"]
 
@@ -212,8 +302,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_module_is_the_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "rans", "--version"], capture_output=True, text=True,
-                          check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "--version"], capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"rans {version('rans')}\n"
 
 
@@ -228,42 +319,78 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
     assert "--seed" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("error", "code", "said"), [
-    (ConfigError("the mass must be > 0 kg, got -1."), 2, "rans: the mass must be > 0 kg, got -1.\n"),
-    (OSError(28, "No space left on device", "metrics.jsonl"), 2,
-     "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n"),
-    (OverflowError("int too large to convert to float"), 2,
-     "rans: a number is too large to compute with: int too large to convert to float.\n"),
-    (RuntimeError("DefaultCPUAllocator: can't allocate memory:\nyou tried"), 2,
-     "rans: out of memory, fewer at once may do: DefaultCPUAllocator: can't allocate memory:.\n"),
-    (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."), 2,
-     "rans: out of memory, fewer at once may do: CUDA out of memory. Tried to allocate 2 GiB.\n"),
-    (ConfigError("\x1b[31m" + "x" * 10**7), 2,
-     "rans: \\x1b[31m" + "x" * (2000 - 5) + f" ... (10,000,005 characters) ... {'x' * 2000}\n"),
-    (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
-    (InductorError(ImportError("kept/c.main.so: file too short"), None), 2,
-     "rans: torch's compiler cannot load what it has kept: ImportError: kept/c.main.so: file too short. The "
-     "usual cause is a process that writes it, or was ended as it did: try again, or delete that file.\n"),
-    (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
-])
-def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch,
-                              capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (
+            ConfigError("the mass must be > 0 kg, got -1."),
+            2,
+            "rans: the mass must be > 0 kg, got -1.\n",
+        ),
+        (
+            OSError(28, "No space left on device", "metrics.jsonl"),
+            2,
+            "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n",
+        ),
+        (
+            OverflowError("int too large to convert to float"),
+            2,
+            "rans: a number is too large to compute with: int too large to convert to float.\n",
+        ),
+        (
+            RuntimeError("DefaultCPUAllocator: can't allocate memory:\nyou tried"),
+            2,
+            "rans: out of memory, fewer at once may do: DefaultCPUAllocator: can't allocate memory:.\n",
+        ),
+        (
+            torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."),
+            2,
+            "rans: out of memory, fewer at once may do: CUDA out of memory. Tried to allocate 2 GiB.\n",
+        ),
+        (
+            ConfigError("\x1b[31m" + "x" * 10**7),
+            2,
+            "rans: \\x1b[31m"
+            + "x" * (2000 - 5)
+            + f" ... (10,000,005 characters) ... {'x' * 2000}\n",
+        ),
+        (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
+        (
+            InductorError(ImportError("kept/c.main.so: file too short"), None),
+            2,
+            "rans: torch's compiler cannot load what it has kept: ImportError: kept/c.main.so: file too short. The "
+            "usual cause is a process that writes it, or was ended as it did: try again, or delete that file.\n",
+        ),
+        (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
+    ],
+)
+def test_ends_with_a_sentence(
+    error: BaseException,
+    code: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     broken(monkeypatch, error)
     assert main(["list"]) == code
     assert capsys.readouterr() == ("", said)
 
 
 def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    for error in (ZeroDivisionError(), RuntimeError("shapes differ"),
-                  RuntimeError("Please use tensor.pin_memory() or allocate the tensor with pin_memory=True")):
+    for error in (
+        ZeroDivisionError(),
+        RuntimeError("shapes differ"),
+        RuntimeError("Please use tensor.pin_memory() or allocate the tensor with pin_memory=True"),
+    ):
         broken(monkeypatch, error)
         with pytest.raises(type(error)):
             main(["list"])
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_warning_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
-                                   capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_warning_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     class Warns:
         def run(self) -> int:
             warnings.warn("its thrusters\n  cannot turn \x1b[31mit.", stacklevel=2)
@@ -278,10 +405,14 @@ def test_a_warning_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
 
 def test_python_hardly_looks_for_garbage() -> None:
     """Nor does it at the end; by default it looks almost 200 times while this command's parts are loaded."""
-    program = ("import gc, sys, rans_command; sys.argv = ['rans', 'list']; before = gc.get_freeze_count(); "
-               "rans_command.main(); looks = sum(age['collections'] for age in gc.get_stats()); "
-               "print(looks < 50, gc.get_freeze_count() > before + 10_000)")
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    program = (
+        "import gc, sys, rans_command; sys.argv = ['rans', 'list']; before = gc.get_freeze_count(); "
+        "rans_command.main(); looks = sum(age['collections'] for age in gc.get_stats()); "
+        "print(looks < 50, gc.get_freeze_count() > before + 10_000)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "True True"
 
 
@@ -291,14 +422,20 @@ def test_a_reader_who_leaves_is_no_error() -> None:
         reader, writer = os.pipe()
         os.close(reader)
         environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
-        done = subprocess.run([sys.executable, "-m", "rans", "--version"], stdout=writer,
-                              stderr=subprocess.PIPE, env=environment, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "rans", "--version"],
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            env=environment,
+            check=False,
+        )
         os.close(writer)
         assert (done.returncode, done.stderr) == (1, b"")
 
 
-def test_any_line_ends_with_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                       capfd: pytest.CaptureFixture[str]) -> None:
+def test_any_line_ends_with_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     """200 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
     monkeypatch.chdir(tmp_path)
     wrong = wrong_places(tmp_path)
@@ -330,10 +467,18 @@ def random_line(draw: random.Random, wrong: list[str]) -> list[str]:
 def wrong_places(folder: Path) -> list[str]:
     """Files and folders that are neither a spacecraft nor a run."""
     (folder / "empty").mkdir()
-    contents = {"binary.toml": b"\xff\x00", "empty.toml": b"", "list.json": b"[]", "half.json": b'{"task": ',
-                "damaged/config.json": b'{"task": "go-to-pose", "ppo": 3}', "number/config.json": b"3",
-                "damaged/compare.json": b'{"summary": [{"kind": 1}]}', "number/metrics.jsonl": b"3\n4\n",
-                "half/config.json": b"{", "half/spacecraft.toml": b"mass = -1"}
+    contents = {
+        "binary.toml": b"\xff\x00",
+        "empty.toml": b"",
+        "list.json": b"[]",
+        "half.json": b'{"task": ',
+        "damaged/config.json": b'{"task": "go-to-pose", "ppo": 3}',
+        "number/config.json": b"3",
+        "damaged/compare.json": b'{"summary": [{"kind": 1}]}',
+        "number/metrics.jsonl": b"3\n4\n",
+        "half/config.json": b"{",
+        "half/spacecraft.toml": b"mass = -1",
+    }
     for name, content in contents.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(content)

@@ -16,8 +16,20 @@ def run(*arguments: str) -> int:
 
 
 def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert run("go-to-position", "--episodes", "2", "--objective", "time", "--intervals", "12",
-               "--output", str(tmp_path)) == 0
+    assert (
+        run(
+            "go-to-position",
+            "--episodes",
+            "2",
+            "--objective",
+            "time",
+            "--intervals",
+            "12",
+            "--output",
+            str(tmp_path),
+        )
+        == 0
+    )
     text = capsys.readouterr().out
     assert "2 of 2 solved and flown in Drake" in text
     written = json.loads((tmp_path / "optimal.json").read_text())
@@ -25,19 +37,54 @@ def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert np.load(tmp_path / "optimal.npz")["commands"].shape == (2, 12, 8)
 
 
-@pytest.mark.parametrize(("objective", "measure"), [
-    ("fuel", "fuel N s"), ("energy", "energy N^2 s"), ("tracking", "cost s"), ("reward", "minus return")])
+@pytest.mark.parametrize(
+    ("objective", "measure"),
+    [
+        ("fuel", "fuel N s"),
+        ("energy", "energy N^2 s"),
+        ("tracking", "cost s"),
+        ("reward", "minus return"),
+    ],
+)
 def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
-    assert run("track-velocity", "--episodes", "1", "--objective", objective, "--horizon", "4",
-               "--control-period", "0.5", "--output", str(tmp_path)) == 0
+    assert (
+        run(
+            "track-velocity",
+            "--episodes",
+            "1",
+            "--objective",
+            objective,
+            "--horizon",
+            "4",
+            "--control-period",
+            "0.5",
+            "--output",
+            str(tmp_path),
+        )
+        == 0
+    )
     assert json.loads((tmp_path / "optimal.json").read_text())["measure"] == measure
 
 
-def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture[str],
-                                                   tmp_path: Path) -> None:
+def test_lost_starts_are_told_and_the_rest_is_made(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     """1.8 s is too short from 3 m; bounds are printed all the same."""
-    assert run("go-to-pose", "--episodes", "2", "--horizon", "1.8", "--certify", "--spacecraft",
-               "free-flyer-shared", "--output", str(tmp_path)) == 1
+    assert (
+        run(
+            "go-to-pose",
+            "--episodes",
+            "2",
+            "--horizon",
+            "1.8",
+            "--certify",
+            "--spacecraft",
+            "free-flyer-shared",
+            "--output",
+            str(tmp_path),
+        )
+        == 1
+    )
     text = " ".join(capsys.readouterr().out.split())
     assert "Start 0, 1: nothing found that arrives" in text
     assert "No on/off certificate" in text
@@ -45,20 +92,37 @@ def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture
     assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (("go-to-nowhere",), "there is no task named 'go-to-nowhere'"),
-    (("multi-task",), "judged on each of its tasks"),
-    (("go-to-pose", "--episodes", "0"), "--episodes must be >= 1 and < 2^31, got 0"),
-    (("go-to-pose", "--horizon", "-3"), "horizon must be a finite number > 0 s, got -3"),
-    (("go-to-pose", "--intervals", "0"), "--intervals must be >= 1 and < 2^31, got 0"),
-    (("go-to-pose", "--certify-seconds", "nan"), "--certify-seconds must be > 0, got nan"),
-    (("go-to-pose", "--horizon", "0"), "horizon must be a finite number > 0 s, got 0"),
-    (("go-to-pose", "--objective", "reward", "--certify"), "--certify bounds fuel and time only"),
-    (("go-to-pose", "--objective", "time", "--horizon", "5"), "horizon is what the objective time looks for"),
-    (("go-to-pose", "--objective", "reward", "--ending", "set"), "the ending set is for fuel, time"),
-])
-def test_mistakes_are_one_sentence(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...],
-                                   message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("go-to-nowhere",), "there is no task named 'go-to-nowhere'"),
+        (("multi-task",), "judged on each of its tasks"),
+        (("go-to-pose", "--episodes", "0"), "--episodes must be >= 1 and < 2^31, got 0"),
+        (("go-to-pose", "--horizon", "-3"), "horizon must be a finite number > 0 s, got -3"),
+        (("go-to-pose", "--intervals", "0"), "--intervals must be >= 1 and < 2^31, got 0"),
+        (("go-to-pose", "--certify-seconds", "nan"), "--certify-seconds must be > 0, got nan"),
+        (("go-to-pose", "--horizon", "0"), "horizon must be a finite number > 0 s, got 0"),
+        (
+            ("go-to-pose", "--objective", "reward", "--certify"),
+            "--certify bounds fuel and time only",
+        ),
+        (
+            ("go-to-pose", "--objective", "time", "--horizon", "5"),
+            "horizon is what the objective time looks for",
+        ),
+        (
+            ("go-to-pose", "--objective", "reward", "--ending", "set"),
+            "the ending set is for fuel, time",
+        ),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """And leave no empty folder."""
     monkeypatch.chdir(tmp_path)
     assert run(*arguments) == 2
@@ -69,12 +133,22 @@ def test_mistakes_are_one_sentence(capsys: pytest.CaptureFixture[str], arguments
 
 
 def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each answer counts its guesses; the questions are looked at, not answered."""
     asked: list[Any] = []
-    monkeypatch.setattr("rans.evaluation.compare.bounds.bounds", lambda *given: asked.append(given) or ())
-    options = ["--episodes=1", "--guesses=2", "--horizon=8", "--control-period=0.5", "--certify",
-               "--certify-seconds=3.5", "--seed=4"]
+    monkeypatch.setattr(
+        "rans.evaluation.compare.bounds.bounds", lambda *given: asked.append(given) or ()
+    )
+    options = [
+        "--episodes=1",
+        "--guesses=2",
+        "--horizon=8",
+        "--control-period=0.5",
+        "--certify",
+        "--certify-seconds=3.5",
+        "--seed=4",
+    ]
     assert run("go-to-position", *options, "--output", str(tmp_path)) == 0
     written = json.loads((tmp_path / "optimal.json").read_text())
     assert (written["starts"][0]["attempts"], written["seed"]) == (2, 4)

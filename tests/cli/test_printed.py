@@ -39,48 +39,108 @@ def split(text: str) -> list[list[str]]:
 
 
 def test_progress_of_a_training() -> None:
-    row = {"steps": 1_500_000, "success": 0.256, "steps_per_s": 250_000.0, "return/position": 12.4,
-           "return/attitude": 3.6}
-    assert describe(row, 4_000_000) == "1.50 M steps, success 25.6%, return 16, 0.25 M/s, 0:00:10 left"
+    row = {
+        "steps": 1_500_000,
+        "success": 0.256,
+        "steps_per_s": 250_000.0,
+        "return/position": 12.4,
+        "return/attitude": 3.6,
+    }
+    assert (
+        describe(row, 4_000_000) == "1.50 M steps, success 25.6%, return 16, 0.25 M/s, 0:00:10 left"
+    )
     assert describe(row, 1_000_000).endswith("0:00:00 left")
     assert describe_terms(row) == "return of 1.50 M steps: position 12 attitude 4"
 
 
-@pytest.mark.parametrize(("stopped", "solved", "share", "ending"), [
-    (True, True, 0.99, "Stopped"), (False, True, 0.99, "Solved"), (False, False, None, "Done"),
-    (False, False, 0.99, "Out of steps, not solved")])
-def test_the_end_of_a_training(stopped: bool, solved: bool, share: float | None, ending: str) -> None:
+@pytest.mark.parametrize(
+    ("stopped", "solved", "share", "ending"),
+    [
+        (True, True, 0.99, "Stopped"),
+        (False, True, 0.99, "Solved"),
+        (False, False, None, "Done"),
+        (False, False, 0.99, "Out of steps, not solved"),
+    ],
+)
+def test_the_end_of_a_training(
+    stopped: bool, solved: bool, share: float | None, ending: str
+) -> None:
     trainer: Any = SimpleNamespace(
-        run=SimpleNamespace(path=Path("runs/a b")), solved=solved, warm_up=2.5, seconds=4.0, rate=123_456.0,
+        run=SimpleNamespace(path=Path("runs/a b")),
+        solved=solved,
+        warm_up=2.5,
+        seconds=4.0,
+        rate=123_456.0,
         learner=SimpleNamespace(by_hand=None),
-        config=SimpleNamespace(solved_share=share), steps=500_000)
+        config=SimpleNamespace(solved_share=share),
+        steps=500_000,
+    )
     text = training._summary(trainer, 1000, stopped, 9.0)
-    assert text.startswith(f"{ending} after 500,000 steps: 4.0 s of training (123,456 steps/s) after 2.5 s "
-                           "of warm-up, 9.0 s in all. The agent is runs/a b/policy.zip.")
+    assert text.startswith(
+        f"{ending} after 500,000 steps: 4.0 s of training (123,456 steps/s) after 2.5 s "
+        "of warm-up, 9.0 s in all. The agent is runs/a b/policy.zip."
+    )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
     assert ("Another --seed may solve it" in text) is (ending == "Out of steps, not solved")
 
 
 def swept() -> Any:
     """Two members: one solved, one diverged; 5 cm and 0.1 rad."""
-    rows = [{"steps": 2_000_000, "seconds": 3.0, "success": 0.5, "duty": 0.25, "steps_per_s": 4e5,
-             "error/position": 0.05, "error/attitude": 0.1}]
+    rows = [
+        {
+            "steps": 2_000_000,
+            "seconds": 3.0,
+            "success": 0.5,
+            "duty": 0.25,
+            "steps_per_s": 4e5,
+            "error/position": 0.05,
+            "error/attitude": 0.1,
+        }
+    ]
     members = [SimpleNamespace(rows=rows, solved=k == 0) for k in range(3)]
     members[1].rows = [rows[0] | {"steps": 1_000_000, "success": 0.75}]
     members[2].rows = [rows[0] | {"success": 1.0}]
-    results = [{"member": k, "seed": 10 + k, "ppo.gamma": 0.9, "solved": m.solved, "diverged": k == 1,
-                **m.rows[-1]} for k, m in enumerate(members)]
-    return SimpleNamespace(members=members, varied=["ppo.gamma"], results=lambda: results,
-                           best=lambda: members[0])
+    results = [
+        {
+            "member": k,
+            "seed": 10 + k,
+            "ppo.gamma": 0.9,
+            "solved": m.solved,
+            "diverged": k == 1,
+            **m.rows[-1],
+        }
+        for k, m in enumerate(members)
+    ]
+    return SimpleNamespace(
+        members=members, varied=["ppo.gamma"], results=lambda: results, best=lambda: members[0]
+    )
 
 
 def test_the_table_of_a_sweep() -> None:
     table = _table(swept())
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     assert [str(column.header).replace("\n", " ") for column in table.columns] == [
-        "seed", "gamma", "solved", "steps M", "time s", "success %", "duty %", "position cm", "attitude deg"]
+        "seed",
+        "gamma",
+        "solved",
+        "steps M",
+        "time s",
+        "success %",
+        "duty %",
+        "position cm",
+        "attitude deg",
+    ]
     assert [column[0] for column in columns] == [
-        "10", "0.9", "yes", "2.00", "3.00", "50.00", "25.00", "5.00", "5.73"]
+        "10",
+        "0.9",
+        "yes",
+        "2.00",
+        "3.00",
+        "50.00",
+        "25.00",
+        "5.00",
+        "5.73",
+    ]
     assert [column[1] for column in columns][2:6] == ["diverged", "1.00", "3.00", "75.00"]
     assert [row.style for row in table.rows] == ["bold", None, None]
 
@@ -88,11 +148,13 @@ def test_the_table_of_a_sweep() -> None:
 def test_progress_of_a_sweep() -> None:
     sweep = swept()
     assert describe_sweep(sweep, sweep.members) == (
-        "2.00 M steps each, 1 of 3 solved, median success 75.0%, 1.20 M steps/s")
+        "2.00 M steps each, 1 of 3 solved, median success 75.0%, 1.20 M steps/s"
+    )
 
 
-def test_spacecraft_are_listed_with_their_values(capsys: pytest.CaptureFixture[str],
-                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_spacecraft_are_listed_with_their_values(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "160")
     assert main(["list"]) == 0
     lines = split(capsys.readouterr().out)
@@ -105,25 +167,37 @@ def test_spacecraft_are_listed_with_their_values(capsys: pytest.CaptureFixture[s
     assert ["moves in", "plane, 3DoF"] in lines
     # A thruster at the rim that pushes along it turns the platform by its radius times 1 N.
     turns = [line[-1] for line in lines if line and line[0].isdigit()]
-    expected = [t.position[0] * t.direction[1] - t.position[1] * t.direction[0] for t in craft.thrusters]
+    expected = [
+        t.position[0] * t.direction[1] - t.position[1] * t.direction[0] for t in craft.thrusters
+    ]
     assert [float(turn) for turn in turns] == pytest.approx(expected, abs=5e-4)
     assert len(set(turns)) == 2  # of both senses, so that their order shows
 
 
 def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
-    card = {"task": "go-to-pose", "spacecraft": "x", "episodes": 1024, "evaluation_seed": 7,
-            "training": {"seed": 3, "steps": 2_000_000, "seconds": 4.25, "device": "cuda"},
-            "evaluation": {"own": {"": {"settling time": [None, 2.5, "inf", "s"],
-                                        "duty": [7.25, 7.0, 7.5, "%"]}}}}
+    card = {
+        "task": "go-to-pose",
+        "spacecraft": "x",
+        "episodes": 1024,
+        "evaluation_seed": 7,
+        "training": {"seed": 3, "steps": 2_000_000, "seconds": 4.25, "device": "cuda"},
+        "evaluation": {
+            "own": {"": {"settling time": [None, 2.5, "inf", "s"], "duty": [7.25, 7.0, 7.5, "%"]}}
+        },
+    }
     monkeypatch.setattr("rans.cli.list.pretrained_card", lambda _: card)
     title, made, table = _agent_details("go-to-pose-2d")
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
-    assert made == ("Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "
-                    "seed 7.")
+    assert made == (
+        "Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "
+        "seed 7."
+    )
     assert isinstance(table, Listing)
     assert [list(row) for row in (table.columns, *table.rows)] == [
-        ["metric", "value", "95 % interval"], ["settling time", "never", "2.5 to never"],
-        ["duty", "7.25 %", "7 to 7.5"]]
+        ["metric", "value", "95 % interval"],
+        ["settling time", "never", "2.5 to never"],
+        ["duty", "7.25 %", "7 to 7.5"],
+    ]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -141,8 +215,9 @@ def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:
     return Study("x", checks, {"seconds": 1.5}, skipped)
 
 
-def test_validate_says_what_failed_and_where(monkeypatch: pytest.MonkeyPatch,
-                                             capsys: pytest.CaptureFixture[str]) -> None:
+def test_validate_says_what_failed_and_where(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = Check("mass", 0.0, 1e-9, "kg", "Rounding.", "state 2")
     bad = Check("way", 1.0, 1e-9, "m", "Truncation.", "flight 7")
     found = study_of(good, bad, skipped=(Skipped("kernel", "No compiler."),))
@@ -159,20 +234,25 @@ def test_validate_says_what_failed_and_where(monkeypatch: pytest.MonkeyPatch,
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_engines_that_disagree_end_with_code_1(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
     disagree = SimpleNamespace(passed=False, table=lambda: "", to_json=dict)
     monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines", lambda *_: disagree)
     arguments = ["evaluate", "lqr:go-to-pose-2d", "--episodes", "1", "--engine", "both"]
     assert main(arguments) == 1
-    monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines",
-                        lambda *_: EngineComparison("title", (), 1.0))
+    monkeypatch.setattr(
+        "rans.evaluation.measure.agreement.compare_engines",
+        lambda *_: EngineComparison("title", (), 1.0),
+    )
     assert main(arguments) == 0
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_solver_that_stopped_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-                                       capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_solver_that_stopped_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from rans.evaluation.fly import judge
 
     monkeypatch.chdir(tmp_path)
@@ -180,37 +260,56 @@ def test_a_solver_that_stopped_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(judge, "flown", lambda *a, **k: true(*a, **k)._replace(stopped=42))
     assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "1"]) == 0
     assert "rans: warning: LQR's solver stopped 42 times; the plan before was flown on." in (
-        capsys.readouterr().err)
+        capsys.readouterr().err
+    )
 
 
 def test_horizons_of_optimal_trajectories() -> None:
     """25 s for the reward, whose episodes are so long, and 20 s for everything else."""
-    assert [objective_of(name).intervals for name in ("reward", "fuel", "tracking")] == [125, 100, 100]
+    assert [objective_of(name).intervals for name in ("reward", "fuel", "tracking")] == [
+        125,
+        100,
+        100,
+    ]
 
 
-def test_notes_of_a_comparison_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notes_of_a_comparison_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also beside names that are no mark-up, and all files are written before."""
+
     def fill(comparison: Any, *_: object) -> None:
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 
     monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)
     assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 1
-    assert capsys.readouterr().out.splitlines()[:2] == ["No certificate [/red].", "LQR [bold]failed."]
+    assert capsys.readouterr().out.splitlines()[:2] == [
+        "No certificate [/red].",
+        "LQR [bold]failed.",
+    ]
     assert "No certificate [/red]." in (tmp_path / "compare.html").read_text()
 
 
-@pytest.mark.parametrize("arguments", [
-    ["evaluate", "lqr:go-to-pose-2d", "--episodes"], ["view", "lqr:go-to-pose-2d", "--episodes"],
-    ["compare", "lqr:go-to-pose-2d", "--episodes"], ["optimal", "go-to-pose", "--episodes"],
-    ["follow", "lqr:track-velocity-2d", "--flights"], ["export", "runs/x", "--output", "y", "--episodes"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "lqr:go-to-pose-2d", "--episodes"],
+        ["view", "lqr:go-to-pose-2d", "--episodes"],
+        ["compare", "lqr:go-to-pose-2d", "--episodes"],
+        ["optimal", "go-to-pose", "--episodes"],
+        ["follow", "lqr:track-velocity-2d", "--flights"],
+        ["export", "runs/x", "--output", "y", "--episodes"],
+    ],
+)
 @pytest.mark.parametrize("count", ["0", "-1", "2147483648", "99999999999999999999"])
-def test_counts_beyond_31_bits_are_a_sentence(arguments: list[str], count: str,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
+def test_counts_beyond_31_bits_are_a_sentence(
+    arguments: list[str], count: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([*arguments, count]) == 2
     assert capsys.readouterr().err == (
-        f"rans: {arguments[-1]} must be >= 1 and < 2^31, got {count}.\n")
+        f"rans: {arguments[-1]} must be >= 1 and < 2^31, got {count}.\n"
+    )
 
 
 def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixture[str]) -> None:

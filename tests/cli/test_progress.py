@@ -32,4 +32,5 @@ def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixtur
             progress.show(row(steps))
         assert capsys.readouterr().err.splitlines() == [
             f"training: {steps / 1e6:.2f} M steps, success 50.0%, return -3, 1.00 M/s, 0:00:0{left} left"
-            for steps, left in ((1_000_000, 2), (last, 0))]
+            for steps, left in ((1_000_000, 2), (last, 0))
+        ]

@@ -12,12 +12,17 @@ from validation.checks import Check, Study
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run folder in which only checks were written."""
-    checks = (Check("force", 1e-16, 1e-12, "N", "Rounding."), Check("way", 1.0, 1e-9, "m", "Planted."))
+    checks = (
+        Check("force", 1e-16, 1e-12, "N", "Rounding."),
+        Check("way", 1.0, 1e-9, "m", "Planted."),
+    )
     Study("Dynamics", checks).write(tmp_path / "validation.json")
     return tmp_path
 
 
-def test_writes_the_page_and_ends_with_where_it_is(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_writes_the_page_and_ends_with_where_it_is(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["report", str(run)]) == 0
     printed = capsys.readouterr().out
     assert "1 of 2" in printed
@@ -33,8 +38,9 @@ def test_a_report_can_be_written_again(run: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "3", '{"checks": [3]}'])
-def test_no_results_or_damaged_ones_are_one_sentence(content: str, tmp_path: Path,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_results_or_damaged_ones_are_one_sentence(
+    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "validation.json").write_text(content)
     assert main(["report", str(tmp_path)]) == 2
     said = capsys.readouterr().err

@@ -35,15 +35,22 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-COMMANDS = ["evaluate run", "compare run", "compare lqr:go-to-pose-2d sb3:run/policy.zip --with --episodes 2 "
-            "--certified 0", "view run --save page.html", "export run --output shipped", "train --resume run",
-            "sweep --resume sweep"]
+COMMANDS = [
+    "evaluate run",
+    "compare run",
+    "compare lqr:go-to-pose-2d sb3:run/policy.zip --with --episodes 2 --certified 0",
+    "view run --save page.html",
+    "export run --output shipped",
+    "train --resume run",
+    "sweep --resume sweep",
+]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
-def test_a_trap_is_a_sentence(run: Path, command: str, with_ours: bool,
-                              capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_trap_is_a_sentence(
+    run: Path, command: str, with_ours: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
     if not with_ours:
         older(run / "policy.zip")
     assert main(command.split()) in (1, 2)

@@ -26,12 +26,14 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_pages_numbers_and_commands_that_show_it_again(monkeypatch: pytest.MonkeyPatch,
-                                                       capsys: pytest.CaptureFixture[str]) -> None:
+def test_pages_numbers_and_commands_that_show_it_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(run, "failures", list)
     assert main(["stress", FIRST, "lqr", *QUICK, "--worst", "1", "--seed", "7"]) == 0
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
-    printed, read = capsys.readouterr().out, json.loads((folder / "stress.json").read_text("utf-8"))
+    printed = capsys.readouterr().out
+    read = json.loads((folder / "stress.json").read_text("utf-8"))
     assert read["effects"]["latency"]["holds_to"]["LQR"] >= 0.1
     assert read["effects"]["latency"]["break_even_of_first"].keys() == {"LQR"}
     lost = read["worlds"]["latency-0.3"]["contestants"]["go-to-pose-2d"]
@@ -61,9 +63,11 @@ def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_it_writes_what_was_flown(monkeypatch: pytest.MonkeyPatch,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
-    true, calls = run._flown, []
+def test_interrupted_it_writes_what_was_flown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = run._flown
+    calls = []
 
     def interrupted(*job: int) -> Any:
         calls.append(job)
@@ -78,20 +82,27 @@ def test_interrupted_it_writes_what_was_flown(monkeypatch: pytest.MonkeyPatch,
     assert "what was written is kept" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    ([], "name at least one contestant"),
-    (["runs/nobody"], "runs/nobody"),
-    ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-    ([FIRST, "--slow-episodes", "0"], "--slow-episodes must be >= 1 and < 2^31, got 0"),
-    ([FIRST, "--seed", "18446744073709551616"], "rans: the seed must be a whole number of at most 64 bits"),
-    ([FIRST, "--worst", "-1"], "--worst must be >= 0, got -1"),
-    ([FIRST, "lqrr"], "lqrr is not a run folder"),
-    ([FIRST, "lqr:go-to-pose-3d"], "for the spacecraft free-flyer"),
-    ([FIRST, "--only", "rain"], "there is no effect named 'rain'"),
-    (["pretrained:multi-task-2d"], "pick one, as in pretrained:multi-task-2d#"),
-])
-def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
-                                    capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "name at least one contestant"),
+        (["runs/nobody"], "runs/nobody"),
+        ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+        ([FIRST, "--slow-episodes", "0"], "--slow-episodes must be >= 1 and < 2^31, got 0"),
+        (
+            [FIRST, "--seed", "18446744073709551616"],
+            "rans: the seed must be a whole number of at most 64 bits",
+        ),
+        ([FIRST, "--worst", "-1"], "--worst must be >= 0, got -1"),
+        ([FIRST, "lqrr"], "lqrr is not a run folder"),
+        ([FIRST, "lqr:go-to-pose-3d"], "for the spacecraft free-flyer"),
+        ([FIRST, "--only", "rain"], "there is no effect named 'rain'"),
+        (["pretrained:multi-task-2d"], "pick one, as in pretrained:multi-task-2d#"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["stress", *arguments]) == 2
     assert sentence in capsys.readouterr().err
 
@@ -105,8 +116,10 @@ def flown() -> Stress:
 def test_figures_show_what_was_flown() -> None:
     """Shares at every size, the perfect world's first, everybody in a colour of his own."""
     stress = flown()
-    axes, = stress_figures.effect_figure(stress, stress.effects[0]).axes
-    lines = {line.get_label(): line for line in axes.lines if not str(line.get_label()).startswith("_")}
+    (axes,) = stress_figures.effect_figure(stress, stress.effects[0]).axes
+    lines = {
+        line.get_label(): line for line in axes.lines if not str(line.get_label()).startswith("_")
+    }
     assert [line.get_color() for line in lines.values()] == [BLUE, ORANGE]
     points = np.asarray(lines["LQR"].get_xydata())
     np.testing.assert_allclose(points, [(0.0, 100.0), (0.025, 100.0), (0.05, 100.0), (0.1, 100.0)])

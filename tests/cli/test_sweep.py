@@ -15,13 +15,20 @@ from rans.evaluation.fly.agent import load_agent
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.conditions_file import load_conditions
 
-TINY = {"ppo.n_envs": "16", "ppo.n_steps": "8", "ppo.batch_size": "64", "timing.episode_steps": "20",
-        "solved_share": "null"}
+TINY = {
+    "ppo.n_envs": "16",
+    "ppo.n_steps": "8",
+    "ppo.batch_size": "64",
+    "timing.episode_steps": "20",
+    "solved_share": "null",
+}
 
 
 def tiny(**changes: str) -> list[str]:
     """Arguments for a sweep whose iterations take milliseconds."""
-    settings = {"ppo.layers": "[16, 16]"} | TINY | {k.replace("__", "."): v for k, v in changes.items()}
+    settings = (
+        {"ppo.layers": "[16, 16]"} | TINY | {k.replace("__", "."): v for k, v in changes.items()}
+    )
     given = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
     return ["sweep", "go-to-pose", "--device", "cpu", *given]
 
@@ -47,10 +54,21 @@ def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixtur
         assert head in captured.out
     assert "0 of 4 solved" in captured.err
     assert {file.name for file in folder.iterdir()} == {
-        "sweep.json", "sweep.svg", "metrics.jsonl", "best", "configs.json", "batches", ".lock"}
+        "sweep.json",
+        "sweep.svg",
+        "metrics.jsonl",
+        "best",
+        "configs.json",
+        "batches",
+        ".lock",
+    }
     told = json.loads((folder / "sweep.json").read_text())
     assert [(row["seed"], row["ppo.gamma"]) for row in told["members"]] == [
-        (0, 0.9), (1, 0.9), (0, 0.98), (1, 0.98)]
+        (0, 0.9),
+        (1, 0.9),
+        (0, 0.98),
+        (1, 0.98),
+    ]
     assert (folder / "sweep.svg").read_text().startswith("<?xml")
     rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     assert [row["member"] for row in rows] == [0, 1, 2, 3]
@@ -59,7 +77,8 @@ def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixtur
 
 def check_best(folder: Path, told: dict[str, Any]) -> None:
     """It is a run folder of the member that was chosen, which others can read."""
-    run, chosen = RunFolder(folder / "best"), told["members"][told["best"]]
+    run = RunFolder(folder / "best")
+    chosen = told["members"][told["best"]]
     config = run.config()
     assert (config.seed, config.ppo.gamma) == (chosen["seed"], chosen["ppo.gamma"])
     assert run.metrics()[-1]["steps"] == 256
@@ -68,44 +87,68 @@ def check_best(folder: Path, told: dict[str, Any]) -> None:
 
 
 def test_values_of_every_kind() -> None:
-    sweep = Sweep("go-to-pose", seeds=1, device="cpu", set=(
-        "ppo.layers=[64,64],[32]", "spacecraft=floating-platform,floating-platform-air-tank", "seed=7"))
+    sweep = Sweep(
+        "go-to-pose",
+        seeds=1,
+        device="cpu",
+        set=(
+            "ppo.layers=[64,64],[32]",
+            "spacecraft=floating-platform,floating-platform-air-tank",
+            "seed=7",
+        ),
+    )
     found = [(config.ppo.layers, config.spacecraft, config.seed) for config in sweep._configs()]
-    assert found == [(layers, craft, 7) for layers in ((64, 64), (32,))
-                     for craft in ("floating-platform", "floating-platform-air-tank")]
+    assert found == [
+        (layers, craft, 7)
+        for layers in ((64, 64), (32,))
+        for craft in ("floating-platform", "floating-platform-air-tank")
+    ]
 
 
 def test_every_member_flies_under_the_conditions() -> None:
-    sweep = Sweep("go-to-pose", seeds=2, device="cpu", conditions="lab", set=("ppo.gamma=0.9,0.98",))
+    sweep = Sweep(
+        "go-to-pose", seeds=2, device="cpu", conditions="lab", set=("ppo.gamma=0.9,0.98",)
+    )
     assert [config.conditions for config in sweep._configs()] == [load_conditions("lab")] * 4
 
 
-def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
-                                          capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_keeps_what_there_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     signals = iter([signal.SIGINT])
-    monkeypatch.setattr("rans.cli.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)])
+    monkeypatch.setattr(
+        "rans.cli.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)]
+    )
     assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
     # Interrupted in the first report, it reports once more.
     assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128, 256]
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (["go-to-pose", "--seeds", "0"], "--seeds must be >= 1, got 0"),
-    (["go-to-pose", "--set", "ppo.gamma"], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
-    (["go-to-pose", "--set", "ppo.gamma="], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
-    (["go-to-pose", "--set", "ppo.gamma=0.9,2"], "gamma must be in (0, 1], got 2"),
-    (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
-    (["hover"], "no task and no recipe named 'hover'"),
-    ([], "say what to train"),
-    (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
-    (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
-    pytest.param(["go-to-pose", "--seeds", "1", "--set", "seed=" + "[" * 50_000],
-                 "config.seed: expected int, got '[[[", id="deeper than JSON goes"),
-    (["go-to-pose", "--run", "."], ". exists already"),
-    (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
-])
-def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["go-to-pose", "--seeds", "0"], "--seeds must be >= 1, got 0"),
+        (["go-to-pose", "--set", "ppo.gamma"], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
+        (["go-to-pose", "--set", "ppo.gamma="], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
+        (["go-to-pose", "--set", "ppo.gamma=0.9,2"], "gamma must be in (0, 1], got 2"),
+        (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
+        (["hover"], "no task and no recipe named 'hover'"),
+        ([], "say what to train"),
+        (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
+        (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
+        pytest.param(
+            ["go-to-pose", "--seeds", "1", "--set", "seed=" + "[" * 50_000],
+            "config.seed: expected int, got '[[[",
+            id="deeper than JSON goes",
+        ),
+        (["go-to-pose", "--run", "."], ". exists already"),
+        (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
+    ],
+)
+def test_wrong_arguments(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
     assert main(["sweep", *arguments, "--device", "cpu"]) == 2
     error = capsys.readouterr().err
     assert message in error
@@ -117,4 +160,7 @@ def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
     assert main([*tiny(), "--seeds", "1", "--total-timesteps", "128", "--run", "sweep"]) == 0
     Path("sweep/best/of-before").write_text("")
     assert main(["sweep", "--resume", "sweep"]) == 0
-    assert (Path("sweep/best/policy.zip").exists(), Path("sweep/best/of-before").exists()) == (True, False)
+    assert (Path("sweep/best/policy.zip").exists(), Path("sweep/best/of-before").exists()) == (
+        True,
+        False,
+    )

@@ -22,14 +22,22 @@ from rans.model.spacecraft_file import spacecraft_text
 from tests.fast.training import weights
 from tests.processes import PATIENCE, command
 
-TINY = {"ppo.n_envs": 16, "ppo.n_steps": 8, "ppo.batch_size": 64, "ppo.layers": [16, 16],
-        "timing.episode_steps": 20, "solved_share": None}
+TINY = {
+    "ppo.n_envs": 16,
+    "ppo.n_steps": 8,
+    "ppo.batch_size": 64,
+    "ppo.layers": [16, 16],
+    "timing.episode_steps": 20,
+    "solved_share": None,
+}
 
 
 def tiny(**changes: Any) -> list[str]:
     """Arguments for a training whose iterations take milliseconds."""
     settings = TINY | {key.replace("__", "."): value for key, value in changes.items()}
-    given = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    given = [
+        part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")
+    ]
     return ["train", "go-to-pose", "--device", "cpu", *given]
 
 
@@ -70,8 +78,15 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     for part in ("training: ", "success ", "return ", "M/s", "0:00:00 left"):
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
-        "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors", "policy.zip",
-        "tensorboard", "learning_curve.svg", ".lock"}
+        "config.json",
+        "spacecraft.toml",
+        "metrics.jsonl",
+        "checkpoint.safetensors",
+        "policy.zip",
+        "tensorboard",
+        "learning_curve.svg",
+        ".lock",
+    }
     assert (run / "learning_curve.svg").read_text().startswith("<?xml")
     assert main([*tiny(), "--total-timesteps", "1000"]) == 0
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
@@ -80,8 +95,14 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_the_config_gives_the_same_agent() -> None:
     """Also where training ends by itself, whenever its reports were made."""
-    easy = tiny(solved_share=0.01, settings__evaluation_distance=[0.1, 0.2], settings__position_tolerance=7.9,
-                settings__attitude_tolerance=4.0, report_interval=3, total_timesteps=10**9)
+    easy = tiny(
+        solved_share=0.01,
+        settings__evaluation_distance=[0.1, 0.2],
+        settings__position_tolerance=7.9,
+        settings__attitude_tolerance=4.0,
+        report_interval=3,
+        total_timesteps=10**9,
+    )
     assert main([*easy, "--seed", "3", "--run", "first"]) == 0
     assert main(["train", "--config", "first/config.json", "--run", "again"]) == 0
     assert read_config(Path("again/config.json")) == read_config(Path("first/config.json"))
@@ -94,9 +115,29 @@ def test_the_config_gives_the_same_agent() -> None:
 def test_options_change_a_config() -> None:
     """Options beat the file, and --set beats options."""
     assert main([*tiny(), "--total-timesteps", "100", "--run", "first"]) == 0
-    options = ["--seed", "4", "--total-timesteps", "200", "--spacecraft", "floating-platform-air-tank"]
-    assert main(["train", "--config", "first/config.json", *options, "--set", "ppo.gamma=0.9",
-                 "--run", "second"]) == 0
+    options = [
+        "--seed",
+        "4",
+        "--total-timesteps",
+        "200",
+        "--spacecraft",
+        "floating-platform-air-tank",
+    ]
+    assert (
+        main(
+            [
+                "train",
+                "--config",
+                "first/config.json",
+                *options,
+                "--set",
+                "ppo.gamma=0.9",
+                "--run",
+                "second",
+            ]
+        )
+        == 0
+    )
     config = read_config(Path("second/config.json"))
     assert (config.seed, config.total_timesteps, config.ppo.gamma) == (4, 200, 0.9)
     assert config.spacecraft == "floating-platform-air-tank"
@@ -105,11 +146,17 @@ def test_options_change_a_config() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_config_trains_the_spacecraft_that_it_was_used_with(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_config_trains_the_spacecraft_that_it_was_used_with(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """One whose file was changed since, or moved away, is not taken or missed silently."""
-    craft, then = Path("my craft.toml"), "first/spacecraft.toml"
+    craft = Path("my craft.toml")
+    then = "first/spacecraft.toml"
     craft.write_text(spacecraft_text("floating-platform"))
-    assert main([*tiny(), "--total-timesteps", "100", "--spacecraft", str(craft), "--run", "first"]) == 0
+    assert (
+        main([*tiny(), "--total-timesteps", "100", "--spacecraft", str(craft), "--run", "first"])
+        == 0
+    )
     assert main(["train", "--config", "first/config.json", "--run", "same"]) == 0
     craft.write_text(craft.read_text().replace("mass = 5.32", "mass = 9.0"))
     capsys.readouterr()
@@ -119,7 +166,10 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(capsys: pytest.Cap
     assert "--spacecraft 'my craft.toml' that of now" in said
     for given, mass in ((then, 5.32), (str(craft), 9.0)):
         run = f"of-{mass}"
-        assert main(["train", "--config", "first/config.json", "--spacecraft", given, "--run", run]) == 0
+        assert (
+            main(["train", "--config", "first/config.json", "--spacecraft", given, "--run", run])
+            == 0
+        )
         assert RunFolder(Path(run)).spacecraft().mass == mass
     craft.unlink()
     capsys.readouterr()
@@ -132,7 +182,9 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(capsys: pytest.Cap
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--total-timesteps", "512", "--run", "run"]) == 0
     config = Path("run/config.json")
-    config.write_text(config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024'))
+    config.write_text(
+        config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024')
+    )
     assert main(["train", "--resume", "run"]) == 0
     assert "Done after 1,024 steps" in capsys.readouterr().out
     assert main(["train", "--resume", "run"]) == 0
@@ -141,22 +193,37 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert torch.equal(trained("run"), trained("whole"))
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ("ppo.n_env=3", "the config has no 'ppo.n_env' (did you mean ppo.n_envs?)"),
-    ("ppo.layers.0=3", "the config has no 'ppo.layers.0'"),
-    ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
-    ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
-    pytest.param("seed=" + "[" * 50_000, "config.seed: expected int, got '[[[", id="deeper than JSON goes"),
-    ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
-    ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
-    ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
-    ("settings.fail_distance=1", "fail_distance must exceed"),
-    ("seed=-1", "seed must be between 0"),
-    ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
-    ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("ppo.n_env=3", "the config has no 'ppo.n_env' (did you mean ppo.n_envs?)"),
+        ("ppo.layers.0=3", "the config has no 'ppo.layers.0'"),
+        ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
+        ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
+        pytest.param(
+            "seed=" + "[" * 50_000,
+            "config.seed: expected int, got '[[[",
+            id="deeper than JSON goes",
+        ),
+        ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
+        ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
+        ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
+        ("settings.fail_distance=1", "fail_distance must exceed"),
+        ("seed=-1", "seed must be between 0"),
+        ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
+        ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
+    ],
+)
 def test_wrong_changes(capsys: pytest.CaptureFixture[str], change: str, message: str) -> None:
-    given = ["go-to-pose", "--device", "cpu", "--set", "ppo.n_envs=64", "--set", "ppo.batch_size=4096"]
+    given = [
+        "go-to-pose",
+        "--device",
+        "cpu",
+        "--set",
+        "ppo.n_envs=64",
+        "--set",
+        "ppo.batch_size=4096",
+    ]
     if "n_steps=126" in change:
         given += ["--set", f"ppo.batch_size={64 * 126}"]
     assert message in refused(capsys, *given, "--set", change)
@@ -169,15 +236,26 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no task and no recipe named 'hover'" in refused(capsys, "hover")
     assert "cannot read x.json" in refused(capsys, "--config", "x.json")
     assert "nowhere.toml" in refused(capsys, "go-to-pose", "--spacecraft", "nowhere.toml")
-    assert "device must be cpu or cuda, got 'tpu'" in refused(capsys, "go-to-pose", "--device", "tpu")
+    assert "device must be cpu or cuda, got 'tpu'" in refused(
+        capsys, "go-to-pose", "--device", "tpu"
+    )
     assert "nowhere is not a run folder" in refused(capsys, "--resume", "nowhere")
-    for option in (["--seed", "0"], ["--total-timesteps", "9"], ["--device", "cpu"], ["--run", "x"],
-                   ["--spacecraft", "floating-platform"], ["--config", "x"], ["--set", "seed=1"],
-                   ["go-to-pose"]):
+    for option in (
+        ["--seed", "0"],
+        ["--total-timesteps", "9"],
+        ["--device", "cpu"],
+        ["--run", "x"],
+        ["--spacecraft", "floating-platform"],
+        ["--config", "x"],
+        ["--set", "seed=1"],
+        ["go-to-pose"],
+    ):
         assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
     assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
-    assert "cannot write into file/run: file is a file" in refused(capsys, *tiny()[1:], "--run", "file/run")
+    assert "cannot write into file/run: file is a file" in refused(
+        capsys, *tiny()[1:], "--run", "file/run"
+    )
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -250,9 +328,15 @@ def test_one_that_ends_leaves_no_alarm() -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
     _, _, *options = tiny()
-    assert main(["train", "go-to-pose-2d-shared", *options, "--total-timesteps=200", "--seed=3"]) == 0
+    assert (
+        main(["train", "go-to-pose-2d-shared", *options, "--total-timesteps=200", "--seed=3"]) == 0
+    )
     config = read_config(Path("runs/go-to-pose-floating-platform-shared-seed3/config.json"))
-    assert (config.spacecraft, config.seed, config.ppo.n_envs) == ("floating-platform-shared", 3, 16)
+    assert (config.spacecraft, config.seed, config.ppo.n_envs) == (
+        "floating-platform-shared",
+        3,
+        16,
+    )
     assert config.ppo.anneal == 0.7
 
 

@@ -15,11 +15,27 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS
 
 
-def test_what_is_tuned_flies_from_then_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                          capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_tuned_flies_from_then_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--candidates", "2",
-                 "--starts", "2"]) == 0
+    assert (
+        main(
+            [
+                "tune",
+                "lqr",
+                "--task",
+                "track-velocity",
+                "--spacecraft",
+                "atmos",
+                "--candidates",
+                "2",
+                "--starts",
+                "2",
+            ]
+        )
+        == 0
+    )
     said = capsys.readouterr().out
     file = OWN / "lqr-track-velocity-atmos.json"
     assert f"Written to {file}." in said
@@ -29,20 +45,24 @@ def test_what_is_tuned_flies_from_then_on(tmp_path: Path, monkeypatch: pytest.Mo
     assert simple_controller("lqr", contest).tuning == "tuned: 2 settings on 2 starts"
 
 
-def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                         capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_worse_result_replaces_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """As of a search that was stopped early, or on fewer starts; a file of its own is another matter."""
     monkeypatch.chdir(tmp_path)
     tune = ["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--starts", "2"]
     assert main([*tune, "--candidates", "4"]) == 0
     file = OWN / "lqr-track-velocity-atmos.json"
     good = file.read_text()
-    file.write_text(good.replace('"tuned": ', '"tuned": -'))  # as if far better settings had been found
+    file.write_text(
+        good.replace('"tuned": ', '"tuned": -')
+    )  # as if far better settings had been found
     kept = file.read_text()
     capsys.readouterr()
     assert main([*tune, "--candidates", "1"]) == 0
     assert "Not written: the settings in use, tuned: 4 settings on 2 starts, were" in " ".join(
-        capsys.readouterr().out.split())
+        capsys.readouterr().out.split()
+    )
     assert file.read_text() == kept
     assert main([*tune, "--candidates", "1", "--output", "mine.json"]) == 0
     assert main([*tune[:-1], "1", "--candidates", "1"]) == 0
@@ -52,7 +72,8 @@ def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_what_is_damaged_is_told_before_anything_is_flown(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.evaluation.compare.tuning.tune", None)
     OWN.mkdir(parents=True)
@@ -61,17 +82,24 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
     assert "Delete it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["pid"], "no controller named 'pid'"),
-    (["lqr", "--candidates", "0"], "--candidates must be >= 1"),
-    (["lqr", "--starts", "0"], "--starts must be >= 1"),
-    (["lqr", "--task", "hover"], "no task named 'hover'"),
-    (["lqr", "--price", "-1"], "--price must be finite"),
-    (["lqr", "--output", "/dev/null/x"], "cannot write"),
-])
-def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str, tmp_path: Path,
-                                    monkeypatch: pytest.MonkeyPatch,
-                                    capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["pid"], "no controller named 'pid'"),
+        (["lqr", "--candidates", "0"], "--candidates must be >= 1"),
+        (["lqr", "--starts", "0"], "--starts must be >= 1"),
+        (["lqr", "--task", "hover"], "no task named 'hover'"),
+        (["lqr", "--price", "-1"], "--price must be finite"),
+        (["lqr", "--output", "/dev/null/x"], "cannot write"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(
+    arguments: list[str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["tune", *arguments]) == 2
     assert sentence in capsys.readouterr().err

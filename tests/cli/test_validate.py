@@ -21,8 +21,11 @@ from validation.study import LAYERS, Scope
 @pytest.mark.usefixtures("undrawn")
 def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -> None:
     """And one layer alone repeats what the study found; of four flights, not of sixteen."""
-    monkeypatch.setattr(validation.study, "Scope", lambda craft, seed, states, _, conditions: Scope(
-        craft, seed, states, 4, conditions))
+    monkeypatch.setattr(
+        validation.study,
+        "Scope",
+        lambda craft, seed, states, _, conditions: Scope(craft, seed, states, 4, conditions),
+    )
     folder = tmp_path / "checked"
     code = main(["validate", "--quick", "--seed", "7", "--output", str(folder)])
     printed = capsys.readouterr().out
@@ -35,12 +38,18 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert str(len(read["checks"])) in printed
     page = (folder / "validation.html").read_text("utf-8")
     assert "Everything checked has passed" in page
-    assert "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations" in page
+    assert (
+        "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations"
+        in page
+    )
     assert page.count("<figure") == 1
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
     alone = tmp_path / "alone"
-    assert main(["validate", "--quick", "--seed", "7", "--layer", "bang-bang", "--output", str(alone)]) == 0
+    assert (
+        main(["validate", "--quick", "--seed", "7", "--layer", "bang-bang", "--output", str(alone)])
+        == 0
+    )
     again = json.loads((alone / "validation.json").read_text("utf-8"))["checks"]
     assert again == [check for check in read["checks"] if check["layer"] == "bang-bang"]
     assert len(again) == 4
@@ -49,7 +58,9 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
 @pytest.mark.parametrize("layer", ["period", "disturbances", "oracles", "optimal"])
 def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
-    assert main(["validate", "--quick", "--spacecraft", "atmos", "--layer", layer]) == 0, capsys.readouterr()
+    assert main(["validate", "--quick", "--spacecraft", "atmos", "--layer", layer]) == 0, (
+        capsys.readouterr()
+    )
 
 
 def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,8 +85,10 @@ def test_an_unknown_layer_is_one_sentence(capsys) -> None:
 
 def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
     """A flat plate off the triangle inequality by less than our check's 1e-9."""
-    flat = replace(load_spacecraft("floating-platform"),
-                   inertia=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10))))
+    flat = replace(
+        load_spacecraft("floating-platform"),
+        inertia=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10))),
+    )
     file = tmp_path / "flat.toml"
     file.write_text(to_toml(flat), "utf-8")
     assert main(["validate", "--quick", "--spacecraft", str(file)]) == 2
@@ -95,35 +108,46 @@ def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
 
 def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
     """Their own file is named in the command that repeats what is closest to its bound."""
-    file, folder = tmp_path / "push.toml", tmp_path / "checked"
-    file.write_text("[disturbances]\nforce = [0.0, 0.2]\n[sensors.position]\nnoise = 0.01\n", "utf-8")
+    file = tmp_path / "push.toml"
+    folder = tmp_path / "checked"
+    file.write_text(
+        "[disturbances]\nforce = [0.0, 0.2]\n[sensors.position]\nnoise = 0.01\n", "utf-8"
+    )
     command = ["validate", "--quick", "--layer", "conditions", "--conditions", str(file)]
     assert main([*command, "--output", str(folder)]) == 0
     read = json.loads((folder / "validation.json").read_text("utf-8"))
     assert [check["name"] for check in read["checks"]] == [
-        f"{group}: {what}" for group in ("steady pushes", "readings", "all together")
-        for what in ("motion", "told")]
+        f"{group}: {what}"
+        for group in ("steady pushes", "readings", "all together")
+        for what in ("motion", "told")
+    ]
     page = (folder / "validation.html").read_text("utf-8")
     assert f"--layer conditions --conditions {file}" in page
     assert page.count("<figure") == 1  # how errors grow under all of them
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["--layer", "conditions"], "needs some to fly under, as in --conditions lab"),
-    (["--conditions", "moon"], "no set of conditions named 'moon'"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--layer", "conditions"], "needs some to fly under, as in --conditions lab"),
+        (["--conditions", "moon"], "no set of conditions named 'moon'"),
+    ],
+)
 def test_conditions_that_are_not_there(arguments: list[str], sentence: str, capsys) -> None:
     assert main(["validate", "--quick", *arguments]) == 2
     assert sentence in capsys.readouterr().err
 
 
 def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked(
-        tmp_path, capsys, monkeypatch) -> None:
+    tmp_path, capsys, monkeypatch
+) -> None:
     file = tmp_path / "slow.toml"
     file.write_text("[thrusters]\nleast_on = 0.1\n", "utf-8")
     monkeypatch.setattr(validation.study, "_chosen", None)
     assert main(["validate", "--quick", "--spacecraft", "atmos", "--conditions", str(file)]) == 2
-    assert "which is for on/off valves; the thrusters of 'atmos' are pulsed" in capsys.readouterr().err
+    assert (
+        "which is for on/off valves; the thrusters of 'atmos' are pulsed" in capsys.readouterr().err
+    )
 
 
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:

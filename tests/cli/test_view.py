@@ -23,7 +23,9 @@ from rans.tasks import GoToPose
 from tests.cli.test_train import tiny
 from tests.processes import PATIENCE, command, wait_until
 
-needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc")
+needs_proc = pytest.mark.skipif(
+    not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc"
+)
 
 
 @pytest.fixture(autouse=True)
@@ -38,9 +40,14 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["lqr:go-to-pose-2d", "lqr:go-to-pose-3d", "--episodes", "2", "--engine", engine]
     assert main(["view", *arguments, "--save", "replay.html"]) == 0
-    assert capsys.readouterr().out == "replay.html replays LQR (grey), LQR (orange) in any browser.\n"
+    assert (
+        capsys.readouterr().out == "replay.html replays LQR (grey), LQR (orange) in any browser.\n"
+    )
     assert 2e6 < Path("replay.html").stat().st_size < 5e6
-    assert "<title>go-to-pose, floating-platform and free-flyer</title>" in Path("replay.html").read_text()
+    assert (
+        "<title>go-to-pose, floating-platform and free-flyer</title>"
+        in Path("replay.html").read_text()
+    )
 
 
 def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +55,8 @@ def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> Non
     shown: list[Any] = []
     monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
     assert main(["view", "lqr:go-to-pose-2d@atmos", "mpc", "--episode", "5", "--seed", "7"]) == 0
-    craft, task = load_spacecraft("atmos"), GoToPose().for_evaluation()
+    craft = load_spacecraft("atmos")
+    task = GoToPose().for_evaluation()
     start = scenario(task, 2, 7, 5).start
     for flight in shown:
         assert flight.craft == craft
@@ -68,16 +76,21 @@ def test_it_serves_until_it_is_interrupted() -> None:
         assert (process.returncode, errors) == (0, "")
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    ([], "say who flies"),
-    (["nowhere"], "nowhere is not a run folder"),
-    (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
-    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-    (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
-    (["lqr:go-to-pose-2d", "--video", "film.avi"], "must end in .mp4 or .gif, got 'film.avi'"),
-    (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
-])
-def test_wrong_use_is_a_sentence(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "say who flies"),
+        (["nowhere"], "nowhere is not a run folder"),
+        (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
+        (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+        (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
+        (["lqr:go-to-pose-2d", "--video", "film.avi"], "must end in .mp4 or .gif, got 'film.avi'"),
+        (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
+    ],
+)
+def test_wrong_use_is_a_sentence(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["view", *arguments]) == 2
     errors = capsys.readouterr().err
     assert said in errors
@@ -116,9 +129,13 @@ def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
         first = process.stderr.readline()
         assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        wait_until(lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split()))
+        wait_until(
+            lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split())
+        )
         # The first: on a busy machine another already draws the learning curve.
-        watcher, *_ = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
+        watcher, *_ = (
+            int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid))
+        )
         assert process.stderr.readline().startswith("training: ")
         yield process, watcher
 
@@ -131,10 +148,12 @@ def cmdline(pid: int) -> str:
         return ""
 
 
-def test_every_option_reaches_the_flights(monkeypatch: pytest.MonkeyPatch,
-                                          capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_option_reaches_the_flights(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """And of all flights the first is framed."""
-    asked, framed = [], []
+    asked = []
+    framed = []
 
     def flown(controller: Any, _: Any, *given: Any, first: int) -> Any:
         asked.append((controller.name, *given, first))
@@ -142,8 +161,18 @@ def test_every_option_reaches_the_flights(monkeypatch: pytest.MonkeyPatch,
 
     monkeypatch.setattr("rans.evaluation.fly.judge.flown", flown)
     monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
-    options = ["--episodes", "3", "--seed", "8", "--engine", "drake", "--frames", "ten.png",
-               "--episode", "4"]
+    options = [
+        "--episodes",
+        "3",
+        "--seed",
+        "8",
+        "--engine",
+        "drake",
+        "--frames",
+        "ten.png",
+        "--episode",
+        "4",
+    ]
     assert main(["view", "lqr:go-to-pose-2d", "mpc:go-to-pose-2d", *options]) == 0
     assert asked == [("LQR", 8, 3, "drake", 4), ("MPC", 8, 3, "drake", 4)]
     [(flight, number, file)] = framed

@@ -39,23 +39,33 @@ def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
-    before, after = load_agent(run), load_agent(shipped)
+    before = load_agent(run)
+    after = load_agent(shipped)
     expected = before.controller.act(None, None, observations)
     np.testing.assert_array_equal(after.controller.act(None, None, observations), expected)
     model = stable_baselines3.PPO.load(shipped / "policy.zip", device="cpu")
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], expected)
     assert not model.policy.optimizer.state
     assert (after.craft, after.task, after.timing) == (before.craft, before.task, before.timing)
-    assert {file.name for file in shipped.iterdir()} == {"policy.zip", "config.json", "spacecraft.toml",
-                                                         "card.json", "contract.json", "golden.json"}
+    assert {file.name for file in shipped.iterdir()} == {
+        "policy.zip",
+        "config.json",
+        "spacecraft.toml",
+        "card.json",
+        "contract.json",
+        "golden.json",
+    }
     assert (shipped / "policy.zip").stat().st_size < 0.7 * (run / "policy.zip").stat().st_size
 
 
 def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     card = json.loads((shipped / "card.json").read_text("utf-8"))
     assert card["episodes"] == 16
-    assert (card["name"], card["task"], card["spacecraft"]) == ("small-pose-2d", "go-to-pose",
-                                                               "floating-platform")
+    assert (card["name"], card["task"], card["spacecraft"]) == (
+        "small-pose-2d",
+        "go-to-pose",
+        "floating-platform",
+    )
     assert card["training"]["seed"] == 0
     assert card["training"]["steps"] == 2048
     assert card["training"]["environment"]["torch"] == version("torch")
@@ -65,13 +75,19 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     starts = scenarios(task, craft, card["evaluation_seed"], card["episodes"])
     measured = measure(fly(craft, task, controller, starts, timing))
     # The card keeps five digits.
-    assert card["evaluation"]["paper"][""]["duty"][0] == pytest.approx(measured["duty"].value, rel=1e-4)
+    assert card["evaluation"]["paper"][""]["duty"][0] == pytest.approx(
+        measured["duty"].value, rel=1e-4
+    )
     assert card["evaluation"]["paper"][""]["settling time"][0] == "inf"  # half of them never settle
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_it_comes_with_rans_by_name(shipped: Path, monkeypatch: pytest.MonkeyPatch,
-                                    capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_it_comes_with_rans_by_name(
+    shipped: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
     monkeypatch.setattr(rans.pretrained, "FOLDER", shipped.parent)
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
@@ -90,17 +106,23 @@ def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None
     assert export(shipped, tmp_path / "again", "numpy", episodes=1) == before | {"name": "again"}
 
 
-def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_comes_with_the_package_is_exported_already(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
         assert main(["export", name, "--output", "again"]) == 2
         told = " ".join(capsys.readouterr().err.split())
         assert "go-to-pose-2d comes with RANS as an export writes it" in told
 
 
-@pytest.mark.parametrize("name", ["go-to-pose-2d-knob#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"])
-def test_an_agent_leaves_whole(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "name", ["go-to-pose-2d-knob#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
+)
+def test_an_agent_leaves_whole(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["export", name, "--format", "numpy", "--output", str(tmp_path / "part")]) == 2
-    assert f"name it without {name[name.index('#'):]}" in " ".join(capsys.readouterr().err.split())
+    assert f"name it without {name[name.index('#') :]}" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "part").exists()
 
 
@@ -118,8 +140,9 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
         export(bare, tmp_path / "again")
 
 
-def test_a_copy_of_the_sources_that_is_not_installed(run: Path, tmp_path: Path,
-                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_copy_of_the_sources_that_is_not_installed(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def unknown(package: str) -> str:
         raise PackageNotFoundError(package)
 
@@ -131,12 +154,15 @@ def test_a_copy_of_the_sources_that_is_not_installed(run: Path, tmp_path: Path,
 
 def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Path) -> None:
     """The same agent's forms share a folder, and one form is written over; neither is a run written over."""
-    folder, other = tmp_path / "agents", tmp_path / "other"
+    folder = tmp_path / "agents"
+    other = tmp_path / "other"
     tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
     export(run, folder, "numpy", episodes=4)
     export(run, folder, "onnx", episodes=4)
     before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
-    with pytest.raises(ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"):
+    with pytest.raises(
+        ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"
+    ):
         export(other, folder, "onnx", episodes=4)
     with pytest.raises(ConfigError, match="other is the run folder of a training"):
         export(run, other, episodes=4)

@@ -13,7 +13,8 @@ from tests.deploy.test_forms import exported, remembering, written
 def test_the_exported_file_refuses_observations_of_another_shape(tmp_path: Path) -> None:
     network, _, seen = remembering()
     written(tmp_path, network, "numpy")
-    agent, rows = exported(tmp_path)["Agent"](), np.asarray(seen[0])[:3]
+    agent = exported(tmp_path)["Agent"]()
+    rows = np.asarray(seen[0])[:3]
     assert agent.act(rows[0]).shape == (8,)
     with pytest.raises(ValueError, match=r"is 10 numbers, or \(N, 10\), got \(9,\)"):
         agent.act(rows[0, :9])

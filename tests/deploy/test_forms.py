@@ -42,9 +42,12 @@ FORMS: tuple[Form, ...] = ("onnx", "numpy")
 def shipped(name: str) -> tuple[Network, Setup]:
     """A shipped agent and what it was trained on, in a perfect world."""
     run = RunFolder(pretrained_folder(name))
-    config, craft = run.config(), run.spacecraft()
-    return (read_policy(run.policy_file, craft, config.settings).network,
-            Setup(craft, config.settings, config.timing))
+    config = run.config()
+    craft = run.spacecraft()
+    return (
+        read_policy(run.policy_file, craft, config.settings).network,
+        Setup(craft, config.settings, config.timing),
+    )
 
 
 @cache
@@ -76,23 +79,49 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
 
 
 def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np.ndarray]:
-    random, width = np.random.default_rng(5), network.architecture.layout.width
+    random = np.random.default_rng(5)
+    width = network.architecture.layout.width
     return list(random.normal(size=(steps, count, width)).astype(np.float32))
 
 
-@pytest.mark.parametrize("settings", [
-    {"activation": "elu"}, {"activation": "relu", "zoom": 8.0, "symmetric": True}, {"continuous": True},
-    {"continuous": True, "symmetric": True, "memory": "history", "history": 1},
-    {"memory": "history", "history": 3, "averages": (0.5, 0.9), "symmetric": True, "zoom": 4.0},
-    {"filters": (0.01, 1.0), "symmetric": True, "zoom": 4.0}, {"filters": (0.1,), "memory": "history"},
-    {"filters": (0.1,), "filtered_steady": (25.0,), "symmetric": True},
-    {"filters": (0.01, 1.0), "filtered_steady": (0.0, 25.0), "filtered_response": (0.1, 0.0),
-     "symmetric": True},
-    {"filters": (0.01,), "filtered_response": (2.0,), "filtered_gate": 5.0, "symmetric": True},
-    {"filters": (0.01,), "filtered_gate": 5.0, "symmetric": True, "memory": "history", "history": 2},
-    {"memory": "commands", "history": 0, "averages": (0.5,), "symmetric": True, "filters": (0.1,)},
-    {"memory": "commands", "history": 2, "averages": (0.5,)},
-    {"memory": "recurrent", "recurrent_units": 12}, {"privileged_critic": True}], ids=str)
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"activation": "elu"},
+        {"activation": "relu", "zoom": 8.0, "symmetric": True},
+        {"continuous": True},
+        {"continuous": True, "symmetric": True, "memory": "history", "history": 1},
+        {"memory": "history", "history": 3, "averages": (0.5, 0.9), "symmetric": True, "zoom": 4.0},
+        {"filters": (0.01, 1.0), "symmetric": True, "zoom": 4.0},
+        {"filters": (0.1,), "memory": "history"},
+        {"filters": (0.1,), "filtered_steady": (25.0,), "symmetric": True},
+        {
+            "filters": (0.01, 1.0),
+            "filtered_steady": (0.0, 25.0),
+            "filtered_response": (0.1, 0.0),
+            "symmetric": True,
+        },
+        {"filters": (0.01,), "filtered_response": (2.0,), "filtered_gate": 5.0, "symmetric": True},
+        {
+            "filters": (0.01,),
+            "filtered_gate": 5.0,
+            "symmetric": True,
+            "memory": "history",
+            "history": 2,
+        },
+        {
+            "memory": "commands",
+            "history": 0,
+            "averages": (0.5,),
+            "symmetric": True,
+            "filters": (0.1,),
+        },
+        {"memory": "commands", "history": 2, "averages": (0.5,)},
+        {"memory": "recurrent", "recurrent_units": 12},
+        {"privileged_critic": True},
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_every_kind_of_network(craft: str, settings: dict[str, Any], tmp_path: Path) -> None:
     network = scatter(tiny_learner(load_spacecraft(craft), **settings).network)
@@ -107,20 +136,26 @@ def test_every_kind_of_network(craft: str, settings: dict[str, Any], tmp_path: P
 
 def changed(**tensors: Callable[[torch.Tensor], torch.Tensor]) -> Callable[[Network], Network]:
     """A copy of a network with other weights; a dot in a name is two underscores."""
+
     def plant(network: Network) -> Network:
         names = {name.replace("__", "."): change for name, change in tensors.items()}
-        return Network(network.architecture, network.tensors | {
-            name: change(network.tensors[name].clone()) for name, change in names.items()})
+        return Network(
+            network.architecture,
+            network.tensors
+            | {name: change(network.tensors[name].clone()) for name, change in names.items()},
+        )
 
     return plant
 
 
 def swapped(first: int, second: int, size: int = 1) -> Callable[[Any], Any]:
     """Rows in another order."""
+
     def change(rows: Any) -> Any:
         order = np.arange(len(rows))
-        a, b = (order[k * size:(k + 1) * size].copy() for k in (first, second))
-        order[first * size:(first + 1) * size], order[second * size:(second + 1) * size] = b, a
+        a, b = (order[k * size : (k + 1) * size].copy() for k in (first, second))
+        order[first * size : (first + 1) * size] = b
+        order[second * size : (second + 1) * size] = a
         return rows[order]
 
     return change
@@ -147,7 +182,9 @@ def other_hand(network: Network) -> Network:
 
 
 ERRORS: dict[str, Callable[[Network], Network]] = {
-    "a swapped thruster": changed(action_net__weight=swapped(0, 1, 2), action_net__bias=swapped(0, 1, 2)),
+    "a swapped thruster": changed(
+        action_net__weight=swapped(0, 1, 2), action_net__bias=swapped(0, 1, 2)
+    ),
     "a mean 2 cm off": changed(features_extractor__mean=lambda x: x + 0.02),
     "a variance 5 % off": changed(features_extractor__variance=lambda x: x * 1.05),
     "another column's mean": changed(features_extractor__mean=swapped(0, 4)),
@@ -201,15 +238,25 @@ def test_a_contract_says_what_the_files_say() -> None:
     found = contract("me", run.config(), run.spacecraft(), text, 7, seen)
     table = tomllib.loads(text)
     assert found["spacecraft"]["sha256"] == sha256(text.encode()).hexdigest()
-    assert [x["force"] for x in found["command"]["thrusters"]] == [x["force"] for x in table["thruster"]]
+    assert [x["force"] for x in found["command"]["thrusters"]] == [
+        x["force"] for x in table["thruster"]
+    ]
     for told, meant in zip(found["command"]["thrusters"], table["thruster"], strict=True):
         assert told["position"][:2] == pytest.approx(meant["position"][:2])  # mass is in the origin
         long = np.hypot(*meant["direction"][:2])
         assert told["direction"][:2] == pytest.approx(np.divide(meant["direction"][:2], long))
-    columns = Path(__file__).parents[2].joinpath("docs/tasks.md").read_text("utf-8").partition("| 0 | ")[2]
+    columns = (
+        Path(__file__)
+        .parents[2]
+        .joinpath("docs/tasks.md")
+        .read_text("utf-8")
+        .partition("| 0 | ")[2]
+    )
     lines = f"0 | {columns}".splitlines()[:10]
     rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in lines]
-    assert [[str(x["column"]), x["name"], x["unit"], x["frame"]] for x in found["observation"]] == rows
+    assert [
+        [str(x["column"]), x["name"], x["unit"], x["frame"]] for x in found["observation"]
+    ] == rows
     assert {tuple(x["valid"]) for x in found["observation"]} == {(-1.5, 2.25)}
     assert found["observation"][0]["bound"] == 1.0
     assert found["observation"][2]["bound"] is None
@@ -221,7 +268,9 @@ def test_places_are_about_the_centre_of_mass() -> None:
     moved = replace(craft, centre_of_mass=(0.01, -0.02, 0.0))
     run = RunFolder(pretrained_folder("go-to-pose-2d"))
     seen = np.zeros((1, 1, 10), np.float32)
-    there, here = (contract("me", run.config(), one, "", 0, seen)["command"] for one in (moved, craft))
+    there, here = (
+        contract("me", run.config(), one, "", 0, seen)["command"] for one in (moved, craft)
+    )
     for a, b in zip(there["thrusters"], here["thrusters"], strict=True):
         assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
 
@@ -231,7 +280,8 @@ def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
     network, (craft, task, _, _) = shipped("go-to-pose-2d-robust")
     written(tmp_path, network, "onnx")
     policy = user_policy(f"onnx:{tmp_path / 'agent.onnx'}", craft, task)
-    starts, timing = scenarios(task, craft, 3, 8), Timing(episode_steps=40)
+    starts = scenarios(task, craft, 3, 8)
+    timing = Timing(episode_steps=40)
     expected = fly(craft, task, Agent(network, "agent"), starts, timing).commands
     for _ in range(2):
         np.testing.assert_array_equal(fly(craft, task, policy, starts, timing).commands, expected)
@@ -241,12 +291,14 @@ def test_any_number_of_rows_and_one(tmp_path: Path) -> None:
     network, _, seen = remembering()
     written(tmp_path, network, *FORMS)
     rows = seen[20]
-    memory = np.random.default_rng(0).normal(size=(4, network.architecture.memory)).astype(np.float32)
+    memory = (
+        np.random.default_rng(0).normal(size=(4, network.architecture.memory)).astype(np.float32)
+    )
     for form in FORMS:
         answer = ANSWERS[form](tmp_path)
         whole, after = answer(rows, memory)
         for k in range(4):
-            alone, then = answer(rows[k:k + 1], memory[k:k + 1])
+            alone, then = answer(rows[k : k + 1], memory[k : k + 1])
             np.testing.assert_array_equal(alone[0], whole[k])
             np.testing.assert_allclose(then[0], after[k], atol=1e-6)
 
@@ -255,17 +307,30 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     """For runtimes and viewers: names, types, free rows, and the contract."""
     onnx = pytest.importorskip("onnx")
     network, _ = shipped("go-to-pose-2d-robust")
-    write_agent(tmp_path, "onnx", SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "it", '{"format": 1}')
+    write_agent(
+        tmp_path, "onnx", SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "it", '{"format": 1}'
+    )
     model = onnx.load(tmp_path / "agent.onnx")
-    assert {x.key: x.value for x in model.metadata_props} == {"what": "it", "contract": '{"format": 1}'}
-    shown = [(x.name, [d.dim_param or d.dim_value for d in x.type.tensor_type.shape.dim])
-             for x in (*model.graph.input, *model.graph.output)]
+    assert {x.key: x.value for x in model.metadata_props} == {
+        "what": "it",
+        "contract": '{"format": 1}',
+    }
+    shown = [
+        (x.name, [d.dim_param or d.dim_value for d in x.type.tensor_type.shape.dim])
+        for x in (*model.graph.input, *model.graph.output)
+    ]
     memory = network.architecture.memory
-    assert shown == [("observation", ["N", 10]), ("memory", ["N", memory]), ("command", ["N", 8]),
-                     ("memory_out", ["N", memory])]
+    assert shown == [
+        ("observation", ["N", 10]),
+        ("memory", ["N", memory]),
+        ("command", ["N", 8]),
+        ("memory_out", ["N", memory]),
+    ]
 
 
-@pytest.mark.parametrize("name", ['"""\nraise SystemExit(7)\n"""', "back\\slash__STEPS__", "x" * 10_000])
+@pytest.mark.parametrize(
+    "name", ['"""\nraise SystemExit(7)\n"""', "back\\slash__STEPS__", "x" * 10_000]
+)
 def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
     """A spacecraft's name is in the title of a file that will be run."""
     network, _ = shipped("go-to-pose-2d-fast")
@@ -274,19 +339,30 @@ def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
     assert len((tmp_path / "agent.py").read_text("utf-8").splitlines()[0]) < 120
 
 
-def test_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                             capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(sys.modules, "onnx", None)
     assert main([*FAST, "onnx", "--output", str(tmp_path / "out")]) == 2
-    assert "--format onnx needs the package onnx: pip install 'rans[onnx]'" in capsys.readouterr().err
+    assert (
+        "--format onnx needs the package onnx: pip install 'rans[onnx]'" in capsys.readouterr().err
+    )
     assert not (tmp_path / "out").exists()
 
 
-def test_a_shipped_agent_is_exported_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shipped_agent_is_exported_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([*FAST, "numpy", "--output", str(tmp_path / "mine")]) == 0
     assert "holds the agent, its contract and its card" in capsys.readouterr().out
     assert {file.name for file in (tmp_path / "mine").iterdir()} == {
-        "agent.py", "agent.npz", "spacecraft.toml", "contract.json", "golden.json", "card.json"}
+        "agent.py",
+        "agent.npz",
+        "spacecraft.toml",
+        "contract.json",
+        "golden.json",
+        "card.json",
+    }
     assert checked(tmp_path / "mine") == (500, 500)
     assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "mine"
 
@@ -295,6 +371,8 @@ def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path
     """A plugin's entry may do more with its columns than turn them."""
     network, _ = shipped("go-to-pose-2d-fast")
     kinds = network.architecture.layout.blocks[2].kind
-    monkeypatch.setattr(kinds, "mirrored", staticmethod(lambda columns, view, hand: [abs(columns[0])]))
+    monkeypatch.setattr(
+        kinds, "mirrored", staticmethod(lambda columns, view, hand: [abs(columns[0])])
+    )
     with pytest.raises(ConfigError, match="'abs' of its columns, which no export knows"):
         written(tmp_path, network, "onnx")

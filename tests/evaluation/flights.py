@@ -19,9 +19,15 @@ GOAL_HEADING = math.radians(175.0)
 """Errors of more than 5 degrees cross the jump of the heading from 180 to -180 degrees."""
 
 
-def flight_of(distance: Any, error_degrees: Any, commands: np.ndarray | None = None,
-              speed: tuple[float, float] = (0.0, 0.0), spin: float = 0.0, task: Any = None,
-              craft: str = "floating-platform") -> Flight:
+def flight_of(
+    distance: Any,
+    error_degrees: Any,
+    commands: np.ndarray | None = None,
+    speed: tuple[float, float] = (0.0, 0.0),
+    spin: float = 0.0,
+    task: Any = None,
+    craft: str = "floating-platform",
+) -> Flight:
     """Episodes on the negative x axis of the goal.
 
     Args:
@@ -37,16 +43,27 @@ def flight_of(distance: Any, error_degrees: Any, commands: np.ndarray | None = N
     first = np.zeros_like(distance)
     first[:, 0] = 1.0
     angle = np.broadcast_to(GOAL_HEADING + np.radians(error_degrees), distance.shape)
-    states = PlanarState(Vec2(2.0 - distance, -1.0 + 0.0 * distance), Heading(angle),
-                         Vec2(speed[0] * first, speed[1] * first), spin * first).normalised()
+    states = PlanarState(
+        Vec2(2.0 - distance, -1.0 + 0.0 * distance),
+        Heading(angle),
+        Vec2(speed[0] * first, speed[1] * first),
+        spin * first,
+    ).normalised()
     still = np.zeros(distance.shape[1])
-    goals = PlanarState(Vec2(2.0 + still, -1.0 + still), Heading(GOAL_HEADING + still),
-                        Vec2(still, still), still)
+    goals = PlanarState(
+        Vec2(2.0 + still, -1.0 + still), Heading(GOAL_HEADING + still), Vec2(still, still), still
+    )
     if commands is None:
         commands = np.zeros((len(distance) - 1, distance.shape[1], 8))
-    return Flight(load_spacecraft(craft), task or GoToPose(),
-                  Timing(control_period=0.5, episode_steps=len(distance) - 1), states, goals, commands,
-                  "by hand")
+    return Flight(
+        load_spacecraft(craft),
+        task or GoToPose(),
+        Timing(control_period=0.5, episode_steps=len(distance) - 1),
+        states,
+        goals,
+        commands,
+        "by hand",
+    )
 
 
 def two_episodes() -> Flight:
@@ -56,8 +73,13 @@ def two_episodes() -> Flight:
     turning = [10.0, 10.0, 6.0, 6.0, 6.0, 4.0, 3.0, 1.5, 0.5, 0.5, 0.5]
     commands = np.zeros((10, 2, 8))
     commands[:4, 0, 0] = 1.0
-    return flight_of(np.transpose([first, second]), np.transpose([turning, [0.0] * 11]), commands,
-                     speed=(0.3, -0.4), spin=-0.2)
+    return flight_of(
+        np.transpose([first, second]),
+        np.transpose([turning, [0.0] * 11]),
+        commands,
+        speed=(0.3, -0.4),
+        spin=-0.2,
+    )
 
 
 def many_episodes(count: int, steps: int = 125) -> Flight:

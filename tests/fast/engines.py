@@ -16,10 +16,16 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 SHORT = Timing(episode_steps=20)
-NEAR = GoToPose(spawn_distance=(0.5, 1.0), fail_distance=1.05, fail_spin=15.0, position_tolerance=0.9,
-                attitude_tolerance=2.0)
+NEAR = GoToPose(
+    spawn_distance=(0.5, 1.0),
+    fail_distance=1.05,
+    fail_spin=15.0,
+    position_tolerance=0.9,
+    attitude_tolerance=2.0,
+)
 """With it many of the episodes of `SHORT` fail under random thrust, some succeed and some do not."""
 
 both_crafts = pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
@@ -45,7 +51,7 @@ def run(engine: Engine, steps: int = 45, seed: int = 1) -> list[Step]:
 def way_to_go(craft: Spacecraft, seen: Tensor) -> Tensor:
     """Distance from the goal, (N,) m, in the observation's task data."""
     first = 6 if craft.dimension == 2 else 13
-    return seen[:, first:first + craft.dimension].norm(dim=1)
+    return seen[:, first : first + craft.dimension].norm(dim=1)
 
 
 def spin(craft: Spacecraft, seen: Tensor) -> Tensor:

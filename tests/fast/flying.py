@@ -20,8 +20,13 @@ from rans.tasks.derived import layout
 from tests.fast.training import scatter
 
 BRIEF = Timing(episode_steps=12)
-WIDE = GoToPose(spawn_distance=(0.3, 1.0), fail_distance=1.05, fail_spin=15.0, position_tolerance=0.8,
-                attitude_tolerance=2.0)
+WIDE = GoToPose(
+    spawn_distance=(0.3, 1.0),
+    fail_distance=1.05,
+    fail_spin=15.0,
+    position_tolerance=0.8,
+    attitude_tolerance=2.0,
+)
 """In `BRIEF` episodes random policies fail at it in every way, and succeed."""
 
 
@@ -30,11 +35,22 @@ def setup(craft: Spacecraft, task: Task = WIDE, conditions: Conditions | None = 
     return Setup(craft, task, replace(BRIEF, substeps=1), conditions)
 
 
-def policy(craft: Spacecraft, task: Task = WIDE, layers: tuple[int, ...] = (16, 32), sided: bool = True,
-           **settings: Any) -> Network:
+def policy(
+    craft: Spacecraft,
+    task: Task = WIDE,
+    layers: tuple[int, ...] = (16, 32),
+    sided: bool = True,
+    **settings: Any,
+) -> Network:
     """A float32 network with random weights and statistics, which sees the craft from one of its sides."""
     views = symmetries(craft) if sided else None
-    given = Architecture(layout(task, craft.dimension), len(craft.thrusters), layers, symmetries=views,
-                         continuous=craft.actuators.is_continuous, **settings)
+    given = Architecture(
+        layout(task, craft.dimension),
+        len(craft.thrusters),
+        layers,
+        symmetries=views,
+        continuous=craft.actuators.is_continuous,
+        **settings,
+    )
     tensors, _ = given.initial(0, 0.3)
     return scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float32))

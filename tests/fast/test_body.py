@@ -32,17 +32,23 @@ def scaled(craft: Spacecraft, scale: Any) -> Body:
 
 def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
     """Observations (steps, N, width), over restarts."""
-    return torch.stack([engine.step(action).observation for action in actions(engine.craft, 4, steps)])
+    return torch.stack(
+        [engine.step(action).observation for action in actions(engine.craft, 4, steps)]
+    )
 
 
 @both_crafts
 def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
     how: Any = {"dtype": torch.float64}
-    short = replace(SHORT, substeps=1)  # as many alone as together, where the liveliest decides for all
+    short = replace(
+        SHORT, substeps=1
+    )  # as many alone as together, where the liveliest decides for all
     together = flown(Engine(craft, NEAR, 4, short, body=scaled(craft, SCALES), **how))
     for i, scale in enumerate(SCALES.tolist()):
         inertia = tuple(tuple(entry * scale for entry in row) for row in craft.inertia)
-        alone = flown(Engine(replace(craft, mass=craft.mass * scale, inertia=inertia), NEAR, 4, short, **how))
+        alone = flown(
+            Engine(replace(craft, mass=craft.mass * scale, inertia=inertia), NEAR, 4, short, **how)
+        )
         # Rounding of 25 steps.
         torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
 
@@ -72,36 +78,48 @@ def test_the_same_impulse_moves_a_heavier_one_less() -> None:
 
 def test_thrusters_fail_one_by_one() -> None:
     """Thruster 0 is well, dead, weak and stuck open: told to open, it gives 1, 0, 0.6 and 1 N."""
-    health = {"gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
-              "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7)}
+    health = {
+        "gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
+        "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7),
+    }
     for opened, forces in ((1.0, [1.0, 0.0, 0.6, 1.0]), (0.0, [0.0, 0.0, 0.0, 1.0])):
-        engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), **health), dtype=torch.float64)
+        engine = Engine(
+            PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), **health), dtype=torch.float64
+        )
         spin = engine.state.w.copy()
         engine.step(torch.tensor([[opened, *[0.0] * 7]] * 4))
         # 0.31 m of arm, turning clockwise; 0.5 kg m^2, 0.2 s. float32 in which the faults were given: 1e-7.
-        np.testing.assert_allclose(engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7)
+        np.testing.assert_allclose(
+            engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7
+        )
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft .* one command turns it")
 @both_crafts
 def test_what_a_simulator_knows(craft: Spacecraft) -> None:
     """5.32 kg, 0.2045008 kg m^2 and 0.31 m of radius are one; so are a well thruster and one stuck open."""
-    axes, others = craft.dimension, len(craft.thrusters) - 3
+    axes = craft.dimension
+    others = len(craft.thrusters) - 3
     inertia = (0.1,) if axes == 2 else (0.1, 0.02, 0.0, 0.2, 0.0, 0.25)
-    gain, leak = (1.0, 0.6, 0.0, *[1.0] * others), (0.0, 0.0, 1.0, *[0.0] * others)
+    gain = (1.0, 0.6, 0.0, *[1.0] * others)
+    leak = (0.0, 0.0, 1.0, *[0.0] * others)
     body = Body(torch.tensor([2.66, 10.64]), inertia, (0.031, *[-0.155] * (axes - 1)), gain, leak)
     engine = Engine(craft, GoToPose(), 2, body=body, dtype=torch.float64)
     moments = (0.4889956,) if axes == 2 else (0.4889956, 0.0977991, 0.0, 0.9779913, 0.0, 1.2224891)
     rest = (*moments, 0.1, *[-0.5] * (axes - 1), *gain, *leak)
     # Masses were given in float32; moments are worked out to seven digits.
-    np.testing.assert_allclose(engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(
+        engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7
+    )
     assert engine.known.width == 1 + len(rest)
 
 
 def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
     """Thrusters 1 and 6 push along -x with 2 sqrt(1/2) N and no torque; a centre 0.1 m to the left gives
     one of -0.1414 N m."""
-    engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), centre=(0.0, 0.1)), dtype=torch.float64)
+    engine = Engine(
+        PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), centre=(0.0, 0.1)), dtype=torch.float64
+    )
     spin = engine.state.w.copy()
     engine.step(torch.tensor([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]] * 4))
     np.testing.assert_allclose(engine.state.w - spin, -0.1 * np.sqrt(2.0) * 0.2 / 0.5, atol=1e-12)
@@ -110,8 +128,10 @@ def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
 @pytest.mark.parametrize("compiled", [False, True])
 def test_masses_written_in_place_take_effect(compiled: bool) -> None:
     with torch.compiler.set_stance("force_eager"):
-        light, heavy = (Engine(PLATFORM, NEAR, 4, SHORT, compiled=compiled, body=scaled(PLATFORM, scale))
-                        for scale in (SCALES, 4 * SCALES))
+        light, heavy = (
+            Engine(PLATFORM, NEAR, 4, SHORT, compiled=compiled, body=scaled(PLATFORM, scale))
+            for scale in (SCALES, 4 * SCALES)
+        )
         for field in (light.body.mass, *light.body.inertia):
             field *= 4  # a power of two rounds nothing
         assert torch.equal(flown(light), flown(heavy))
@@ -119,12 +139,16 @@ def test_masses_written_in_place_take_effect(compiled: bool) -> None:
 
 def test_settings_can_be_made_in_a_traced_step() -> None:
     """As `drawn_sensors` does; a check of all their fields could not be traced."""
-    made = torch.compile(lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager")
+    made = torch.compile(
+        lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager"
+    )
     assert made(torch.ones(1)).item() == 0.5
 
 
 def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))  # traces as for any other
+    monkeypatch.setattr(
+        torch, "compile", partial(torch.compile, backend="eager")
+    )  # traces as for any other
     torch.compiler.reset()
     graphs = counters["stats"]
     engine = Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, body=scaled(PLATFORM, SCALES))
@@ -134,7 +158,10 @@ def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.Monkey
     engine.body.mass[:] = 7.0
     engine.reset(seed=5)
     flown(engine, steps=2)
-    flown(Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, seed=9, body=scaled(PLATFORM, 3 * SCALES)), steps=2)
+    flown(
+        Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, seed=9, body=scaled(PLATFORM, 3 * SCALES)),
+        steps=2,
+    )
     assert graphs["unique_graphs"] == before
 
 
@@ -144,13 +171,17 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
     short = replace(SHORT, substeps=1)
 
     def kernel(scale: torch.Tensor) -> Engine:
-        engine = Engine(craft, NEAR, 4, short, compiled=True, dtype=torch.float64, body=scaled(craft, scale))
+        engine = Engine(
+            craft, NEAR, 4, short, compiled=True, dtype=torch.float64, body=scaled(craft, scale)
+        )
         engine._kernel = HostKernel(engine, tmp_path)
         return engine
 
     with torch.compiler.set_stance("force_eager"):
         ours = kernel(SCALES)
-        expected = flown(Engine(craft, NEAR, 4, short, dtype=torch.float64, body=scaled(craft, SCALES)))
+        expected = flown(
+            Engine(craft, NEAR, 4, short, dtype=torch.float64, body=scaled(craft, SCALES))
+        )
         # Rounding of 25 steps, as above.
         torch.testing.assert_close(flown(ours), expected, rtol=0, atol=1e-11)
         other = kernel(7 * SCALES)
@@ -160,29 +191,43 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
     assert ours._kernel.source(torch.uint8) == other._kernel.source(torch.uint8)
 
 
-@pytest.mark.parametrize(("body", "message"), [
-    (Body(torch.ones(3), (1.0,)),
-     r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\."),
-    (Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
-     r"mass must be finite and > 0, got -2\.0\."),
-    (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
-    (Body(5.0, (1.0,), gain=(1.0,) * 7), "the body's gain has 7 entries; this craft needs 8"),
-    (Body(5.0, (1.0,), gain=(1.0, -0.1, *[1.0] * 6)),
-     r"gain of thruster 1 must be finite and >= 0, got -0\.1"),
-    (Body(5.0, (1.0,), leak=(torch.tensor([0.0, 0.0, 0.0, float("inf")]), *[0.0] * 7)),
-     "leak of thruster 0 must be finite and >= 0, got inf"),
-    (Body(5.0, (1.0,), centre=(0.0, float("nan"))), "centre y must be finite, got nan"),
-    (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
-])
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            Body(torch.ones(3), (1.0,)),
+            r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\.",
+        ),
+        (
+            Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
+            r"mass must be finite and > 0, got -2\.0\.",
+        ),
+        (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
+        (Body(5.0, (1.0,), gain=(1.0,) * 7), "the body's gain has 7 entries; this craft needs 8"),
+        (
+            Body(5.0, (1.0,), gain=(1.0, -0.1, *[1.0] * 6)),
+            r"gain of thruster 1 must be finite and >= 0, got -0\.1",
+        ),
+        (
+            Body(5.0, (1.0,), leak=(torch.tensor([0.0, 0.0, 0.0, float("inf")]), *[0.0] * 7)),
+            "leak of thruster 0 must be finite and >= 0, got inf",
+        ),
+        (Body(5.0, (1.0,), centre=(0.0, float("nan"))), "centre y must be finite, got nan"),
+        (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
+    ],
+)
 def test_wrong_ones_are_one_sentence(body: Body, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Engine(PLATFORM, NEAR, 4, body=body)
 
 
-@pytest.mark.parametrize(("inertia", "found"), [
-    ((1.0, 0.0, 0.0, torch.tensor([1.0, 1.0, 0.4, 1.0]), 0.0, 1.5), "0.4, 1, 1.5"),
-    ((1.0, 2.0, 0.0, 1.0, 0.0, 1.0), "-1, 1, 3"),
-])
+@pytest.mark.parametrize(
+    ("inertia", "found"),
+    [
+        ((1.0, 0.0, 0.0, torch.tensor([1.0, 1.0, 0.4, 1.0]), 0.0, 1.5), "0.4, 1, 1.5"),
+        ((1.0, 2.0, 0.0, 1.0, 0.0, 1.0), "-1, 1, 3"),
+    ],
+)
 def test_an_inertia_that_no_rigid_body_has_is_refused(inertia: Any, found: str) -> None:
     with pytest.raises(ConfigError, match=f"none above the sum of the other two, got {found} kg"):
         Engine(FLYER, NEAR, 4, body=Body(5.0, inertia))

@@ -25,34 +25,49 @@ from tests.fast.training import scatter, tiny_learner
 
 SIDES: Any = symmetries(PLATFORM)
 
-CASES = pytest.mark.parametrize(("craft", "settings"), [
-    (PLATFORM, {"layers": (64, 64), "symmetric": True}),
-    (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
-    (PLATFORM, {"layers": (20,), "activation": "relu", "memory": "history", "history": 2}),
-], ids=["plane", "space, elu, three layers", "relu, one layer, a history"])
+CASES = pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+        (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
+        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": "history", "history": 2}),
+    ],
+    ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
+)
 
 
 @CASES
 def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
     learner, batch = collected(craft, **settings)
-    learner.by_hand = machine = MachineGradients(learner.network, learner.adam, learner.coefficients)
-    part, = minibatches(batch, 1, 1)
+    learner.by_hand = machine = MachineGradients(
+        learner.network, learner.adam, learner.coefficients
+    )
+    (part,) = minibatches(batch, 1, 1)
     exact = losses(learner.network, part, learner.coefficients, with_entropy=True)
     network = learner.network
-    gradients = torch.autograd.grad(exact.loss.sum(), [network.tensors[name] for name in network.learnt])
-    part, = minibatches(learner.batch(), 1, 1)
+    gradients = torch.autograd.grad(
+        exact.loss.sum(), [network.tensors[name] for name in network.learnt]
+    )
+    (part,) = minibatches(learner.batch(), 1, 1)
     learner.adam.gradient.fill_(float("nan"))
     found = machine(part)
     # 160 float32 summands in another order.
     torch.testing.assert_close(found, tuple(x.detach() for x in exact), rtol=1e-5, atol=1e-6)
     for name, gradient in zip(network.learnt, gradients, strict=True):
         start = network.tensors[name].storage_offset()
-        own = learner.adam.gradient[0, start:start + gradient.numel()].view(gradient.shape)
+        own = learner.adam.gradient[0, start : start + gradient.numel()].view(gradient.shape)
         assert (own - gradient).norm() <= 1e-5 * gradient.norm(), name
 
 
-@pytest.mark.parametrize("settings", [{"memory": "recurrent"}, {"privileged_critic": True},
-                                      {"continuous": True}, {"n_envs": 4, "batch_size": WIDTH // 2}])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"memory": "recurrent"},
+        {"privileged_critic": True},
+        {"continuous": True},
+        {"n_envs": 4, "batch_size": WIDTH // 2},
+    ],
+)
 def test_what_is_left_to_autograd(settings: Any) -> None:
     assert tiny_learner(**settings).by_hand is None
 
@@ -62,7 +77,8 @@ def test_what_is_left_to_autograd(settings: Any) -> None:
 def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
     network = collected(craft, **settings)[0].network
     plain = Network(network.architecture, network.tensors)
-    generator, memory = torch.Generator().manual_seed(1), network.blank(count)
+    generator = torch.Generator().manual_seed(1)
+    memory = network.blank(count)
     observation = torch.randn(count, network.architecture.layout.width, generator=generator)
     with torch.no_grad():
         found, expected = (x.evaluate(observation, memory) for x in (network, plain))
@@ -70,21 +86,36 @@ def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
     torch.testing.assert_close(found.policy, expected.policy, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize("change", [
-    {}, {"layers": (16, 12)}, {"activation": "relu"}, {"zoom": 2.0}, {"clip": 0.5}, {"symmetries": None},
-    {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))}, {"layout": paper_layout(10)}],
-    ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"layers": (16, 12)},
+        {"activation": "relu"},
+        {"zoom": 2.0},
+        {"clip": 0.5},
+        {"symmetries": None},
+        {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))},
+        {"layout": paper_layout(10)},
+    ],
+    ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
+)
 def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """And only those: each says what torch says of its own weights."""
     monkeypatch.setattr("rans.fast.vectors._SHARED", shared := {})
-    first = replace(Architecture.of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))),
-                    symmetries=SIDES)
+    first = replace(
+        Architecture.of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))), symmetries=SIDES
+    )
     for seed, given in enumerate((first, replace(first, **change))):
         plain = scatter(Network(given, given.initial(seed, 0.5)[0]), seed)
-        observation = torch.randn(40, given.layout.width, generator=torch.Generator().manual_seed(seed))
+        observation = torch.randn(
+            40, given.layout.width, generator=torch.Generator().manual_seed(seed)
+        )
         found = CpuLook(given, plain.tensors)(observation)
         with torch.no_grad():
             expected = plain.evaluate(observation)
         # Sums of 16 float32 products in another order.
-        torch.testing.assert_close(found, (expected.policy[0], expected.value), rtol=1e-5, atol=1e-5)
+        torch.testing.assert_close(
+            found, (expected.policy[0], expected.value), rtol=1e-5, atol=1e-5
+        )
     assert len(shared) == 1 + bool(change)

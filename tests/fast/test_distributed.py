@@ -44,8 +44,15 @@ def started(world: Processes = ALONE, members: int = 1) -> Learner:
     """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
     settings = replace(SETTINGS, memory="recurrent", symmetric=False) if members > 1 else SETTINGS
     seeds = range(4, 4 + members)
-    engine = Engine(PLATFORM, NEAR, members * 16 // world.size, SHORT, seed=seeds, dtype=torch.float64,
-                    processes=world)
+    engine = Engine(
+        PLATFORM,
+        NEAR,
+        members * 16 // world.size,
+        SHORT,
+        seed=seeds,
+        dtype=torch.float64,
+        processes=world,
+    )
     return begin(engine, [settings] * members, seeds)
 
 
@@ -56,10 +63,14 @@ def learned(model: Learner) -> dict[str, Any]:
         model.collect()
         said = model.update().tolist()
     state = model.state()
-    return {"weights": weights(model.network), "rate": model.adam.rate.tolist(),
-            "random": state["generators"], "memory": state["memory"],
-            "engine": model.engine.save_state()["buffers"],
-            "log": [statistics(numbers, model.engine, 384, 128) for numbers in said]}
+    return {
+        "weights": weights(model.network),
+        "rate": model.adam.rate.tolist(),
+        "random": state["generators"],
+        "memory": state["memory"],
+        "engine": model.engine.save_state()["buffers"],
+        "log": [statistics(numbers, model.engine, 384, 128) for numbers in said],
+    }
 
 
 def one_of_two(rank: int, folder: Path) -> None:
@@ -69,7 +80,9 @@ def one_of_two(rank: int, folder: Path) -> None:
     world = Processes(rank, 2)
     for members in (1, 2):
         found = learned(started(world, members)) | {
-            "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
+            "any": world.any(rank == 1, False),
+            "first": world.first_says(f"from {rank}"),
+        }
         torch.save(found, folder / f"{rank}-{members}.pt")
     torch.save(told(folder / "sweep", world), folder / f"{rank}-apart.pt")
     if rank == 0:
@@ -81,17 +94,29 @@ def one_of_two(rank: int, folder: Path) -> None:
 
 def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
     """What a process knows at the end of a sweep of three members in two parts, and of 7 and 5 flights."""
-    sweep = Sweep([replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world, parts=2)
+    sweep = Sweep(
+        [replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world, parts=2
+    )
     sweep.train(lambda _: None)
-    craft, task = load_spacecraft("floating-platform"), TASKS["go-to-pose"]()
+    craft = load_spacecraft("floating-platform")
+    task = TASKS["go-to-pose"]()
     engine = Engine(craft, task, 1)
     given = Architecture.of(engine, PPOSettings(layers=(8,)))
     campaign = Campaign(plan(0.9, 12, None), 5)
-    campaign.fly(Network(given, given.initial(0, 0.5)[0]), Setup(craft, task, Timing(episode_steps=5)), "cpu",
-                 processes=world)
+    campaign.fly(
+        Network(given, given.initial(0, 0.5)[0]),
+        Setup(craft, task, Timing(episode_steps=5)),
+        "cpu",
+        processes=world,
+    )
     weights = [{name: x.tolist() for name, x in member.weights.items()} for member in sweep.members]
-    return {"members": weights, "steps": [[row["steps"] for row in member.rows] for member in sweep.members],
-            "timed": sweep.timed_steps, "flights": campaign.flights, "listed": campaign.listed}
+    return {
+        "members": weights,
+        "steps": [[row["steps"] for row in member.rows] for member in sweep.members],
+        "timed": sweep.timed_steps,
+        "flights": campaign.flights,
+        "listed": campaign.listed,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -117,9 +142,14 @@ def test_two_processes_learn_what_one_does(together: Path, members: int) -> None
     if members > 1:
         torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
     for ours, theirs in zip(first["log"], alone["log"], strict=True):
-        for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate",
-                     "rollout/ep_len_mean",
-                     "return/turn"):
+        for name in (
+            "train/loss",
+            "train/approx_kl",
+            "train/grad_norm",
+            "rollout/failure_rate",
+            "rollout/ep_len_mean",
+            "return/turn",
+        ):
             assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
 
@@ -194,17 +224,40 @@ sys.exit(main(sys.argv[1:]))
 
 
 def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Which one process then resumes. They are on two machines, here both are this one."""
     monkeypatch.chdir(tmp_path)
     Path("mortal.py").write_text(MORTAL)
     with socket.create_server(("localhost", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "torch.distributed.run", "--nnodes", "2", "--nproc-per-node", "1",
-               "--rdzv-backend", "c10d", "--rdzv-id", "tests", "--rdzv-endpoint", f"localhost:{port}",
-               "--local-addr", "localhost", "--", "mortal.py", *tiny(total_timesteps=10**9), "--run", "run"]
+    command = [
+        sys.executable,
+        "-m",
+        "torch.distributed.run",
+        "--nnodes",
+        "2",
+        "--nproc-per-node",
+        "1",
+        "--rdzv-backend",
+        "c10d",
+        "--rdzv-id",
+        "tests",
+        "--rdzv-endpoint",
+        f"localhost:{port}",
+        "--local-addr",
+        "localhost",
+        "--",
+        "mortal.py",
+        *tiny(total_timesteps=10**9),
+        "--run",
+        "run",
+    ]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    nodes = [subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    nodes = [
+        subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
     errors = "".join(node.communicate(timeout=PATIENCE)[1] for node in nodes)
     assert all(node.returncode != 0 for node in nodes)
     assert errors.count("rans: another process of this command is gone;") == 1, errors
@@ -218,9 +271,11 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
 
 def test_who_waits_forever_hears_a_signal() -> None:
     """As where the GPU waits for a process that is gone: Python's own handlers then never run."""
-    code = ("import signal, threading; from rans.fast.distributed import leave_when_stuck; "
-            "signal.signal(signal.SIGTERM, lambda *_: None); leave_when_stuck(patience=0.1); "
-            "print('waiting', flush=True); import time; time.sleep(10**6)")
+    code = (
+        "import signal, threading; from rans.fast.distributed import leave_when_stuck; "
+        "signal.signal(signal.SIGTERM, lambda *_: None); leave_when_stuck(patience=0.1); "
+        "print('waiting', flush=True); import time; time.sleep(10**6)"
+    )
     with python("-c", code, cwd=ROOT) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "waiting\n"

@@ -15,7 +15,17 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, spin, way_to_go
+from tests.fast.engines import (
+    FLYER,
+    NEAR,
+    PLATFORM,
+    SHORT,
+    actions,
+    both_crafts,
+    run,
+    spin,
+    way_to_go,
+)
 
 
 def first_observation(craft: Spacecraft, seed: int, episode: int) -> np.ndarray:
@@ -28,14 +38,17 @@ def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft)
     """Environment i of N flies episodes i, i + N, i + 2 N, ... as `scenario` gives them."""
     for count in (1, 3, 7):
         engine = backend(craft, NEAR, count, SHORT, seed=11, dtype=torch.float64)
-        number, begun, seen = np.arange(count), np.full(count, True), engine.observe()
+        number = np.arange(count)
+        begun = np.full(count, True)
+        seen = engine.observe()
         for action in actions(craft, count, 45):
             for i in np.flatnonzero(begun):
                 expected = first_observation(craft, 11, int(number[i]))
                 # Both take the same draws; sine and cosine may differ in the last place.
                 np.testing.assert_allclose(seen[i].numpy(), expected, rtol=0, atol=1e-14)
             step = engine.step(action)
-            begun, seen = (step.terminated | step.truncated).numpy(), step.observation
+            begun = (step.terminated | step.truncated).numpy()
+            seen = step.observation
             number = number + count * begun
         assert number.min() >= 2 * count
 
@@ -44,12 +57,16 @@ def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft)
 def test_ends(backend: Any, craft: Spacecraft) -> None:
     """Failure ends an episode at once, time ends it after so many steps, and never both."""
     engine = backend(craft, NEAR, 32, SHORT, seed=1)
-    age, ends = np.zeros(32, dtype=int), np.zeros(2, dtype=int)
+    age = np.zeros(32, dtype=int)
+    ends = np.zeros(2, dtype=int)
     for step in run(engine):
         age += 1
-        terminated, truncated = step.terminated.numpy(), step.truncated.numpy()
+        terminated = step.terminated.numpy()
+        truncated = step.truncated.numpy()
         far = way_to_go(craft, step.final_observation).numpy() > NEAR.fail_distance
-        fast = (craft.dimension == 3) & (spin(craft, step.final_observation).numpy() > NEAR.fail_spin)
+        fast = (craft.dimension == 3) & (
+            spin(craft, step.final_observation).numpy() > NEAR.fail_spin
+        )
         np.testing.assert_array_equal(terminated, far | fast)
         np.testing.assert_array_equal(truncated, (age == SHORT.episode_steps) & ~terminated)
         ends += terminated.sum(), truncated.sum()
@@ -63,7 +80,8 @@ def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -
     engine, whole = (backend(craft, NEAR, 4, SHORT, seed=3, dtype=torch.float64) for _ in range(2))
     engine.state.p.x[1] = torch.nan
     action = actions(craft, 4, 1)[0]
-    lost, fine = engine.step(action), whole.step(action)
+    lost = engine.step(action)
+    fine = whole.step(action)
     assert lost.terminated.tolist() == [False, True, False, False]
     assert lost.reward[1] == 0.0
     assert lost.terms[:, 1].eq(0.0).all()
@@ -101,7 +119,9 @@ def test_reward_is_the_sum_of_its_terms(backend: Any, craft: Spacecraft) -> None
 
 
 @both_crafts
-def test_price_of_thrust_counts_open_valves_however_they_share(backend: Any, craft: Spacecraft) -> None:
+def test_price_of_thrust_counts_open_valves_however_they_share(
+    backend: Any, craft: Spacecraft
+) -> None:
     for sharing in ("none", "split"):
         shared = dataclasses.replace(craft, thrust_sharing=sharing)
         engine = backend(shared, GoToPose(thrust_weight=0.5), 2, seed=1)
@@ -112,7 +132,9 @@ def test_price_of_thrust_counts_open_valves_however_they_share(backend: Any, cra
 
 def test_one_thruster_for_one_period(backend: Any) -> None:
     """From rest at heading h, v = F h_t / m turned by h plus half the turn, to first order in it."""
-    craft = dataclasses.replace(PLATFORM, inertia=((1e6, 0.0, 0.0), (0.0, 1e6, 0.0), (0.0, 0.0, 1e6)))
+    craft = dataclasses.replace(
+        PLATFORM, inertia=((1e6, 0.0, 0.0), (0.0, 1e6, 0.0), (0.0, 0.0, 1e6))
+    )
     engine = backend(craft, GoToPose(), 8, seed=4, dtype=torch.float64)
     before = engine.observe()
     after = engine.step(torch.eye(8)).final_observation
@@ -132,7 +154,8 @@ def test_a_batch_is_its_members(backend: Any, craft: Spacecraft) -> None:
     for _ in range(2):
         alone.reset()
     for action in actions(craft, 5, 20):
-        many, one = batch.step(action), alone.step(action[2:3])
+        many = batch.step(action)
+        one = alone.step(action[2:3])
         # The same operations on arrays of another length may round differently in the last place.
         for x, y in ((many.final_observation, one.final_observation), (many.reward, one.reward)):
             torch.testing.assert_close(x[2:3], y, rtol=0, atol=1e-13)
@@ -150,7 +173,9 @@ def test_reset_goes_on_counting_and_a_seed_starts_over(backend: Any, craft: Spac
     np.testing.assert_allclose(second[0], first_observation(craft, 5, 3), atol=1e-6)  # float32
     torch.testing.assert_close(engine.reset(5), first, rtol=0, atol=0)
     assert (engine.reset(6) != first).any(dim=1).all()
-    np.testing.assert_allclose(engine.reset(2**64 - 1)[0], first_observation(craft, -1, 0), atol=1e-6)
+    np.testing.assert_allclose(
+        engine.reset(2**64 - 1)[0], first_observation(craft, -1, 0), atol=1e-6
+    )
 
 
 def test_reset_forgets_the_steps(backend: Any) -> None:
@@ -165,11 +190,13 @@ def test_reset_forgets_the_steps(backend: Any) -> None:
 @both_crafts
 def test_a_clock_counts_steps_and_episodes(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 32, SHORT)
-    steps, episodes = torch.zeros(32), torch.zeros(32)
+    steps = torch.zeros(32)
+    episodes = torch.zeros(32)
     for action in actions(craft, 32, 60):
         step = engine.step(action)
         ended = step.terminated | step.truncated
-        steps, episodes = torch.where(ended, 0, steps + 1), episodes + ended
+        steps = torch.where(ended, 0, steps + 1)
+        episodes = episodes + ended
         clock = engine.save_state()["buffers"][-1]
         # SHORT's twenty steps need five bits.
         assert (clock % 32).tolist() == steps.tolist()
@@ -224,7 +251,9 @@ def test_a_foreign_state_is_refused(backend: Any) -> None:
         backend(PLATFORM, NEAR, 4, SHORT).load_state(saved)
     with pytest.raises(ConfigError, match="1 environments of 'free-flyer'"):
         backend(FLYER, NEAR, 1, SHORT).load_state(saved)
-    with pytest.raises(ConfigError, match=r"episodes of 20 steps, not 21: its clocks would be misread\."):
+    with pytest.raises(
+        ConfigError, match=r"episodes of 20 steps, not 21: its clocks would be misread\."
+    ):
         backend(PLATFORM, NEAR, 1, Timing(episode_steps=21)).load_state(saved)
 
 
@@ -251,12 +280,15 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
 
 def test_actions_of_another_shape_are_refused(backend: Any) -> None:
     for wrong in ((8, 4), (4, 7), (1, 8), (4,)):
-        with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \("):
+        with pytest.raises(
+            ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \("
+        ):
             backend(PLATFORM, NEAR, 4).step(torch.zeros(wrong))
 
 
 def test_reached_is_within_every_tolerance_on_arrival(backend: Any) -> None:
-    engine, seen = backend(PLATFORM, NEAR, 32, SHORT, seed=1), []
+    engine = backend(PLATFORM, NEAR, 32, SHORT, seed=1)
+    seen = []
     for step in run(engine):
         final = step.final_observation
         turn = torch.atan2(final[:, 9], final[:, 8]).abs()
@@ -270,7 +302,8 @@ def test_reached_is_within_every_tolerance_on_arrival(backend: Any) -> None:
 def test_errors_are_those_of_the_current_state(backend: Any) -> None:
     engine = backend(PLATFORM, GoToPose(), 16, seed=1)
     run(engine, 3)
-    seen, errors = engine.observe(), engine.errors()
+    seen = engine.observe()
+    errors = engine.errors()
     torch.testing.assert_close(errors["position"], way_to_go(PLATFORM, seen))
     torch.testing.assert_close(errors["attitude"], torch.atan2(seen[:, 9], seen[:, 8]).abs())
 
@@ -284,7 +317,9 @@ def test_wrong_number_of_environments(count: Any) -> None:
 def test_what_is_no_spacecraft_and_no_name_of_one() -> None:
     with pytest.raises(ConfigError, match="there is no spacecraft named 'platform'"):
         Engine("platform", NEAR, 4)
-    with pytest.raises(ConfigError, match=r"spacecraft, .* must be a rans\.Spacecraft, got GoToPose"):
+    with pytest.raises(
+        ConfigError, match=r"spacecraft, .* must be a rans\.Spacecraft, got GoToPose"
+    ):
         Engine(NEAR, NEAR, 4)  # type: ignore[arg-type]
 
 
@@ -297,10 +332,13 @@ def test_wrong_dtype_and_seed() -> None:
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 5.0])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(wrong: float, dtype: torch.dtype) -> None:
+def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(
+    wrong: float, dtype: torch.dtype
+) -> None:
     """And nothing has moved."""
     engine = Engine(PLATFORM, NEAR, 4, SHORT)
-    before, action = engine.observe(), torch.zeros(4, 8, dtype=dtype)
+    before = engine.observe()
+    action = torch.zeros(4, 8, dtype=dtype)
     action[2, 5] = wrong
     with pytest.raises(ConfigError, match="actions must be numbers from 0"):
         engine.step(action)

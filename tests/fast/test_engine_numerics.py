@@ -21,37 +21,55 @@ from tests.fast import engines
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, torch_engine
 
 
-def compare(craft: Spacecraft, dtype: torch.dtype, tolerance: float, other: Any,
-            conditions: Conditions | None = None) -> None:
+def compare(
+    craft: Spacecraft,
+    dtype: torch.dtype,
+    tolerance: float,
+    other: Any,
+    conditions: Conditions | None = None,
+) -> None:
     """Fly the same commands on NumPy and with another engine."""
     ours, theirs = (
-        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, conditions=conditions) for make in (Engine, other))
+        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, conditions=conditions)
+        for make in (Engine, other)
+    )
     for action in actions(craft, 64, 45):
-        a, b = ours.step(action), theirs.step(action)
+        a = ours.step(action)
+        b = theirs.step(action)
         for name, x, y in zip(Step._fields, a, b, strict=True):
             assert (x.shape, x.dtype) == (y.shape, y.dtype), name
-            torch.testing.assert_close(x, y, rtol=0, atol=tolerance, msg=lambda m, n=name: f"{n}: {m}")
+            torch.testing.assert_close(
+                x, y, rtol=0, atol=tolerance, msg=lambda m, n=name: f"{n}: {m}"
+            )
 
 
 @both_crafts
-@pytest.mark.parametrize(("dtype", "tolerance"), [
-    # 20 steps multiply a last place of values up to 4 by a few hundred at most.
-    (torch.float64, 1e-12), (torch.float32, 1e-4),
-])
+@pytest.mark.parametrize(
+    ("dtype", "tolerance"),
+    [
+        # 20 steps multiply a last place of values up to 4 by a few hundred at most.
+        (torch.float64, 1e-12),
+        (torch.float32, 1e-4),
+    ],
+)
 def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype, tolerance: float) -> None:
     with torch.compiler.set_stance("force_eager"):
         compare(craft, dtype, tolerance, torch_engine)
 
 
-@pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))),
-                    reason="torch.compile needs a C++ compiler")
+@pytest.mark.skipif(
+    not any(map(shutil.which, ("c++", "g++", "clang++"))),
+    reason="torch.compile needs a C++ compiler",
+)
 # torch.compile itself uses a part of torch that torch has deprecated.
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")
 def test_numpy_and_compiled_agree() -> None:
     compare(PLATFORM, torch.float64, 1e-12, torch_engine)  # tolerance as above
 
 
-def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Which of them are recoverable is found by linear programmes, once for all steps."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     faults = Conditions(faults=FaultConditions(count=1.0, among="recoverable"))
@@ -73,7 +91,8 @@ def test_float32_flies_where_float64_does(craft: Spacecraft) -> None:
     for action in actions(craft, 64, 125):
         short.step(action)
         long.step(action)
-    a, b = short.observe(), long.observe()
+    a = short.observe()
+    b = long.observe()
     first = 6 if craft.dimension == 2 else 13
     # Relative to the distance flown, tens of metres here where an episode allows 8.
     scale = engines.way_to_go(craft, b)[:, None].clamp(min=8.0) / 8.0
@@ -120,9 +139,12 @@ def stronger(craft: Spacecraft, factor: float) -> Spacecraft:
 
 @pytest.mark.filterwarnings("ignore:spacecraft .* one command turns it")  # a hundred times too much
 @pytest.mark.parametrize("factor", [1.0, 100.0])
-@pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "nasty planar", "nasty spatial"])
-def test_a_quarter_of_a_million_steps_without_nan(name: str, factor: float, planar_craft: Spacecraft,
-                                     spatial_craft: Spacecraft) -> None:
+@pytest.mark.parametrize(
+    "name", ["floating-platform", "free-flyer", "nasty planar", "nasty spatial"]
+)
+def test_a_quarter_of_a_million_steps_without_nan(
+    name: str, factor: float, planar_craft: Spacecraft, spatial_craft: Spacecraft
+) -> None:
     """Random, held, one-sided and full thrust; also a hundred times too much of it.
 
     `validation.breaking` flies a thousand million.
@@ -130,9 +152,11 @@ def test_a_quarter_of_a_million_steps_without_nan(name: str, factor: float, plan
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)
     quick = factor == 1.0 or craft.dimension == 2  # else 64 substeps are chosen in space
-    count, n = 2048 if quick else 256, len(craft.thrusters)
+    count = 2048 if quick else 256
+    n = len(craft.thrusters)
     engine = Engine(craft, GoToPose(), count, Timing(substeps=None if quick else 8))
-    random, held = actions(craft, count, 125, held=1), actions(craft, count, 125, held=25)
+    random = actions(craft, count, 125, held=1)
+    held = actions(craft, count, 125, held=25)
     one = torch.eye(n).repeat(count // n + 1, 1)[:count]
     for k in range(0, 125, 1 if quick else 5):
         kinds = (random[k], held[k], one, torch.ones(count, n))

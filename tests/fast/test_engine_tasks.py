@@ -18,9 +18,12 @@ from rans.tasks import GoToPosition, MultiTask, TrackVelocity
 from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
 
 COSTLY = replace(NEAR, switching_weight=0.25)
-MIXED = MultiTask(tasks=("go-to-pose", "go-to-position", "track-velocity"), go_to_pose=COSTLY,
-                  go_to_position=GoToPosition(spawn_distance=(0.5, 1.0), fail_distance=1.05, fail_spin=15.0),
-                  track_velocity=TrackVelocity(velocity_tolerance=0.5, fail_spin=2.0))
+MIXED = MultiTask(
+    tasks=("go-to-pose", "go-to-position", "track-velocity"),
+    go_to_pose=COSTLY,
+    go_to_position=GoToPosition(spawn_distance=(0.5, 1.0), fail_distance=1.05, fail_spin=15.0),
+    track_velocity=TrackVelocity(velocity_tolerance=0.5, fail_spin=2.0),
+)
 """With it too many episodes of `SHORT` fail under random thrust, and others do not."""
 
 
@@ -28,13 +31,16 @@ MIXED = MultiTask(tasks=("go-to-pose", "go-to-position", "track-velocity"), go_t
 def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> None:
     """Episodes begin with all valves shut, wherever the last one ended."""
     engine = backend(craft, COSTLY, 32, SHORT, seed=1)
-    paid, before, begun = engine.term_names.index("switching"), torch.zeros(32, len(craft.thrusters)), 0
+    paid = engine.term_names.index("switching")
+    before = torch.zeros(32, len(craft.thrusters))
+    begun = 0
     for action in actions(craft, 32, 45, held=2):
         step = engine.step(action)
         moved = (action - before).abs().sum(dim=1)
         torch.testing.assert_close(step.terms[paid], -0.25 * moved)
         ended = step.terminated | step.truncated
-        before, begun = torch.where(ended[:, None], 0, action).float(), begun + int(ended.sum())
+        before = torch.where(ended[:, None], 0, action).float()
+        begun = begun + int(ended.sum())
     assert begun > 32
     engine.reset()
     opened = engine.step(torch.ones(32, len(craft.thrusters))).terms[paid]
@@ -73,14 +79,18 @@ def test_a_state_without_commands_is_refused_where_they_are_needed(backend: Any)
 def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> None:
     """Goals and flags are those of `scenario`; only the drawn task's terms are paid."""
     engine = backend(craft, MIXED, 16, SHORT, seed=2, dtype=torch.float64)
-    number, flag_column = np.arange(16), 5 if craft.dimension == 2 else 12
-    names, seen_flags = engine.term_names, set()
+    number = np.arange(16)
+    flag_column = 5 if craft.dimension == 2 else 12
+    names = engine.term_names
+    seen_flags = set()
     for action in actions(craft, 16, 45):
         goals = [scenario(MIXED, craft.dimension, 2, int(k)).goal for k in number]
         flags = np.array([goal.notes[0] for goal in goals])
         kept = [np.broadcast_to(np.asarray(x), 16) for x in leaves(engine.goal)]
         # Both take the same draws; sine and cosine may differ in the last place.
-        np.testing.assert_allclose(np.transpose(kept), [leaves(goal) for goal in goals], rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            np.transpose(kept), [leaves(goal) for goal in goals], rtol=0, atol=1e-15
+        )
         step = engine.step(action)
         np.testing.assert_array_equal(step.final_observation[:, flag_column], flags)
         for name, goes_to_a_place in (("position", True), ("velocity", False)):
@@ -95,7 +105,9 @@ def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> N
 
 def test_one_step_costs_no_more_memory_than_its_goals(backend: Any) -> None:
     """A multi-task of one moving goal remembers that goal and its flag."""
-    alone, mixed = (backend(PLATFORM, task, 16, Timing()) for task in (
-        TrackVelocity(), MultiTask(tasks=("track-velocity",))))
+    alone, mixed = (
+        backend(PLATFORM, task, 16, Timing())
+        for task in (TrackVelocity(), MultiTask(tasks=("track-velocity",)))
+    )
     sizes = [sum(x.nbytes for x in engine.save_state()["buffers"]) for engine in (alone, mixed)]
     assert sizes[1] - sizes[0] == 16 * 4

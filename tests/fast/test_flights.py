@@ -49,15 +49,19 @@ def alike(a: Verdicts, b: Verdicts, different: int = 0, share: float = 1e-5) -> 
 def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
     """Scenario by scenario, in float64 there; no task of these ends a flight."""
     task = replace(WIDE, fail_distance=1e3, fail_spin=1e3)
-    network, given = policy(craft, task), Setup(*setup(craft, task))
+    network = policy(craft, task)
+    given = Setup(*setup(craft, task))
     found = Flights(network, given).fly(7, COUNT, 3)
     flight = flown(Agent(network, ""), given, 3, COUNT, first=7).flight
     failed = 7 + np.flatnonzero(~metrics.solved(flight))
     # float32 and float64 may differ in a command, and in a state within rounding of a bound.
     assert len(set(found.numbers.tolist()) ^ set(failed.tolist())) <= COUNT // 100
     assert 0 < len(failed) < COUNT
-    expected = {"return": metrics.returns(flight), "impulse": metrics.impulses(flight),
-                "duty at rest": flight.commands[-2:].mean(axis=(0, 2))}
+    expected = {
+        "return": metrics.returns(flight),
+        "impulse": metrics.impulses(flight),
+        "duty at rest": flight.commands[-2:].mean(axis=(0, 2)),
+    }
     for name, values in expected.items():
         assert found.sums[name].mean == pytest.approx(values.mean(), rel=2e-3)
         assert found.sums[name].squares == pytest.approx(np.square(values).sum(), rel=2e-3)
@@ -67,7 +71,8 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
 
 
 KINDS: dict[str, tuple[Spacecraft, Any]] = {
-    "zoom": (PLATFORM, {"zoom": 8.0}), "relu, one layer": (FLYER, {"layers": (24,), "activation": "relu"}),
+    "zoom": (PLATFORM, {"zoom": 8.0}),
+    "relu, one layer": (FLYER, {"layers": (24,), "activation": "relu"}),
     "elu, three layers": (PLATFORM, {"layers": (16, 16, 16), "activation": "elu", "sided": False}),
     "throttle": (replace(PLATFORM, actuators=Throttle()), {}),
 }
@@ -76,10 +81,13 @@ KINDS: dict[str, tuple[Spacecraft, Any]] = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_program_does_what_stepping_does(kind: str) -> None:
     craft, settings = KINDS[kind]
-    network, given = policy(craft, **settings), setup(craft)
-    program, stepped = Flights(network, given), Flights(network, given, generated=False)
+    network = policy(craft, **settings)
+    given = setup(craft)
+    program = Flights(network, given)
+    stepped = Flights(network, given, generated=False)
     assert isinstance(program._whole, CpuFlights)
-    a, b = program.fly(0, COUNT, 2**40 + 5), stepped.fly(0, COUNT, 2**40 + 5)
+    a = program.fly(0, COUNT, 2**40 + 5)
+    b = stepped.fly(0, COUNT, 2**40 + 5)
     alike(a, b, different=2, share=1e-3)
     assert (a.ways, b.ways) == ({"CPU, float32"}, {"stepping, cpu"})
     assert sum(count > 0 for count in a.failures.values()) >= 3
@@ -88,7 +96,8 @@ def test_the_program_does_what_stepping_does(kind: str) -> None:
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_conditions_are_flown(effect: str) -> None:
     """Valves that hold and sensors that are late remember several periods, each moved on by the next."""
-    network, given = policy(PLATFORM), setup(PLATFORM, conditions=EFFECTS[effect])
+    network = policy(PLATFORM)
+    given = setup(PLATFORM, conditions=EFFECTS[effect])
     found = Flights(network, given).fly(0, COUNT, 1)
     # Programs round in another order; a command as near to zero changes, and with it one flight of hundreds.
     alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
@@ -96,19 +105,27 @@ def test_conditions_are_flown(effect: str) -> None:
     assert perfect.sums["return"] != found.sums["return"]
 
 
-@pytest.mark.parametrize("memory", [
-    {"history": 2, "averages": (0.5,)}, {"history": 3, "sided": False, "zoom": 4.0},
-    {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": (25.0, 25.0), "sided": False},
-    {"steady": (), "history": 2, "commands_only": True}, {"steady": (0.0, 25.0), "response": (0.1, 0.0)},
-    {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0},
-], ids=str)
+@pytest.mark.parametrize(
+    "memory",
+    [
+        {"history": 2, "averages": (0.5,)},
+        {"history": 3, "sided": False, "zoom": 4.0},
+        {"averages": (0.5,), "commands_only": True, "zoom": 4.0},
+        {"steady": (25.0, 25.0), "sided": False},
+        {"steady": (), "history": 2, "commands_only": True},
+        {"steady": (0.0, 25.0), "response": (0.1, 0.0)},
+        {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0},
+    ],
+    ids=str,
+)
 @both_crafts
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
     looked_for = {name: memory[name] for name in ("steady", "response", "gate") if name in memory}
     kind = {name: x for name, x in memory.items() if name not in looked_for}
     if looked_for:
         kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
-    network, given = policy(craft, **kind), setup(craft, conditions=EFFECTS["sensors"])
+    network = policy(craft, **kind)
+    given = setup(craft, conditions=EFFECTS["sensors"])
     found = Flights(network, given).fly(0, COUNT, 1)
     assert found.ways == {"CPU, float32"}
     # As above.
@@ -124,14 +141,16 @@ def test_a_recurrent_policy_is_stepped() -> None:
 
 def test_stepping_on_torch_is_stepping_on_numpy() -> None:
     """As on a GPU, where nothing is compiled."""
-    network, given = policy(PLATFORM, history=1), setup(PLATFORM, conditions=EFFECTS["body"])
+    network = policy(PLATFORM, history=1)
+    given = setup(PLATFORM, conditions=EFFECTS["body"])
     numpy, torches = (Flights(network, given, generated=False) for _ in range(2))
     torches._backend = Backend(torch.device("cpu"), torch.float32)
     alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
 
 
 def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    network, given = policy(PLATFORM, zoom=8.0), setup(PLATFORM)
+    network = policy(PLATFORM, zoom=8.0)
+    given = setup(PLATFORM)
     whole = Flights(network, given).fly(0, COUNT, 1)
     monkeypatch.setitem(module.BATCH, "cpu", 64)
     told: list[int] = []
@@ -145,7 +164,9 @@ def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def here(function: Any, jobs: Any, workers: int, prepare: Any, arguments: Any) -> Iterator[list[Future[Any]]]:
+def here(
+    function: Any, jobs: Any, workers: int, prepare: Any, arguments: Any
+) -> Iterator[list[Future[Any]]]:
     """As `rans.processes.submitted`, without processes."""
     prepare(*arguments)
     futures = []
@@ -156,7 +177,8 @@ def here(function: Any, jobs: Any, workers: int, prepare: Any, arguments: Any) -
 
 
 def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    network, given = policy(PLATFORM), setup(PLATFORM)
+    network = policy(PLATFORM)
+    given = setup(PLATFORM)
     whole = Flights(network, given).fly(5, COUNT, 1)
     monkeypatch.setattr(module, "submitted", here)
     monkeypatch.setattr(module, "_MANY", 200)
@@ -176,7 +198,9 @@ def test_a_process_that_died_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(module, "submitted", dying)
     monkeypatch.setattr(module, "_MANY", 2)
-    with pytest.raises(RansError, match="a process that flew died; the usual cause is too little memory"):
+    with pytest.raises(
+        RansError, match="a process that flew died; the usual cause is too little memory"
+    ):
         Flights(policy(PLATFORM), setup(PLATFORM)).fly(0, 10, 1)
 
 
@@ -191,7 +215,9 @@ def test_a_state_that_is_not_finite_ends_its_flight() -> None:
 
 @pytest.mark.parametrize(("first", "count"), [(-1, 5), (0, 0), (2**31 - 4, 5)])
 def test_scenarios_there_are_none_of(first: int, count: int) -> None:
-    with pytest.raises(ConfigError, match="scenarios have numbers from 0 to 2147483647: there are none from"):
+    with pytest.raises(
+        ConfigError, match="scenarios have numbers from 0 to 2147483647: there are none from"
+    ):
         Flights(policy(PLATFORM), setup(PLATFORM)).fly(first, count, 1)
 
 

@@ -58,8 +58,9 @@ def updates(craft: Any = PLATFORM, **settings: Any) -> int:
     return operations(trained(craft, **settings).update).total()
 
 
-@pytest.mark.parametrize(("craft", "plain", "symmetric"), [(PLATFORM, 52, 89), (FLYER, 79, 296)],
-                         ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("craft", "plain", "symmetric"), [(PLATFORM, 52, 89), (FLYER, 79, 296)], ids=["plane", "space"]
+)
 def test_a_step_of_a_rollout(craft: Any, plain: int, symmetric: int) -> None:
     """Without the engine's own, which steps on NumPy here."""
     for used, counted in ((False, plain), (True, symmetric)):
@@ -67,7 +68,9 @@ def test_a_step_of_a_rollout(craft: Any, plain: int, symmetric: int) -> None:
         assert operations(model.collect).total() / model.n_steps <= SLACK * counted
 
 
-@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 124), (FLYER, 124)], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("craft", "counted"), [(PLATFORM, 124), (FLYER, 124)], ids=["plane", "space"]
+)
 def test_a_minibatch(craft: Any, counted: int) -> None:
     """What one more epoch of two minibatches adds; and a third adds as much as the second.
 
@@ -78,12 +81,17 @@ def test_a_minibatch(craft: Any, counted: int) -> None:
     assert (two - one) / 2 <= SLACK * counted
 
 
-@pytest.mark.parametrize(("craft", "plain", "symmetric"), [(PLATFORM, 135, 212), (FLYER, 189, 626)],
-                         ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("craft", "plain", "symmetric"),
+    [(PLATFORM, 135, 212), (FLYER, 189, 626)],
+    ids=["plane", "space"],
+)
 def test_what_comes_once_an_update(craft: Any, plain: int, symmetric: int) -> None:
     """Advantages, what the policy sees, its statistics and the step size."""
     for used, counted in ((False, plain), (True, symmetric)):
-        once = 2 * updates(craft, n_epochs=1, symmetric=used) - updates(craft, n_epochs=2, symmetric=used)
+        once = 2 * updates(craft, n_epochs=1, symmetric=used) - updates(
+            craft, n_epochs=2, symmetric=used
+        )
         assert once <= SLACK * counted
 
 
@@ -121,8 +129,12 @@ def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
     model = trained(batch_size=128)
     twin = sb3_twin(model, replace(TINY, batch_size=128))
     twin._setup_learn(10**6)
-    callback: Any = SimpleNamespace(on_rollout_start=lambda: None, update_locals=lambda _: None,
-                                    on_step=lambda: True, on_rollout_end=lambda: None)
+    callback: Any = SimpleNamespace(
+        on_rollout_start=lambda: None,
+        update_locals=lambda _: None,
+        on_step=lambda: True,
+        on_rollout_end=lambda: None,
+    )
     twin.collect_rollouts(twin.env, callback, twin.rollout_buffer, twin.n_steps)  # type: ignore[arg-type]
     an_epoch = updates(batch_size=128, n_epochs=3) - updates(batch_size=128, n_epochs=2)
     assert operations(twin.train).total() / twin.n_epochs > 2 * an_epoch
@@ -130,14 +142,18 @@ def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
 
 def test_compiled_functions_are_one_graph_each() -> None:
     """What a GPU's compiler is given: no break, and no more nodes than they have."""
-    model, nodes = trained(symmetric=True), []
+    model = trained(symmetric=True)
+    nodes = []
 
     def backend(graph: GraphModule, _: Any) -> Any:
         nodes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
         return graph.forward
 
-    engine, network, rollout = model.engine, model.network, model.rollout
-    part, kept = minibatches(model.batch(), 1, 2)[0], rollout.all
+    engine = model.engine
+    network = model.network
+    rollout = model.rollout
+    part = minibatches(model.batch(), 1, 2)[0]
+    kept = rollout.all
     uniform = torch.rand_like(kept.action[0])
     acted = act(network, kept.observation[0], None, None, uniform)
     step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted.command.detach())

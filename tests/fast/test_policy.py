@@ -19,11 +19,13 @@ from tests.fast.training import make_network, sb3_policy, scatter, seen, tiny_le
 @both_crafts
 def test_it_says_what_sb3_says(craft: Any, continuous: bool) -> None:
     """SB3's own policy class with the same weights."""
-    network, observations = make_network(craft, continuous), seen(craft, 64)
+    network = make_network(craft, continuous)
+    observations = seen(craft, 64)
     policy = sb3_policy(network.architecture, network.member(0), own=True)
     generator = torch.Generator().manual_seed(1)
     actions = torch.randint(0, 2, (64, len(craft.thrusters)), generator=generator)
-    said, output = network.evaluate(observations).policy, network.evaluate(observations)
+    said = network.evaluate(observations).policy
+    output = network.evaluate(observations)
     value, log_prob, entropy = policy.evaluate_actions(observations, actions)
     # Sums of tens of float64 numbers of order one, and of a Gaussian's of order 100, in another order.
     close: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-12}
@@ -42,8 +44,12 @@ def test_it_says_what_sb3_says(craft: Any, continuous: bool) -> None:
 @both_crafts
 def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None:
     """Of the same seed, which then gives the same random numbers."""
-    given = Architecture(make_network(craft).architecture.layout, len(craft.thrusters), (32, 16),
-                         continuous=continuous)
+    given = Architecture(
+        make_network(craft).architecture.layout,
+        len(craft.thrusters),
+        (32, 16),
+        continuous=continuous,
+    )
     tensors, generator = given.initial(11, 0.5)
     torch.manual_seed(11)
     policy = ActorCriticPolicy(*policy_spaces(given), lambda _: 1e-3, **policy_kwargs(given))
@@ -57,10 +63,14 @@ def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None
 def test_a_critic_that_is_told_nothing_goes_by_the_design(craft: Any) -> None:
     """It values states as if told the numbers of the nominal craft, not all of them one; in files too."""
     learner = tiny_learner(craft, privileged_critic=True)
-    network, told, observations = scatter(learner.network), learner.engine.privileged()[:8], seen(craft, 8)
+    network = scatter(learner.network)
+    told = learner.engine.privileged()[:8]
+    observations = seen(craft, 8)
     value = network.evaluate(observations).value
     assert {0.0, 1.0} <= set(told[0].tolist())
-    torch.testing.assert_close(network.evaluate(observations, None, told).value, value, rtol=0, atol=0)
+    torch.testing.assert_close(
+        network.evaluate(observations, None, told).value, value, rtol=0, atol=0
+    )
     assert (network.evaluate(observations, None, torch.ones_like(told)).value != value).all()
     policy = sb3_policy(network.architecture, network.member(0), dtype=torch.float32)
     torch.testing.assert_close(policy.predict_values(observations)[:, 0], value, rtol=0, atol=0)

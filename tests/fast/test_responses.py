@@ -19,18 +19,24 @@ from rans.tasks.derived import layout
 from tests.fast.engines import both_crafts
 from tests.fast.test_filters import COUNT, SEED, TIMING, commands, in_body
 
-LATE, SLOW = 0.05, 1.25
+LATE = 0.05
+SLOW = 1.25
 
 
 def test_it_is_the_least_squares_of_all_there_was() -> None:
     """With what was known before as two more rows; covariances do not wander between readings here."""
-    random, spread, variance = np.random.default_rng(1), 4.0, 0.3
+    random = np.random.default_rng(1)
+    spread = 4.0
+    variance = 0.3
     found = Response(0.0, 0.0, (spread, 0.0, spread), (), ())
-    rows, off = [np.eye(2) / np.sqrt(spread)], [np.zeros(2)]
+    rows = [np.eye(2) / np.sqrt(spread)]
+    off = [np.zeros(2)]
     for _ in range(12):
         now, then = random.normal(size=(2, 3))
         rows.append(np.stack((now, then), axis=1) / np.sqrt(variance))
-        off.append((0.4 * now - 0.2 * then + np.sqrt(variance) * random.normal(size=3)) / np.sqrt(variance))
+        off.append(
+            (0.4 * now - 0.2 * then + np.sqrt(variance) * random.normal(size=3)) / np.sqrt(variance)
+        )
         # A filter expects what it knows already, so that it is told what is left.
         left = np.sqrt(variance) * off[-1] - (found.more * now + found.late * then)
         found = found._replace(now=list(now), then=list(then)).learnt(list(left), variance)
@@ -43,21 +49,36 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
 
 
 @both_crafts
-@pytest.mark.parametrize(("conditions", "forces", "torques"), [
-    (Conditions(), (0.0, 0.0), (0.0, 0.0)),
-    (Conditions(body=BodyConditions(mass=(SLOW, SLOW))), (1.0 / SLOW - 1.0, 0.0), (0.0, 0.0)),
-    (Conditions(body=BodyConditions(inertia=(0.8, 0.8))), (0.0, 0.0), (0.25, 0.0)),
-    (Conditions(thrusters=ThrusterConditions(thrust=(0.9, 0.9))), (-0.1, 0.0), (-0.1, 0.0)),
-    (Conditions(thrusters=ThrusterConditions(latency=(LATE, LATE))), (-0.25, 0.25), (-0.25, 0.25))],
-    ids=["perfect", "a fourth heavier", "a fifth less inertia", "a tenth weaker", "a fourth late"])
-def test_what_is_not_as_designed_is_found(conditions: Conditions, forces: tuple[float, float],
-                                          torques: tuple[float, float], craft: Spacecraft) -> None:
+@pytest.mark.parametrize(
+    ("conditions", "forces", "torques"),
+    [
+        (Conditions(), (0.0, 0.0), (0.0, 0.0)),
+        (Conditions(body=BodyConditions(mass=(SLOW, SLOW))), (1.0 / SLOW - 1.0, 0.0), (0.0, 0.0)),
+        (Conditions(body=BodyConditions(inertia=(0.8, 0.8))), (0.0, 0.0), (0.25, 0.0)),
+        (Conditions(thrusters=ThrusterConditions(thrust=(0.9, 0.9))), (-0.1, 0.0), (-0.1, 0.0)),
+        (
+            Conditions(thrusters=ThrusterConditions(latency=(LATE, LATE))),
+            (-0.25, 0.25),
+            (-0.25, 0.25),
+        ),
+    ],
+    ids=["perfect", "a fourth heavier", "a fifth less inertia", "a tenth weaker", "a fourth late"],
+)
+def test_what_is_not_as_designed_is_found(
+    conditions: Conditions,
+    forces: tuple[float, float],
+    torques: tuple[float, float],
+    craft: Spacecraft,
+) -> None:
     """After 10 s of exact readings, with one nozzle in fifty open."""
-    task, own = TASKS["go-to-pose"](), draws(SEED, COUNT)
-    found_by, = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), (25.0,)).each
-    chosen, body = scenarios(task, craft, SEED, COUNT), layout(task, craft.dimension).body
+    task = TASKS["go-to-pose"]()
+    own = draws(SEED, COUNT)
+    (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), (25.0,)).each
+    chosen = scenarios(task, craft, SEED, COUNT)
+    body = layout(task, craft.dimension).body
     world = World(craft, task, TIMING, conditions=conditions)
-    now, memory = world.begin(chosen.start, chosen.goal, 0, own), [np.zeros(COUNT)] * found_by.width(body)
+    now = world.begin(chosen.start, chosen.goal, 0, own)
+    memory = [np.zeros(COUNT)] * found_by.width(body)
     told = [np.zeros(COUNT)] * 4
     for command in itertools.islice(commands(craft, 0.02), 50):
         read = in_body(craft, task, world.observe(now, own))

@@ -40,28 +40,49 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(pretrained_folder("track-velocity-heading-2d"), tmp_path / "agent"))
 
 
-@pytest.mark.parametrize(("name", "with_ours"), [
-    *(pytest.param(name, True, id=f"{name}-ours") for name in pretrained_names()),
-    # Networks with moving averages are newer than our part of the file.
-    *(pytest.param(name, False, id=f"{name}-older") for name in pretrained_names()
-      if not name.endswith(("-robust", "-faults")))])
+@pytest.mark.parametrize(
+    ("name", "with_ours"),
+    [
+        *(pytest.param(name, True, id=f"{name}-ours") for name in pretrained_names()),
+        # Networks with moving averages are newer than our part of the file.
+        *(
+            pytest.param(name, False, id=f"{name}-older")
+            for name in pretrained_names()
+            if not name.endswith(("-robust", "-faults"))
+        ),
+    ],
+)
 def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path: Path) -> None:
     """Every bit of it, also of files that older versions wrote."""
     folder = Path(shutil.copytree(pretrained_folder(name), tmp_path / "agent"))
     data, parameters, _ = load_from_zip_file(folder / "policy.zip", device="cpu")
     assert data is not None
-    policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 1e-3,
-                                  **data["policy_kwargs"])
+    policy = data["policy_class"](
+        data["observation_space"], data["action_space"], lambda _: 1e-3, **data["policy_kwargs"]
+    )
     policy.load_state_dict(parameters["policy"])
     if not with_ours:
         older(folder / "policy.zip")
-    expected, found = network_of(policy), opened(folder).network
+    expected = network_of(policy)
+    found = opened(folder).network
     assert found.tensors.keys() == expected.tensors.keys()
     for key, tensor in expected.tensors.items():
         assert torch.equal(found.tensors[key], tensor), key
-    ours, theirs = found.architecture, expected.architecture
-    for key in ("layout", "thrusters", "layers", "activation", "zoom", "continuous", "history", "averages",
-                "units", "clip", "filters"):
+    ours = found.architecture
+    theirs = expected.architecture
+    for key in (
+        "layout",
+        "thrusters",
+        "layers",
+        "activation",
+        "zoom",
+        "continuous",
+        "history",
+        "averages",
+        "units",
+        "clip",
+        "filters",
+    ):
         assert getattr(ours, key) == getattr(theirs, key), key
     assert (ours.symmetries is None) == (theirs.symmetries is None)
     for one, other in zip(ours.symmetries or (), theirs.symmetries or (), strict=True):
@@ -70,14 +91,18 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path
 
 @pytest.mark.parametrize("trap", [trapped, trapped_weights])
 @pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
-def test_code_is_told_and_not_run(folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None],
-                                  with_ours: bool) -> None:
-    file, ran = folder / "policy.zip", tmp_path / "ran"
+def test_code_is_told_and_not_run(
+    folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None], with_ours: bool
+) -> None:
+    file = folder / "policy.zip"
+    ran = tmp_path / "ran"
     trap(file, ran)
     if not with_ours:
         older(file)
     for open_ in (lambda: opened(folder), lambda: is_agent(file)):
-        with pytest.raises(ConfigError, match=r"policy\.zip holds code that would run posix\.mkdir"):
+        with pytest.raises(
+            ConfigError, match=r"policy\.zip holds code that would run posix\.mkdir"
+        ):
             open_()
     assert not ran.exists()
     if trap is trapped:  # the trap works where somebody unpickles
@@ -86,11 +111,13 @@ def test_code_is_told_and_not_run(folder: Path, tmp_path: Path, trap: Callable[[
         assert ran.exists()
 
 
-def test_code_that_no_list_knows_is_not_run_either(folder: Path, monkeypatch: pytest.MonkeyPatch,
-                                                   tmp_path: Path) -> None:
+def test_code_that_no_list_knows_is_not_run_either(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
     monkeypatch.setattr(saved, "foul", lambda *_: None)
-    file, ran = folder / "policy.zip", tmp_path / "ran"
+    file = folder / "policy.zip"
+    ran = tmp_path / "ran"
     before = opened(folder).network.tensors
     trapped(file, ran)
     assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
@@ -121,36 +148,43 @@ def add(file: Path, name: str, content: bytes, method: int = zipfile.ZIP_DEFLATE
 
 def add_two(file: Path) -> None:
     """Neither is too large alone."""
-    add(file, "one", MUCH[:6 * 2**20])
-    add(file, "two", MUCH[:6 * 2**20])
+    add(file, "one", MUCH[: 6 * 2**20])
+    add(file, "two", MUCH[: 6 * 2**20])
 
 
 BOMBS: dict[str, Callable[[Path], None]] = {
     "member": lambda file: add(file, "more", MUCH),
     "members": add_two,
-    "json": lambda file: rewritten(file, lambda name, old: old + b" " * 2**20 if name == "data" else old),
-    "pickle": lambda file: add(file, "any.pkl", MUCH[:2**21]),
+    "json": lambda file: rewritten(
+        file, lambda name, old: old + b" " * 2**20 if name == "data" else old
+    ),
+    "pickle": lambda file: add(file, "any.pkl", MUCH[: 2**21]),
     "nested": lambda file: add(file, "any.pth", deflated(MUCH)),
-    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[:2**21], "archive/data.pkl")),
+    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[: 2**21], "archive/data.pkl")),
 }
 
 
 @pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
 @pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
-def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch,
-                                bomb: Callable[[Path], None], with_ours: bool) -> None:
+def test_a_bomb_is_not_unpacked(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, bomb: Callable[[Path], None], with_ours: bool
+) -> None:
     """Much in little, on its own, within another archive, and what becomes objects of Python."""
     monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
     monkeypatch.setattr(archives, "_LARGEST_TEXT", 2**20)
     if not with_ours:
         older(folder / "policy.zip")
     bomb(folder / "policy.zip")
-    sentence = r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
+    sentence = (
+        r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
+    )
     with pytest.raises(ConfigError, match=sentence):
         opened(folder)
 
 
-def test_what_is_as_large_on_the_disk_is_opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_as_large_on_the_disk_is_opened(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Such an agent is large, but no bomb."""
     monkeypatch.setattr(archives, "_LARGEST", 2**20)
     add(folder / "policy.zip", "more", os.urandom(2**21), zipfile.ZIP_STORED)
@@ -160,7 +194,8 @@ def test_what_is_as_large_on_the_disk_is_opened(folder: Path, monkeypatch: pytes
 def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
     """Its place in the list of members has another size; no more than a chunk of it is unpacked at once."""
     file = folder / "policy.zip"
-    true, told = len(MUCH).to_bytes(4, "little"), (9).to_bytes(4, "little")
+    true = len(MUCH).to_bytes(4, "little")
+    told = (9).to_bytes(4, "little")
     file.write_bytes(deflated(MUCH, "data").replace(true, told))
     tracemalloc.start()
     with pytest.raises(ConfigError, match=r"policy\.zip is damaged"):
@@ -190,14 +225,25 @@ def saved_by_torch(value: Any, **how: Any) -> bytes:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize(("content", "sentence"), [
-    (saved_by_torch({"steps": Room()}), "bytearray"),
-    (saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}), "claim 4,294,967,296 bytes"),
-    (saved_by_torch({"steps": torch.zeros(1)}, _use_new_zipfile_serialization=False), "damaged"),
-    (deflated(MUCH), r"would unpack to 11,534,336 bytes"),
-], ids=["bytes", "view", "older", "bomb"])
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (saved_by_torch({"steps": Room()}), "bytearray"),
+        (
+            saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}),
+            "claim 4,294,967,296 bytes",
+        ),
+        (
+            saved_by_torch({"steps": torch.zeros(1)}, _use_new_zipfile_serialization=False),
+            "damaged",
+        ),
+        (deflated(MUCH), r"would unpack to 11,534,336 bytes"),
+    ],
+    ids=["bytes", "view", "older", "bomb"],
+)
 def test_an_older_checkpoint_takes_no_more_memory_than_it_has(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, sentence: str) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, sentence: str
+) -> None:
     monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
     (tmp_path / "checkpoint.pt").write_bytes(content)
     with pytest.raises(ConfigError, match=sentence):
@@ -208,7 +254,9 @@ def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.Monkey
     content = pack({"steps": 1, "more": "x" * 2000})
     assert unpack(content, "here")["steps"] == 1
     monkeypatch.setattr(packed, "_LARGEST_HEADER", 2000)
-    with pytest.raises(ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"):
+    with pytest.raises(
+        ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"
+    ):
         unpack(content, "here")
 
 
@@ -222,12 +270,15 @@ def test_a_checkpoint_is_not_read_that_is_larger_than_any(tmp_path: Path) -> Non
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
 def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float) -> None:
     """At once, or in single precision."""
+
     def spoil(table: dict[str, Any]) -> None:
         weights = table["weights"]["action_net.bias"].double()
         weights[0] = value
         table["weights"]["action_net.bias"] = weights
 
-    assert "the agent's tensor action_net.bias holds numbers that are not finite" in spoilt(folder, spoil)
+    assert "the agent's tensor action_net.bias holds numbers that are not finite" in spoilt(
+        folder, spoil
+    )
 
 
 def test_a_pipe_is_refused_at_once(folder: Path) -> None:
@@ -239,6 +290,7 @@ def test_a_pipe_is_refused_at_once(folder: Path) -> None:
 
 def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     """What is said of an agent whose table somebody changed."""
+
     def changed(name: str, content: bytes) -> bytes:
         if name != AGENT:
             return content
@@ -252,41 +304,86 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     return str(caught.value)
 
 
-_FILTERS = {"drift": [1.0], "period": 0.2, "push": [[0.1, 0.0]] * 3, "twist": [[0.1]] * 3,
-            "share": [[0.0, 0.0, 0.0]] * 5}
+_FILTERS = {
+    "drift": [1.0],
+    "period": 0.2,
+    "push": [[0.1, 0.0]] * 3,
+    "twist": [[0.1]] * 3,
+    "share": [[0.0, 0.0, 0.0]] * 5,
+}
 """Of a craft with three thrusters."""
 _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
 
 
-@pytest.mark.parametrize(("change", "sentence"), [
-    (lambda t: t["architecture"].update(layers=[10**6, 10**6]), "not those of the network"),
-    (lambda t: t["architecture"].update(layers=[1] * 10**6), "not those of the network"),
-    (lambda t: t["architecture"].update(layers=[-1]), "is damaged"),
-    (lambda t: t["architecture"].update(activation="exec"), "is damaged"),
-    (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
-    (lambda t: t["architecture"].update(surprise=1), "is damaged"),
-    (lambda t: t["architecture"]["symmetries"]["place"].fill_(99), "symmetries are of another spacecraft"),
-    (lambda t: t["architecture"].update(zoom=math.nan), "its zoom holds numbers that are not finite"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}), "its filters holds numbers"),
-    (lambda t: t["architecture"].update(filters=_FILTERS), "its filters are of another spacecraft"),
-    (lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}), "is damaged"),
-    (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"period": [0.2]}), "its filters are of another"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}), "its filters are of another"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"response": 1.0}), "its filters are of another"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"response": [1.0] * 2}), "its filters are of"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"gate": [5.0]}), "its filters are of another"),
-    (lambda t: t["architecture"].update(filters=_OWN | {"gate": 1e-200}), "its filters are of another"),
-    (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
-    (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
-    (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
-    (lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}), "not those of the network"),
-    (lambda t: t["settings"].update(gamma="high"), "gamma"),
-    (lambda t: t.pop("steps"), "is damaged"),
-    (lambda t: t.update(weights=[1, 2]), "is damaged"),
-])
-def test_a_table_that_somebody_changed(folder: Path, change: Callable[[dict[str, Any]], object],
-                                       sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda t: t["architecture"].update(layers=[10**6, 10**6]), "not those of the network"),
+        (lambda t: t["architecture"].update(layers=[1] * 10**6), "not those of the network"),
+        (lambda t: t["architecture"].update(layers=[-1]), "is damaged"),
+        (lambda t: t["architecture"].update(activation="exec"), "is damaged"),
+        (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
+        (lambda t: t["architecture"].update(surprise=1), "is damaged"),
+        (
+            lambda t: t["architecture"]["symmetries"]["place"].fill_(99),
+            "symmetries are of another spacecraft",
+        ),
+        (
+            lambda t: t["architecture"].update(zoom=math.nan),
+            "its zoom holds numbers that are not finite",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}),
+            "its filters holds numbers",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_FILTERS),
+            "its filters are of another spacecraft",
+        ),
+        (lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}), "is damaged"),
+        (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"period": [0.2]}),
+            "its filters are of another",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}),
+            "its filters are of another",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"response": 1.0}),
+            "its filters are of another",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"response": [1.0] * 2}),
+            "its filters are of",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"gate": [5.0]}),
+            "its filters are of another",
+        ),
+        (
+            lambda t: t["architecture"].update(filters=_OWN | {"gate": 1e-200}),
+            "its filters are of another",
+        ),
+        (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
+        (
+            lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"),
+            "unknown kind os.system",
+        ),
+        (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
+        (
+            lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}),
+            "not those of the network",
+        ),
+        (lambda t: t["settings"].update(gamma="high"), "gamma"),
+        (lambda t: t.pop("steps"), "is damaged"),
+        (lambda t: t.update(weights=[1, 2]), "is damaged"),
+    ],
+)
+def test_a_table_that_somebody_changed(
+    folder: Path, change: Callable[[dict[str, Any]], object], sentence: str
+) -> None:
     text = spoilt(folder, change)
     assert sentence in text
     assert len(text) < 600
@@ -295,9 +392,16 @@ def test_a_table_that_somebody_changed(folder: Path, change: Callable[[dict[str,
 def test_what_is_packed_comes_back() -> None:
     generator = torch.get_rng_state()
     row = torch.arange(12.0)
-    tree = {"views": [row[:6].view(2, 3), row[6:]], "state": generator, "number": 0.1 + 0.2, "big": 2**70,
-            "none": None, "empty": torch.zeros(0, 3), "deep": {"a": {"b": [True, "text"]}},
-            "double": torch.tensor(math.pi, dtype=torch.float64)}
+    tree = {
+        "views": [row[:6].view(2, 3), row[6:]],
+        "state": generator,
+        "number": 0.1 + 0.2,
+        "big": 2**70,
+        "none": None,
+        "empty": torch.zeros(0, 3),
+        "deep": {"a": {"b": [True, "text"]}},
+        "double": torch.tensor(math.pi, dtype=torch.float64),
+    }
     again = unpack(pack(tree), "there")
     for one, other in zip(tree["views"], again["views"], strict=True):
         assert torch.equal(one, other)
@@ -309,15 +413,28 @@ def test_what_is_packed_comes_back() -> None:
     assert plain == {key: tree[key] for key in plain}
 
 
-@pytest.mark.parametrize("content", [b"", b"rubbish", b"\xff" * 64, bytes(8), b"\x02" + bytes(7) + b"{}",
-                                     (20).to_bytes(8, "little") + b'{"__metadata__":{}}' + b" "])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"rubbish",
+        b"\xff" * 64,
+        bytes(8),
+        b"\x02" + bytes(7) + b"{}",
+        (20).to_bytes(8, "little") + b'{"__metadata__":{}}' + b" ",
+    ],
+)
 def test_what_is_no_such_file(content: bytes) -> None:
-    with pytest.raises(ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"):
+    with pytest.raises(
+        ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"
+    ):
         unpack(content, "there")
 
 
 def test_every_bit_counts(tmp_path: Path) -> None:
-    content = pack({"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])})
+    content = pack(
+        {"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])}
+    )
     for place in range(8, len(content)):
         spoilt = bytearray(content)
         spoilt[place] ^= 1
@@ -329,7 +446,7 @@ def test_the_header_is_readable_without_us(folder: Path) -> None:
     """Length, JSON, arrays: as the format of safetensors has it, with any library for it."""
     with zipfile.ZipFile(folder / "policy.zip") as archive:
         content = archive.read(AGENT)
-    header = json.loads(content[8:8 + int.from_bytes(content[:8], "little")])
+    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
     table = json.loads(header["__metadata__"]["rans"])
     assert table["architecture"]["layers"] == [256, 256]
     assert header["weights/action_net.bias"]["shape"] == [16]

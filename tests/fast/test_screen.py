@@ -27,8 +27,11 @@ from tests.fast.engines import PLATFORM, both_crafts
 from tests.fast.training import tiny_learner
 from validation.batch import loaded
 
-COUNT, SEED, GATE = 32, 5, 5.0
-TASK, TIMING = GoToPose(), Timing()
+COUNT = 32
+SEED = 5
+GATE = 5.0
+TASK = GoToPose()
+TIMING = Timing()
 
 
 def policy(craft: Spacecraft) -> Architecture:
@@ -48,9 +51,11 @@ def columns_of(craft: Spacecraft, kind: type) -> slice:
 
 def flown(craft: Spacecraft, steps: int, often: float = 0.03) -> Iterator[tuple[np.ndarray, Any]]:
     """True columns in B of every step, and the random command that answers them."""
-    random, world = np.random.default_rng(1), World(craft, TASK, TIMING)
+    random = np.random.default_rng(1)
+    world = World(craft, TASK, TIMING)
     chosen = scenarios(TASK, craft, SEED, COUNT)
-    now, body = world.begin(chosen.start, chosen.goal), layout(TASK, craft.dimension)
+    now = world.begin(chosen.start, chosen.goal)
+    body = layout(TASK, craft.dimension)
     for _ in range(steps):
         seen = body.in_body(world.observe(now))
         command = tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
@@ -72,8 +77,12 @@ def screened(given: Architecture, readings: Iterator[tuple[np.ndarray, Any]]) ->
 @both_crafts
 def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) -> None:
     random = np.random.default_rng(2)
-    readings = [(read + random.normal(0.0, 0.01, read.shape), command) for read, command in flown(craft, 40)]
-    np.testing.assert_array_equal(screened(policy(craft), iter(readings)), [read for read, _ in readings])
+    readings = [
+        (read + random.normal(0.0, 0.01, read.shape), command) for read, command in flown(craft, 40)
+    ]
+    np.testing.assert_array_equal(
+        screened(policy(craft), iter(readings)), [read for read, _ in readings]
+    )
 
 
 @both_crafts
@@ -95,13 +104,17 @@ def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) ->
 
     truth = [now for now, _ in flown(craft, 40, often=0.2)]
     found = screened(policy(craft), read())
-    error, believed = (np.abs(x - truth[22])[columns_of(craft, Spin)] for x in (found[22], held[22]))
+    error, believed = (
+        np.abs(x - truth[22])[columns_of(craft, Spin)] for x in (found[22], held[22])
+    )
     # Gyroscopic torque is left out of what is expected: a few hundredths of rad/s in space in three periods.
     assert error.max() < 0.05 < 0.3 < believed.max()
     velocity = columns_of(craft, VectorInW)
     # Turning is kept to first order within a period.
     assert np.abs(found[22] - truth[22])[velocity].max() < 0.02
-    np.testing.assert_allclose(found[23], truth[23], rtol=0, atol=1e-9)  # rounding of what repeats itself
+    np.testing.assert_allclose(
+        found[23], truth[23], rtol=0, atol=1e-9
+    )  # rounding of what repeats itself
 
 
 @both_crafts
@@ -117,7 +130,9 @@ def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft)
     truth = [now for now, _ in flown(craft, 40)]
     once = screened(policy(craft), read([20]))
     assert np.abs(once[20] - truth[20]).max() < 0.02
-    np.testing.assert_allclose(once[21], truth[21], rtol=0, atol=1e-9)  # rounding of what repeats itself
+    np.testing.assert_allclose(
+        once[21], truth[21], rtol=0, atol=1e-9
+    )  # rounding of what repeats itself
     stays = screened(policy(craft), read(range(20, 40)))
     assert np.abs(stays[21] - truth[21]).max() < 0.05
     # The gate opens by two each time: from 5 x 0.3 rad/s at least, 1,000 pass it after ten readings at most.
@@ -151,7 +166,9 @@ class WildReading:
     name = "wild"
 
     def __init__(self, agent: Any, where: slice) -> None:
-        self._agent, self._where, self._step = agent, where, 0
+        self._agent = agent
+        self._where = where
+        self._step = 0
 
     def reset(self, count: int) -> None:
         self._agent.reset(count)
@@ -173,7 +190,9 @@ WORLDS = {
 }
 
 
-@pytest.mark.parametrize(("name", "flights"), [("go-to-pose-2d-robust", 1000), ("go-to-pose-3d-robust", 150)])
+@pytest.mark.parametrize(
+    ("name", "flights"), [("go-to-pose-2d-robust", 1000), ("go-to-pose-3d-robust", 150)]
+)
 @pytest.mark.parametrize("world", WORLDS)
 def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str) -> None:
     """97 % with 30 % missed and 95 % with outages are promised; before the screen, 55 and 5 % were held."""
@@ -185,8 +204,10 @@ def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str)
     assert found.failed <= lost + 3.0 * np.sqrt(lost)
 
 
-@pytest.mark.parametrize(("name", "spin"), [("go-to-pose-2d-robust", slice(4, 5)),
-                                            ("go-to-pose-3d-robust", slice(9, 12))])
+@pytest.mark.parametrize(
+    ("name", "spin"),
+    [("go-to-pose-2d-robust", slice(4, 5)), ("go-to-pose-3d-robust", slice(9, 12))],
+)
 def test_robust_agents_bear_a_wild_reading(name: str, spin: slice) -> None:
     agent = rans.load_agent(name)
     setup: Setup = agent.judged._replace(conditions=None)

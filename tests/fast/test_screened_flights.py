@@ -20,8 +20,11 @@ from rans.tasks.base import observation
 from rans.tasks.derived import layout
 from tests.fast.engines import both_crafts
 
-COUNT, SEED, GATE = 64, 5, 5.0
-TIMING, TASK = Timing(), GoToPose(fail_distance=1e3, fail_spin=1e3)
+COUNT = 64
+SEED = 5
+GATE = 5.0
+TIMING = Timing()
+TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 
 
 class Seen(NamedTuple):
@@ -34,14 +37,20 @@ class Seen(NamedTuple):
     true: np.ndarray
 
 
-def flown(craft: Spacecraft, sensors: SensorsConditions, steps: int, often: float = 0.1,
-          off: Callable[[int], float] = lambda _: 0.0) -> Iterator[Seen]:
+def flown(
+    craft: Spacecraft,
+    sensors: SensorsConditions,
+    steps: int,
+    often: float = 0.1,
+    off: Callable[[int], float] = lambda _: 0.0,
+) -> Iterator[Seen]:
     """A flight under random commands, each thruster open so often, with readings of x that are off (m)."""
     seen = layout(TASK, craft.dimension)
     bank = Filters.of(craft, TASK, TIMING.control_period, (0.01,), (0.0,), (2.0,), GATE)
     agent = Architecture(seen, len(craft.thrusters), filters=bank)
     conditions = Conditions(sensors=sensors)
-    chosen, own = scenarios(TASK, craft, SEED, COUNT), draws(SEED, COUNT)
+    chosen = scenarios(TASK, craft, SEED, COUNT)
+    own = draws(SEED, COUNT)
     world = World(craft, TASK, TIMING, conditions=conditions.or_none)
     now = world.begin(chosen.start, chosen.goal, 0, own)
     memory: Sequence[Any] = [np.zeros(COUNT)] * agent.filtering
@@ -64,7 +73,9 @@ def wide(columns: Sequence[Any]) -> list[np.ndarray]:
 
 
 def error(columns: Sequence[np.ndarray], flight: Sequence[Seen]) -> float:
-    return float(np.sqrt(np.mean([(x - one.true)**2 for x, one in zip(columns, flight, strict=True)])))
+    return float(
+        np.sqrt(np.mean([(x - one.true) ** 2 for x, one in zip(columns, flight, strict=True)]))
+    )
 
 
 @both_crafts
@@ -84,8 +95,10 @@ def test_what_was_missed_is_expected(craft: Spacecraft) -> None:
 def test_perfect_sensors_are_believed(craft: Spacecraft) -> None:
     """Also where nothing moves, so that every reading is the one before."""
     for often in (0.0, 0.02, 0.3):
-        apart = [np.abs(one.told - one.counted).max(axis=0) for one in flown(
-            craft, SensorsConditions(), 40, often)]
+        apart = [
+            np.abs(one.told - one.counted).max(axis=0)
+            for one in flown(craft, SensorsConditions(), 40, often)
+        ]
         # A command whose effect on a quantity is nothing at all looks as if that had been missed.
         assert np.mean(np.array(apart) > 1e-3) < 0.01
 

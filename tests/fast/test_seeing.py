@@ -24,7 +24,8 @@ from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, actions
 from tests.processes import PATIENCE
 
-PLANE, SPACE = "rans/GoToPose2D-v0", "rans/GoToPose3D-v0"
+PLANE = "rans/GoToPose2D-v0"
+SPACE = "rans/GoToPose3D-v0"
 QUICK = Timing(control_period=0.02, episode_steps=6)
 """Real time must not take long."""
 
@@ -72,12 +73,14 @@ def test_recording_a_video(tmp_path: Path) -> None:
     """Its 6 steps and the start are 7 frames; moviepy 1 may write the last one twice."""
     from imageio_ffmpeg import count_frames_and_secs
 
-    env = RecordVideo(gymnasium.make(PLANE, render_mode="rgb_array", timing=QUICK), str(tmp_path / "videos"))
+    env = RecordVideo(
+        gymnasium.make(PLANE, render_mode="rgb_array", timing=QUICK), str(tmp_path / "videos")
+    )
     env.reset(seed=1)
     while not env.step(env.action_space.sample())[3]:
         pass
     env.close()
-    video, = (tmp_path / "videos").glob("*.mp4")
+    (video,) = (tmp_path / "videos").glob("*.mp4")
     frames, seconds = count_frames_and_secs(str(video))
     assert frames in (7, 8)
     assert seconds == pytest.approx(frames / 50.0, abs=0.01)
@@ -88,21 +91,24 @@ def test_recording_a_video_of_many(tmp_path: Path) -> None:
 
     envs = gymnasium.make_vec(PLANE, num_envs=4, render_mode="rgb_array", timing=QUICK)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Gymnasium warns that the last frame of an episode is not in it
+        warnings.simplefilter(
+            "ignore"
+        )  # Gymnasium warns that the last frame of an episode is not in it
         film = RecordVideoOfMany(envs, str(tmp_path / "videos"), video_length=4)  # type: ignore[type-var]
     film.reset(seed=1)
     for _ in range(5):
         film.step(envs.action_space.sample())
     film.close()
-    video, = (tmp_path / "videos").glob("*.mp4")
+    (video,) = (tmp_path / "videos").glob("*.mp4")
     assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)
 
 
 @pytest.mark.parametrize("name", [PLANE, SPACE])
 def test_frames_of_many_are_those_of_each(name: str) -> None:
     """Drawn from scenarios of the same numbers, over ends and fresh starts."""
-    envs: Any = gymnasium.make_vec(name, num_envs=3, render_mode="rgb_array", task=NEAR, timing=QUICK,
-                                   dtype=torch.float64)
+    envs: Any = gymnasium.make_vec(
+        name, num_envs=3, render_mode="rgb_array", task=NEAR, timing=QUICK, dtype=torch.float64
+    )
     envs.reset(seed=7)
     check_fresh(envs, [0, 1, 2])
     single: Any = gymnasium.make(name, render_mode="rgb_array", task=NEAR, timing=QUICK).unwrapped
@@ -126,7 +132,9 @@ def check_fresh(envs: Any, episodes: list[int]) -> None:
     for frame, episode in zip(envs.render(), episodes, strict=True):
         chosen = scenario(NEAR, envs.engine.craft.dimension, 7, episode)
         shut = np.zeros(len(envs.engine.craft.thrusters))
-        assert np.abs(frame.astype(int) - scene.render(chosen.start, chosen.goal, shut)).mean() < 0.01
+        assert (
+            np.abs(frame.astype(int) - scene.render(chosen.start, chosen.goal, shut)).mean() < 0.01
+        )
 
 
 def test_many_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,7 +153,9 @@ def test_many_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_wrong_use() -> None:
-    with pytest.raises(ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''):
+    with pytest.raises(
+        ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''
+    ):
         gymnasium.make_vec(PLANE, num_envs=2, render_mode="ansi")
     envs = gymnasium.make_vec(PLANE, num_envs=2, render_mode="rgb_array", task=GoToPose())
     for early in (envs.render, lambda: envs.step(torch.zeros(2, 8))):

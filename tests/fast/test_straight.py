@@ -17,20 +17,30 @@ COUNT = 50
 
 def everything(a: Any, b: Any, n: Any) -> tuple[Any, ...]:
     """Every operation there is, with values that are used late, early, and by several."""
-    near, odd = a < b, (n & 1) == 1
+    near = a < b
+    odd = (n & 1) == 1
     low = where(near, a, b)
     chosen = where(odd, where(near, 1.0, -2.0), low * 0.5)
     count = where(odd & ~near, n * 1664525 + 7, n ^ (n >> 3))
     root = sqrt(absolute(a)) + log(exp(b) + 1.0)
-    return (chosen + sin(root) * cos(low), atan2(root, low) - floor(a), count, near | odd,
-            where(near, odd, b > 0.5), -root / (1.0 + low * low))
+    return (
+        chosen + sin(root) * cos(low),
+        atan2(root, low) - floor(a),
+        count,
+        near | odd,
+        where(near, odd, b > 0.5),
+        -root / (1.0 + low * low),
+    )
 
 
 def inputs() -> dict[Symbol, Any]:
     generator = np.random.default_rng(1)
     a, b = generator.normal(size=(2, COUNT)).astype(np.float32)
-    return {Symbol.input("a"): a, Symbol.input("b"): b,
-            Symbol.input("n", "int"): generator.integers(-2**31, 2**31, COUNT).astype(np.int32)}
+    return {
+        Symbol.input("a"): a,
+        Symbol.input("b"): b,
+        Symbol.input("n", "int"): generator.integers(-(2**31), 2**31, COUNT).astype(np.int32),
+    }
 
 
 def test_every_operation() -> None:
@@ -55,7 +65,9 @@ def test_a_later_part_uses_what_an_earlier_one_found() -> None:
     memory.give(given.values())
     np.testing.assert_array_equal(memory.run(0), (x * y, x + np.float32(1)))
     memory.put(late, 3.0)
-    np.testing.assert_array_equal(memory.run(1), (x * y * 3, np.where(x > y, np.float32(3), x + 1), x * y))
+    np.testing.assert_array_equal(
+        memory.run(1), (x * y * 3, np.where(x > y, np.float32(3), x + 1), x * y)
+    )
 
 
 def test_draws_are_those_of_arrays() -> None:
@@ -78,7 +90,9 @@ def test_constants_and_inputs_may_be_asked_for(asked: int) -> None:
     a = Symbol.input("a")
     memory = Straight([a], [(Symbol.constant(2.5), a)[asked]]).memory(3)
     memory.give([np.arange(3)])
-    np.testing.assert_array_equal(np.broadcast_to(memory.run(0)[0], 3), ([2.5] * 3, [0, 1, 2])[asked])
+    np.testing.assert_array_equal(
+        np.broadcast_to(memory.run(0)[0], 3), ([2.5] * 3, [0, 1, 2])[asked]
+    )
 
 
 def test_machine_code_finds_numpys_numbers_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +100,8 @@ def test_machine_code_finds_numpys_numbers_bit_by_bit(monkeypatch: pytest.Monkey
     given = inputs()
     late: Any = Symbol.input("late")
     a, b, n = symbols = tuple[Any, ...](given)
-    first, second = everything(*symbols), everything(b, a, n + 1)
+    first = everything(*symbols)
+    second = everything(b, a, n + 1)
     program = Straight((*given, late), first, (*second, first[0] * late, first[-1] + late))
     numpy, machine = (program.memory(COUNT) for _ in range(2))
     for memory in (numpy, machine):

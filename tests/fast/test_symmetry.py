@@ -39,7 +39,8 @@ def seen_as(view: np.ndarray, state: Any) -> Any:
     hand = round(float(np.linalg.det(view)))
     if isinstance(state, PlanarState):
         flip = np.diag([1.0, hand])
-        c, s = np.cos(state.attitude.angle), np.sin(state.attitude.angle)
+        c = np.cos(state.attitude.angle)
+        s = np.sin(state.attitude.angle)
         first = flip @ np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0) @ view.T
         angle = np.arctan2(first[:, 1, 0], first[:, 0, 0])
         p, v = (Vec2(*(flip @ np.stack(u.columns()))) for u in (state.p, state.v))
@@ -61,11 +62,14 @@ def single_tasks() -> list[Any]:
 def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) -> None:
     if craft.dimension == 3 and type(task).__name__ == "TrackVelocityHeading":
         pytest.skip("a task of the plane")
-    network, views = symmetric_policy(craft, task), views_of(craft)
+    network = symmetric_policy(craft, task)
+    views = views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
     def logit(state: Any, goal: Any) -> Tensor:
-        seen = observation(task, state, replace(goal, notes=(np.linspace(0.0, 1.0, 50),)))  # of a knob
+        seen = observation(
+            task, state, replace(goal, notes=(np.linspace(0.0, 1.0, 50),))
+        )  # of a knob
         return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
 
     here = logit(state, goal)
@@ -82,19 +86,26 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory: str) -> None:
     """Flights of three steps, and the same flights of a craft turned about."""
     task = TASKS["go-to-pose"]()
-    network = scatter(tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, memory=memory,
-                                   history=2).network)
+    network = scatter(
+        tiny_learner(
+            craft, dtype=torch.float64, task=task, symmetric=True, memory=memory, history=2
+        ).network
+    )
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 
     def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
-        kept, said = network.blank(50), torch.empty(0)
+        kept = network.blank(50)
+        said = torch.empty(0)
         for step, state in enumerate(states):
             seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
             output, columns = network.shown(torch.from_numpy(seen), kept)
-            told = torch.randn(50, len(place), generator=torch.Generator().manual_seed(step)).double()
+            told = torch.randn(
+                50, len(place), generator=torch.Generator().manual_seed(step)
+            ).double()
             command = torch.empty_like(told)
             command[:, place] = told  # the same nozzles, wherever they are now
-            kept, said = network.remember(columns, kept, command, output), output.policy[0][:, place]
+            kept = network.remember(columns, kept, command, output)
+            said = output.policy[0][:, place]
         return said
 
     views = views_of(craft)
@@ -108,7 +119,8 @@ def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory
 
 @both_crafts
 def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecraft) -> None:
-    views, wrench = views_of(craft), np.array(craft.wrench_map)
+    views = views_of(craft)
+    wrench = np.array(craft.wrench_map)
     d = craft.dimension
     for view, hand, place in zip(*views, strict=True):
         np.testing.assert_allclose(wrench[place][:, :d], wrench[:, :d] @ view.T, atol=1e-12)
@@ -118,7 +130,9 @@ def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecra
 
 def test_spacecraft_with_less_symmetry() -> None:
     anchor = tuple(replace(t, force=0.5) if i < 2 else t for i, t in enumerate(PLATFORM.thrusters))
-    diagonal = views_of(replace(PLATFORM, thrusters=anchor))  # both nozzles of the anchor at 45 degrees
+    diagonal = views_of(
+        replace(PLATFORM, thrusters=anchor)
+    )  # both nozzles of the anchor at 45 degrees
     swapped = [[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]]]
     np.testing.assert_allclose(sorted(diagonal.turn.round(9).tolist()), swapped, atol=1e-9)
     one = tuple(replace(t, force=0.5) if i == 0 else t for i, t in enumerate(PLATFORM.thrusters))
@@ -152,7 +166,8 @@ def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path)
     network = scatter(tiny_learner(craft, symmetric=True).network)
     write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 0)
     loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
-    task, states = TASKS["go-to-pose"](), (random_states(craft.dimension, 200, seed) for seed in (1, 2))
+    task = TASKS["go-to-pose"]()
+    states = (random_states(craft.dimension, 200, seed) for seed in (1, 2))
     seen = np.stack(observation(task, *states), axis=1).astype(np.float32)
     output = network.evaluate(torch.from_numpy(seen))
     assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.policy.mode().numpy())

@@ -8,13 +8,18 @@ import pytest
 from rans.fast.vectors import LANES, LONG, POINTER, Program
 
 X = np.concatenate((np.linspace(-12, 12, 4096), np.geomspace(1e-30, 1e-3, 2048))).astype(np.float32)
-ORACLES = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0),
-           "elu": lambda x: np.where(x > 0, x, np.expm1(x)), "": lambda x: x}
+ORACLES = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+    "elu": lambda x: np.where(x > 0, x, np.expm1(x)),
+    "": lambda x: x,
+}
 
 
 @pytest.mark.parametrize("name", ORACLES)
 def test_activations_are_numpys(name: str) -> None:
-    program, out = Program(), np.empty_like(X)
+    program = Program()
+    out = np.empty_like(X)
 
     def write(code, given, to) -> None:
         def vector(number, _):

@@ -16,7 +16,9 @@ from rans.model.fields import Heading, Vec2
 from rans.model.timing import Timing
 from tests.fast.engines import PLATFORM
 
-STEPS, COUNT, LAST = 10, 4000, 2
+STEPS = 10
+COUNT = 4000
+LAST = 2
 
 
 class History:
@@ -25,7 +27,9 @@ class History:
     def __init__(self) -> None:
         generator = np.random.default_rng(3)
         stay = generator.random((STEPS + 1, COUNT)) < 0.5
-        self.inside = np.where(generator.random((1, COUNT)) < 0.7, np.arange(STEPS + 1)[:, None] > 3, stay)
+        self.inside = np.where(
+            generator.random((1, COUNT)) < 0.7, np.arange(STEPS + 1)[:, None] > 3, stay
+        )
         self.inside ^= generator.random((STEPS + 1, COUNT)) < 0.04
         self.lost = generator.random((STEPS + 1, COUNT)) < 0.005
         self.failed = generator.random((STEPS + 1, COUNT)) < 0.005
@@ -34,8 +38,9 @@ class History:
 
     def tally(self) -> Tally:
         task = SimpleNamespace(reached=lambda *_: self.inside[0])
-        world: Any = SimpleNamespace(craft=PLATFORM, task=task, timing=Timing(
-            control_period=0.2, episode_steps=STEPS))
+        world: Any = SimpleNamespace(
+            craft=PLATFORM, task=task, timing=Timing(control_period=0.2, episode_steps=STEPS)
+        )
         zero = np.zeros(COUNT)
         clock = np.zeros(COUNT, np.int32)
         tally = Tally.of(world, SimpleNamespace(clock=clock, state=None, goal=None))  # type: ignore[arg-type]
@@ -44,9 +49,11 @@ class History:
             state = PlanarState(Vec2(place, zero), Heading(zero), Vec2(zero, zero), zero)
             outcome: Any = SimpleNamespace(
                 episode=SimpleNamespace(state=state, clock=clock + k),
-                terminated=self.lost[k] | self.failed[k], reached=self.inside[k],
+                terminated=self.lost[k] | self.failed[k],
+                reached=self.inside[k],
                 reward=np.where(self.lost[k], np.nan, self.reward[k]),
-                command=tuple(self.command[k]))
+                command=tuple(self.command[k]),
+            )
             tally = tally.after(world, outcome)
         return tally
 
@@ -88,12 +95,18 @@ def test_sums_go_on_until_a_flight_ends() -> None:
         for k in range(1, STEPS + 1):
             command = history.command[k, :, i]
             gained[i] += 0.0 if history.lost[k, i] else history.reward[k, i]
-            impulse[i] += 0.2 * sum(c * t.force for c, t in zip(command, PLATFORM.thrusters, strict=True))
+            impulse[i] += 0.2 * sum(
+                c * t.force for c, t in zip(command, PLATFORM.thrusters, strict=True)
+            )
             opened[i] += command.sum() if k > STEPS - LAST else 0.0
             if history.lost[k, i] or history.failed[k, i]:
                 break
     # Ten numbers of order one, added in the same order.
-    for found, expected in ((tally.gained, gained), (tally.impulse, impulse), (tally.opened, opened)):
+    for found, expected in (
+        (tally.gained, gained),
+        (tally.impulse, impulse),
+        (tally.opened, opened),
+    ):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
 
 
@@ -117,7 +130,7 @@ def test_sums_have_the_mean_and_its_error() -> None:
 def verdicts(numbers: list[int], kinds: list[int], settled: list[int], listed: int = 3) -> Verdicts:
     """Four flights of two steps, of which those with these numbers failed."""
     failure = np.zeros(4, np.int64)
-    failure[:len(kinds)] = kinds
+    failure[: len(kinds)] = kinds
     all_ = np.array([*numbers, *range(100, 104 - len(numbers))])
     at = np.array([*settled, *[0] * (4 - len(settled))])
     world: Any = SimpleNamespace(timing=SimpleNamespace(episode_steps=2), craft=PLATFORM)
@@ -128,7 +141,12 @@ def test_verdicts_add_up() -> None:
     both = verdicts([9, 5], [2, 3], [3, 1]) + verdicts([1, 7], [3, 5], [3, 2]) + Verdicts.none(2, 3)
     assert (both.flights, both.failed, both.settled) == (8, 4, 6)
     assert {kind.name: count for kind, count in both.failures.items()} == {
-        "NOT_FINITE": 0, "TERMINATED": 1, "LEFT": 2, "UNSETTLED": 0, "LATE": 1}
+        "NOT_FINITE": 0,
+        "TERMINATED": 1,
+        "LEFT": 2,
+        "UNSETTLED": 0,
+        "LATE": 1,
+    }
     # Numbers rise, and the fourth is beyond what is listed.
     assert both.numbers.tolist() == [1, 5, 7]
     assert both.kinds.tolist() == [3, 3, 5]
@@ -140,5 +158,10 @@ def test_verdicts_add_up() -> None:
 
 def test_the_instant_by_which_a_share_is_settled() -> None:
     found = verdicts([9], [2], [3, 1, 1, 2])
-    assert [found.settling_step(share) for share in (0.25, 0.5, 0.75, 0.76)] == [1.0, 1.0, 2.0, math.inf]
+    assert [found.settling_step(share) for share in (0.25, 0.5, 0.75, 0.76)] == [
+        1.0,
+        1.0,
+        2.0,
+        math.inf,
+    ]
     assert Verdicts.none(2).settling_step() == math.inf

@@ -31,15 +31,32 @@ from tests.crafts import random_states
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 
 TINY = PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16))
-CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT, total_timesteps=2048,
-                     solved_share=None)
-EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
-                attitude_tolerance=4.0)
+CONFIG = TrainConfig(
+    "go-to-pose",
+    GoToPose(),
+    "floating-platform",
+    TINY,
+    SHORT,
+    total_timesteps=2048,
+    solved_share=None,
+)
+EASY = GoToPose(
+    spawn_distance=(0.5, 1.0),
+    evaluation_distance=(0.5, 1.0),
+    position_tolerance=9.0,
+    attitude_tolerance=4.0,
+)
 """Solved by whoever does not fail."""
 
 
-def tiny_learner(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
-                 continuous: bool = False, **settings: Any) -> Learner:
+def tiny_learner(
+    craft: Any = PLATFORM,
+    seed: int = 0,
+    dtype: torch.dtype = torch.float32,
+    task: Any = NEAR,
+    continuous: bool = False,
+    **settings: Any,
+) -> Learner:
     """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
     craft = replace(craft, actuators=Throttle()) if continuous else craft
@@ -70,11 +87,17 @@ def scatter(network: Network, seed: int = 3) -> Network:
     return network
 
 
-def sb3_policy(architecture: Architecture, tensors: Mapping[str, Tensor], own: bool = False,
-               dtype: torch.dtype = torch.float64) -> ActorCriticPolicy:
+def sb3_policy(
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    own: bool = False,
+    dtype: torch.dtype = torch.float64,
+) -> ActorCriticPolicy:
     """These weights in SB3's policy: in ours, or in SB3's own class, which knows no symmetries."""
     kind = ActorCriticPolicy if own else AgentPolicy
-    policy = kind(*policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)).to(dtype)
+    policy = kind(*policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)).to(
+        dtype
+    )
     with torch.no_grad():
         for name, place in (*policy.named_parameters(), *policy.named_buffers()):
             place.copy_(tensors[name])
@@ -92,18 +115,40 @@ class Buffer64(RolloutBuffer):
 
 def sb3_twin(learner: Learner, settings: PPOSettings, **changes: Any) -> stable_baselines3.PPO:
     """Stable-Baselines3's own PPO with the same settings and weights, on an engine of the same seed."""
-    engine, architecture = learner.engine, learner.network.architecture
-    env = SB3VecEnv(Engine(engine.craft, engine.task, engine.num_envs, engine.timing, dtype=engine.dtype))
+    engine = learner.engine
+    architecture = learner.network.architecture
+    env = SB3VecEnv(
+        Engine(engine.craft, engine.task, engine.num_envs, engine.timing, dtype=engine.dtype)
+    )
     env.action_space = policy_spaces(architecture)[1]
-    names = ("n_steps", "n_epochs", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm",
-             "learning_rate", "clip_range")
+    names = (
+        "n_steps",
+        "n_epochs",
+        "gamma",
+        "gae_lambda",
+        "ent_coef",
+        "vf_coef",
+        "max_grad_norm",
+        "learning_rate",
+        "clip_range",
+    )
     given = {name: getattr(settings, name) for name in names} | changes
     twin = stable_baselines3.PPO(
-        "MlpPolicy", env, batch_size=engine.num_envs * settings.n_steps, seed=0,
-        policy_kwargs=policy_kwargs(architecture), rollout_buffer_class=Buffer64, device="cpu", **given)
+        "MlpPolicy",
+        env,
+        batch_size=engine.num_envs * settings.n_steps,
+        seed=0,
+        policy_kwargs=policy_kwargs(architecture),
+        rollout_buffer_class=Buffer64,
+        device="cpu",
+        **given,
+    )
     twin.policy.to(engine.dtype)
     twin.policy.load_state_dict(
-        sb3_policy(architecture, learner.network.member(0), own=True, dtype=engine.dtype).state_dict())
+        sb3_policy(
+            architecture, learner.network.member(0), own=True, dtype=engine.dtype
+        ).state_dict()
+    )
     twin.set_logger(Logger(None, []))
     return twin
 
@@ -114,6 +159,7 @@ def ignore(_: Any) -> None:
 
 def newest(rows: list[dict[str, Any]]) -> Any:
     """A report that gathers the first member's rows."""
+
     def report(members: Sequence[Any]) -> None:
         rows.append(members[0].rows[-1])
 
@@ -136,8 +182,7 @@ def after(count: int) -> Any:
 def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
     """A float64 network with large random weights and statistics."""
     layout = paper_layout(observation_width(GoToPose(), craft.dimension))
-    given = Architecture(layout, len(craft.thrusters), (16,),
-                         continuous=continuous, **settings)
+    given = Architecture(layout, len(craft.thrusters), (16,), continuous=continuous, **settings)
     tensors, _ = given.initial(0, 0.5)
     network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
     network.update_statistics(network.in_body(seen(craft, 500))[None])
@@ -147,14 +192,20 @@ def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Netwo
 def seen(craft: Any, count: int, seed: int = 1) -> Tensor:
     """Observations that float32 holds exactly: SB3 casts what it is given to float32."""
     state, goal = (random_states(craft.dimension, count, s) for s in (seed, seed + 1))
-    return torch.from_numpy(np.stack(observation(GoToPose(), state, goal), axis=1).astype(np.float32))
+    return torch.from_numpy(
+        np.stack(observation(GoToPose(), state, goal), axis=1).astype(np.float32)
+    )
 
 
 def everything(trainer: Trainer) -> list[Any]:
     """All that decides how a training goes on, in comparable form."""
     saved = trainer._checkpoint()
     learner = saved["learner"]
-    flat = [saved["steps"], [state.tolist() for state in learner["generators"]], saved["engine"]["seed"]]
+    flat = [
+        saved["steps"],
+        [state.tolist() for state in learner["generators"]],
+        saved["engine"]["seed"],
+    ]
     flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
     flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
     return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]

@@ -13,7 +13,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 CRAFTS = {2: PLATFORM, 3: FLYER}
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
 COUNT = 10_000
@@ -22,8 +23,11 @@ LIKELY = 1e-4
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 
 
-def begun(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> tuple[World, Draws, Episode]:
-    world, own = World(CRAFTS[dimension], TASK, conditions=conditions), draws(11, count)
+def begun(
+    conditions: Conditions, dimension: int = 2, count: int = COUNT
+) -> tuple[World, Draws, Episode]:
+    world = World(CRAFTS[dimension], TASK, conditions=conditions)
+    own = draws(11, count)
     starts = scenarios(TASK, world.craft, 11, count)
     return world, own, world.begin(starts.start, starts.goal, 0, own)
 

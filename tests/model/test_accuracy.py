@@ -17,7 +17,12 @@ from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
 from rans.model.case import Influences
-from rans.model.conditions import Conditions, DisturbanceConditions, FaultConditions, ThrusterConditions
+from rans.model.conditions import (
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    ThrusterConditions,
+)
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
@@ -32,11 +37,22 @@ FLYER = load_spacecraft("free-flyer")
 def rod(moment: float) -> Spacecraft:
     """Slim about x, with couples of 1 N m about every axis in either sense: two nozzles of 1 N, 1 m apart."""
     axes = np.eye(3)
-    nozzles = [(0.5 * side * axes[k], side * sense * axes[k - 1])
-               for k in range(3) for sense in (1.0, -1.0) for side in (1.0, -1.0)]
-    return Spacecraft("rod", 3, 5.0, ((moment, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), tuple(
-        Thruster((p[0], p[1], p[2]), (d[0], d[1], d[2]), 1.0)
-        for p, d in ((position.tolist(), direction.tolist()) for position, direction in nozzles)))
+    nozzles = [
+        (0.5 * side * axes[k], side * sense * axes[k - 1])
+        for k in range(3)
+        for sense in (1.0, -1.0)
+        for side in (1.0, -1.0)
+    ]
+    return Spacecraft(
+        "rod",
+        3,
+        5.0,
+        ((moment, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        tuple(
+            Thruster((p[0], p[1], p[2]), (d[0], d[1], d[2]), 1.0)
+            for p, d in ((position.tolist(), direction.tolist()) for position, direction in nozzles)
+        ),
+    )
 
 
 def test_shipped_spacecraft_take_one_step(shipped: Spacecraft) -> None:
@@ -48,12 +64,14 @@ def test_a_number_that_is_given_stays() -> None:
     assert chosen(rod(0.01), given) is given
 
 
-@pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial(), rod(0.1)], ids=lambda craft: craft.name)
+@pytest.mark.parametrize(
+    "craft", [nasty_planar(), nasty_spatial(), rod(0.1)], ids=lambda craft: craft.name
+)
 def test_the_fastest_command_is_that_of_all(craft: Spacecraft) -> None:
     """By trying every subset of at most twelve thrusters."""
     craft = replace(craft, thrusters=craft.thrusters[:12])
-    torques = np.array(craft.wrench_map)[:, craft.dimension:]
-    inertia = np.array(craft.inertia)[-torques.shape[1]:, -torques.shape[1]:]
+    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    inertia = np.array(craft.inertia)[-torques.shape[1] :, -torques.shape[1] :]
     commands = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
     accelerations = np.linalg.solve(inertia, (commands @ torques).T)
     assert spin_up(craft) == pytest.approx(np.linalg.norm(accelerations, axis=0).max(), rel=1e-12)
@@ -65,8 +83,10 @@ def test_numbers_by_hand() -> None:
     """A rod of 0.1, 1, 1 kg m^2: 1 N m about each axis gives sqrt(102) rad/s^2; moments differ by
     (1 - 0.1) / 1 = 0.9: a step may turn 1 / (1 + 1.5 * 0.9) rad, with its reserve 1 / (1 + 4 * 0.9)."""
     craft = rod(0.1)
-    for period, turn in ((0.05, math.sqrt(math.pi * 102**0.5 * 0.05**2)),
-                         (0.3, 3 * 102**0.5 * 0.3**2)):
+    for period, turn in (
+        (0.05, math.sqrt(math.pi * 102**0.5 * 0.05**2)),
+        (0.3, 3 * 102**0.5 * 0.3**2),
+    ):
         timing = chosen(craft, Timing(period))
         assert timing.substeps == math.ceil(turn * 4.6)
         assert fastest(craft, timing) == pytest.approx(math.ceil(turn * 4.6) / 2.35 / period)
@@ -76,37 +96,54 @@ def test_numbers_by_hand() -> None:
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)
 def test_bodies_are_each_what_they_are(craft: Spacecraft) -> None:
     """Of 30 that differ in everything at once the quickest, by trying every subset of eight thrusters."""
-    random, craft = np.random.default_rng(4), replace(craft, thrusters=craft.thrusters[:8])
-    nominal, size, count = Body.of(craft), craft.dimension, len(craft.thrusters)
+    random = np.random.default_rng(4)
+    craft = replace(craft, thrusters=craft.thrusters[:8])
+    nominal = Body.of(craft)
+    size = craft.dimension
+    count = len(craft.thrusters)
     factor, gain, leak = (random.uniform(0.5, 1.5, 30) for _ in range(3))
     centre = random.uniform(-0.1, 0.1, (size, 30))
-    bodies = replace(nominal, inertia=tuple(x * factor for x in nominal.inertia), centre=tuple(centre),
-                     gain=(gain, *nominal.gain[1:]), leak=(*nominal.leak[1:], leak))
+    bodies = replace(
+        nominal,
+        inertia=tuple(x * factor for x in nominal.inertia),
+        centre=tuple(centre),
+        gain=(gain, *nominal.gain[1:]),
+        leak=(*nominal.leak[1:], leak),
+    )
     arms = [np.array(t.position) - craft.centre_of_mass for t in craft.thrusters]
     commands = np.array(list(itertools.product((0.0, 1.0), repeat=count)))
     most = 0.0
     for k in range(30):
         offset = np.array([*centre[:, k], 0.0][:3])
         shares = np.array([gain[k], *[1.0] * (count - 2), 1.0 + leak[k]])
-        torques = [np.cross(arm - offset, t.direction) * t.force * share
-                   for arm, t, share in zip(arms, craft.thrusters, shares, strict=True)]
+        torques = [
+            np.cross(arm - offset, t.direction) * t.force * share
+            for arm, t, share in zip(arms, craft.thrusters, shares, strict=True)
+        ]
         tensor = np.array(craft.inertia) * factor[k]
-        turns = (commands @ torques)[:, -1:] / tensor[2, 2] if size == 2 else np.linalg.solve(
-            tensor, (commands @ torques).T).T
+        turns = (
+            (commands @ torques)[:, -1:] / tensor[2, 2]
+            if size == 2
+            else np.linalg.solve(tensor, (commands @ torques).T).T
+        )
         most = max(most, float(np.linalg.norm(turns, axis=1).max()))
     assert spin_up(craft, bodies) == pytest.approx(most, rel=1e-12)
 
 
 def test_too_fast_for_its_period_is_said_with_numbers() -> None:
-    with pytest.warns(UserWarning, match=r"turns it up to 5\.05 rad in a control period of 1 s and leaves it "
-                                         r"spinning at 10\.1 rad/s; above 1 rad .* Shorten the period"):
+    with pytest.warns(
+        UserWarning,
+        match=r"turns it up to 5\.05 rad in a control period of 1 s and leaves it "
+        r"spinning at 10\.1 rad/s; above 1 rad .* Shorten the period",
+    ):
         assert chosen(rod(0.1), Timing(1.0)).substeps == MOST
 
 
 def test_a_body_that_differs_takes_more() -> None:
     """Half the inertia turns twice as fast; the lightest of many decides. A strong thruster that turns about
     y together with another adds a quarter to that: 1 N m / 0.1, 1.25 N m / 1 and 1 N m / 1."""
-    craft, nominal = rod(0.1), Body.of(rod(0.1))
+    craft = rod(0.1)
+    nominal = Body.of(rod(0.1))
     light = replace(nominal, inertia=tuple(0.5 * x for x in nominal.inertia))
     strong = replace(nominal, gain=(1.5,) + (1.0,) * 11)
     many = replace(nominal, inertia=tuple(x * np.array([1.0, 2.0, 0.5]) for x in nominal.inertia))
@@ -120,10 +157,14 @@ def test_a_body_that_differs_takes_more() -> None:
 
 def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     """A nozzle stuck open in some episodes is no stronger in any: it takes no more steps than a sound one."""
-    craft, timing = rod(0.1), Timing(0.2)
+    craft = rod(0.1)
+    timing = Timing(0.2)
     nominal = Body.of(craft)
-    some = replace(nominal, gain=(np.array([1.0, 0.0]), *nominal.gain[1:]),
-                   leak=(np.array([0.0, 1.0]), *nominal.leak[1:]))
+    some = replace(
+        nominal,
+        gain=(np.array([1.0, 0.0]), *nominal.gain[1:]),
+        leak=(np.array([0.0, 1.0]), *nominal.leak[1:]),
+    )
     assert spin_up(craft, some) == pytest.approx(spin_up(craft))
     leaky = replace(nominal, leak=(np.array([0.0, 0.5]), *nominal.leak[1:]))
     assert spin_up(craft, leaky) == pytest.approx(math.sqrt(100 + 1.25**2 + 1))
@@ -131,7 +172,8 @@ def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     assert World(craft, GoToPose(), timing, conditions=faults).timing == chosen(craft, timing)
     late = replace(faults, thrusters=ThrusterConditions(thrust=(1.5, 1.5)))
     assert World(craft, GoToPose(), timing, conditions=late).timing == chosen(
-        craft, timing, replace(nominal, gain=(1.5,) * 12))
+        craft, timing, replace(nominal, gain=(1.5,) * 12)
+    )
 
 
 def test_a_torque_that_stays_in_the_world_takes_more() -> None:
@@ -147,14 +189,20 @@ def test_a_torque_that_stays_in_the_world_takes_more() -> None:
 
 
 def test_worlds_and_engines_know_the_number() -> None:
-    craft, timing = rod(0.1), Timing(0.2)
+    craft = rod(0.1)
+    timing = Timing(0.2)
     number = chosen(craft, timing).substeps
     assert number == 6
     assert World(craft, GoToPose(), timing).timing.substeps == number
     engine = Engine(craft, GoToPose(), 2, timing)
     assert engine._world.timing.substeps == number
-    heavy = Engine(craft, GoToPose(), 2, timing,
-                   body=replace(Body.of(craft), inertia=tuple(4 * x for x in Body.of(craft).inertia)))
+    heavy = Engine(
+        craft,
+        GoToPose(),
+        2,
+        timing,
+        body=replace(Body.of(craft), inertia=tuple(4 * x for x in Body.of(craft).inertia)),
+    )
     assert (heavy._world.timing.substeps or 9) < number
 
 
@@ -164,10 +212,10 @@ def tumbling(craft: Spacecraft, spin: float) -> Scenario:
     return replace(starts, start=replace(starts.start, w=replace(still, y=still.y + spin)))
 
 
-
 def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     """One control period at the spin that the choice was made for, in eight times as many steps."""
-    craft, timing = rod(0.03), Timing(0.2)
+    craft = rod(0.03)
+    timing = Timing(0.2)
     world = World(craft, GoToPose(), timing)
     number = world.timing.substeps or 0
     assert number > 4
@@ -175,8 +223,10 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     spin = fastest(craft, world.timing) / math.sqrt(3)
     start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
     told = Influences(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
-    ends = [World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told)
-            for n in (number, 8 * number, 1)]
+    ends = [
+        World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told)
+        for n in (number, 8 * number, 1)
+    ]
     angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]
     assert angles[0] < 1e-6  # a hundredth of the bound, in one of 125 periods
     assert angles[2] > 1e-3  # what one step would be off
@@ -190,11 +240,14 @@ def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer", "free-flyer-shared"])
 @pytest.mark.parametrize(("mass", "inertia", "does"), [(1e-8, 1.0, "moves"), (1.0, 1e-4, "turns")])
 @pytest.mark.parametrize("substeps", [None, 1])
-def test_a_craft_whose_state_would_be_lost_is_not_flown(craft: str, mass: float, inertia: float, does: str,
-                                                        substeps: int | None) -> None:
+def test_a_craft_whose_state_would_be_lost_is_not_flown(
+    craft: str, mass: float, inertia: float, does: str, substeps: int | None
+) -> None:
     """Grams for tonnes, say: once such a training went on for good with nothing solved."""
     wrong = _scaled(load_spacecraft(craft), mass, inertia)
-    with pytest.raises(ConfigError, match=f"one command {does} it by .* in a control period of 0.2 s"):
+    with pytest.raises(
+        ConfigError, match=f"one command {does} it by .* in a control period of 0.2 s"
+    ):
         Engine(wrong, "go-to-pose", 2, Timing(substeps=substeps))
 
 

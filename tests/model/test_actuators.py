@@ -27,8 +27,11 @@ force = 1.0
 
 def listed(actuators: Any, *command: float) -> list[tuple[float, list[float]]]:
     """Pieces with a length, shares of the period rounded to eight digits."""
-    return [(round(float(share), 8), [float(c) for c in part])
-            for share, part in actuators.pulses(command) if share > 0]
+    return [
+        (round(float(share), 8), [float(c) for c in part])
+        for share, part in actuators.pulses(command)
+        if share > 0
+    ]
 
 
 def test_steady_commands_are_one_piece() -> None:
@@ -39,7 +42,10 @@ def test_steady_commands_are_one_piece() -> None:
 def test_pulses_open_at_the_beginning_and_shut_in_order() -> None:
     # 0.3, 0.75 and 0 of 100 counts.
     assert listed(Pulsed(100), 0.3, 0.75, 0.0) == [
-        (0.3, [1.0, 1.0, 0.0]), (0.45, [0.0, 1.0, 0.0]), (0.25, [0.0, 0.0, 0.0])]
+        (0.3, [1.0, 1.0, 0.0]),
+        (0.45, [0.0, 1.0, 0.0]),
+        (0.25, [0.0, 0.0, 0.0]),
+    ]
 
 
 def test_few_counts_are_pieces_of_equal_length() -> None:
@@ -47,7 +53,9 @@ def test_few_counts_are_pieces_of_equal_length() -> None:
     assert listed(Pulsed(2), 0.6, 0.75) == [(0.5, [1.0, 1.0]), (0.5, [0.0, 1.0])]
 
 
-@pytest.mark.parametrize(("duty", "counts"), [(0.02, 0), (0.044, 0), (0.046, 5), (0.05, 5), (1.0, 100)])
+@pytest.mark.parametrize(
+    ("duty", "counts"), [(0.02, 0), (0.044, 0), (0.046, 5), (0.05, 5), (1.0, 100)]
+)
 def test_no_pulse_is_shorter_than_the_least(duty: float, counts: int) -> None:
     opened = sum(share for share, part in listed(Pulsed(100, 5), duty) if part[0])
     assert opened == pytest.approx(counts / 100)
@@ -58,7 +66,9 @@ def test_arrays_shut_each_in_its_own_time() -> None:
     open_for = sum(np.array(part) * share for share, part in Pulsed(10).pulses(tuple(duty)))
     np.testing.assert_allclose(open_for, duty, rtol=0, atol=1e-15)
     first = next(Pulsed(10).pulses(tuple(duty)))
-    np.testing.assert_array_equal(first[0], [0.2, 0.1])  # until the first valve of each spacecraft shuts
+    np.testing.assert_array_equal(
+        first[0], [0.2, 0.1]
+    )  # until the first valve of each spacecraft shuts
     np.testing.assert_array_equal(first[1], np.ones((3, 2)))
 
 
@@ -70,15 +80,22 @@ def test_spaces_and_memory() -> None:
     assert (ON_OFF.is_continuous, ON_OFF.dtype) == (False, "int8")
 
 
-@pytest.mark.parametrize(("actuators", "values", "message"), [
-    (OnOff(), [0, 0.5], r"2 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \[0, 0\.5\]"),
-    (OnOff(), [0, float("nan")], "0 .shut. or 1"),
-    (OnOff(), [1, 0, 1], "2 numbers"),
-    (Throttle(), [0.0, 1.1], r"0 \(no thrust\) to 1 \(full thrust\)"),
-    (Throttle(), [-1e-9, 0.0], "2 numbers"),
-    (Pulsed(4), [float("nan"), 0.0], r"0 \(shut\) to 1 \(open all the time\)"),
-    (Pulsed(4), ["a", "b"], "2 numbers"),
-])
+@pytest.mark.parametrize(
+    ("actuators", "values", "message"),
+    [
+        (
+            OnOff(),
+            [0, 0.5],
+            r"2 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \[0, 0\.5\]",
+        ),
+        (OnOff(), [0, float("nan")], "0 .shut. or 1"),
+        (OnOff(), [1, 0, 1], "2 numbers"),
+        (Throttle(), [0.0, 1.1], r"0 \(no thrust\) to 1 \(full thrust\)"),
+        (Throttle(), [-1e-9, 0.0], "2 numbers"),
+        (Pulsed(4), [float("nan"), 0.0], r"0 \(shut\) to 1 \(open all the time\)"),
+        (Pulsed(4), ["a", "b"], "2 numbers"),
+    ],
+)
 def test_what_cannot_be_followed_is_refused(actuators: Any, values: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         actuators.check(values, 2)
@@ -87,7 +104,9 @@ def test_what_cannot_be_followed_is_refused(actuators: Any, values: Any, message
 def test_what_can_be_followed_is_not() -> None:
     OnOff().check(np.array([True, False]), 2)
     Throttle().check(np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2, 2)
-    with pytest.raises(ConfigError, match=r"must be 100 times 2 numbers, .* got numbers from 0\.0 to 2\.0"):
+    with pytest.raises(
+        ConfigError, match=r"must be 100 times 2 numbers, .* got numbers from 0\.0 to 2\.0"
+    ):
         OnOff().check(np.linspace(0, 2, 200).reshape(100, 2), 100, 2)
 
 
@@ -102,16 +121,25 @@ def test_files_say_which() -> None:
     assert read('[actuators]\nkind = "pulsed"\ncounts = 50\nleast = 3') == Pulsed(50, 3)
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ('actuators = "pulsed"', 'must be a table with the key "kind"'),
-    ("[actuators]\ncounts = 3", 'must be a table with the key "kind"'),
-    ('[actuators]\nkind = "magic"', "kind 'magic'; known are on-off, pulsed, throttle"),
-    ('[actuators]\nkind = "pulsed"', "the key 'counts' is missing"),
-    ('[actuators]\nkind = "throttle"\ncounts = 3', "unknown key 'counts' in actuators of the kind"),
-    ('[actuators]\nkind = "pulsed"\ncounts = 0', "counts .* whole number from 1 to 1,048,576, got 0"),
-    ('[actuators]\nkind = "pulsed"\ncounts = 4.0', "counts .* got 4.0"),
-    ('[actuators]\nkind = "pulsed"\ncounts = 4\nleast = 5', "least .* from 0 to 4, got 5"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('actuators = "pulsed"', 'must be a table with the key "kind"'),
+        ("[actuators]\ncounts = 3", 'must be a table with the key "kind"'),
+        ('[actuators]\nkind = "magic"', "kind 'magic'; known are on-off, pulsed, throttle"),
+        ('[actuators]\nkind = "pulsed"', "the key 'counts' is missing"),
+        (
+            '[actuators]\nkind = "throttle"\ncounts = 3',
+            "unknown key 'counts' in actuators of the kind",
+        ),
+        (
+            '[actuators]\nkind = "pulsed"\ncounts = 0',
+            "counts .* whole number from 1 to 1,048,576, got 0",
+        ),
+        ('[actuators]\nkind = "pulsed"\ncounts = 4.0', "counts .* got 4.0"),
+        ('[actuators]\nkind = "pulsed"\ncounts = 4\nleast = 5', "least .* from 0 to 4, got 5"),
+    ],
+)
 def test_wrong_files_are_one_sentence(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         parse_spacecraft(FILE.format(text), "probe")

@@ -20,8 +20,14 @@ PERIOD = 0.1
 BY_HAND = [
     # Signed pairs u0..u3 of thrusters (0, 1), (2, 3), (4, 5), (6, 7), x forward and y left:
     # F_x = u0 + u1, F_y = -u2 - u3, tau = 0.12 m (-u0 + u1 - u2 + u3), each of 1.5 N.
-    (1.5, 0.0, -0.18), (-1.5, 0.0, 0.18), (1.5, 0.0, 0.18), (-1.5, 0.0, -0.18),
-    (0.0, -1.5, -0.18), (0.0, 1.5, 0.18), (0.0, -1.5, 0.18), (0.0, 1.5, -0.18),
+    (1.5, 0.0, -0.18),
+    (-1.5, 0.0, 0.18),
+    (1.5, 0.0, 0.18),
+    (-1.5, 0.0, -0.18),
+    (0.0, -1.5, -0.18),
+    (0.0, 1.5, 0.18),
+    (0.0, -1.5, 0.18),
+    (0.0, 1.5, -0.18),
 ]
 
 
@@ -34,14 +40,18 @@ def test_its_strength() -> None:
     """3 N along an axis by two thrusters, 0.72 N m by the four that turn one way."""
     table = np.array(ATMOS.wrench_map)
     assert table.clip(min=0).sum(axis=0) == pytest.approx([3.0, 3.0, 0.72], abs=1e-15)
-    assert leaves(wrench(ATMOS, (1.0, 0.0) * 2 + (0.0,) * 4)) == pytest.approx((3.0, 0.0, 0.0), abs=1e-15)
+    assert leaves(wrench(ATMOS, (1.0, 0.0) * 2 + (0.0,) * 4)) == pytest.approx(
+        (3.0, 0.0, 0.0), abs=1e-15
+    )
 
 
 @pytest.mark.parametrize("thruster", range(8))
 def test_one_pulse_of_each_thruster(thruster: int) -> None:
     """Open for all 0.1 s: 1.5 N on 17.8 kg are 8.43 mm/s, 0.18 N m on 0.315 kg m^2 are 0.0571 rad/s."""
     after = pulsed([float(k == thruster) for k in range(8)])
-    assert np.hypot(after.v.x, after.v.y) == pytest.approx(0.1 * 1.5 / 17.8, rel=1e-6)  # turned by 3 mrad
+    assert np.hypot(after.v.x, after.v.y) == pytest.approx(
+        0.1 * 1.5 / 17.8, rel=1e-6
+    )  # turned by 3 mrad
     assert after.w == pytest.approx(np.sign(BY_HAND[thruster][2]) * 0.018 / 0.315, abs=1e-15)
 
 

@@ -32,39 +32,103 @@ def assert_uniform(values: Any, low: float, high: float) -> None:
     assert low <= np.min(values)
     assert np.max(values) <= high
     # Standard error of the mean of uniform numbers; five of them are passed once in two million.
-    assert np.mean(values) == pytest.approx((low + high) / 2, abs=5 * (high - low) / math.sqrt(12 * COUNT))
+    assert np.mean(values) == pytest.approx(
+        (low + high) / 2, abs=5 * (high - low) / math.sqrt(12 * COUNT)
+    )
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LIKELY
 
 
 UNIFORM: dict[str, tuple[Conditions, Callable[[Case], Any], float, float]] = {
-    "mass": (Conditions(BodyConditions(mass=(0.7, 1.4))), lambda c: c.body.mass / PLATFORM.mass, 0.7, 1.4),
-    "inertia": (Conditions(BodyConditions(inertia=(0.5, 2.0))),
-                lambda c: c.body.inertia[0] / PLATFORM.inertia[2][2], 0.5, 2.0),
-    "centre": (Conditions(BodyConditions(centre=(0.01, 0.03))),
-               lambda c: np.hypot(*c.body.centre), 0.01, 0.03),
-    "thrust": (Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3))),
-               lambda c: c.body.gain[5], 0.7, 1.3),
-    "pressure": (Conditions(thrusters=ThrusterConditions(pressure=(0.8, 1.0))),
-                 lambda c: c.body.gain[2], 0.8, 1.0),
-    "droop": (Conditions(thrusters=ThrusterConditions(droop=(0.1, 0.3))), lambda c: c.body.droop, 0.1, 0.3),
-    "latency": (Conditions(thrusters=ThrusterConditions(latency=(0.02, 0.1))),
-                lambda c: c.lag and c.lag.latency, 0.02, 0.1),
-    "fall": (Conditions(thrusters=ThrusterConditions(fall=(0.02, 0.1))),
-             lambda c: c.lag and c.lag.fall, 0.02, 0.1),
-    "least on": (Conditions(thrusters=ThrusterConditions(least_on=(0.0, 0.6))),
-                 lambda c: c.hold and c.hold.on, 0.0, 0.6),
-    "fault's time": (Conditions(faults=FaultConditions(count=1.0, time=(1.0, 20.0))),
-                     lambda c: c.fault and c.fault.begins, 1.0, 20.0),
-    "force": (Conditions(disturbances=DisturbanceConditions(force=(0.1, 0.3))),
-              lambda c: c.push and c.push.force.norm(), 0.1, 0.3),
-    "torque": (Conditions(disturbances=DisturbanceConditions(torque=(0.1, 0.3))),
-               lambda c: c.push and abs(c.push.torque), 0.1, 0.3),
-    "its direction": (Conditions(disturbances=DisturbanceConditions(force=0.3)),
-                      lambda c: c.push and np.arctan2(c.push.force.y, c.push.force.x), -math.pi, math.pi),
-    "kick": (Conditions(disturbances=DisturbanceConditions(kicks=2, kick=(0.1, 0.3))),
-             lambda c: c.kicks[1].impulse.force.norm(), 0.1, 0.3),
-    "bias": (Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
-             lambda c: c.sensors and c.sensors.bias and c.sensors.bias[2].norm(), 0.01, 0.02),
+    "mass": (
+        Conditions(BodyConditions(mass=(0.7, 1.4))),
+        lambda c: c.body.mass / PLATFORM.mass,
+        0.7,
+        1.4,
+    ),
+    "inertia": (
+        Conditions(BodyConditions(inertia=(0.5, 2.0))),
+        lambda c: c.body.inertia[0] / PLATFORM.inertia[2][2],
+        0.5,
+        2.0,
+    ),
+    "centre": (
+        Conditions(BodyConditions(centre=(0.01, 0.03))),
+        lambda c: np.hypot(*c.body.centre),
+        0.01,
+        0.03,
+    ),
+    "thrust": (
+        Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3))),
+        lambda c: c.body.gain[5],
+        0.7,
+        1.3,
+    ),
+    "pressure": (
+        Conditions(thrusters=ThrusterConditions(pressure=(0.8, 1.0))),
+        lambda c: c.body.gain[2],
+        0.8,
+        1.0,
+    ),
+    "droop": (
+        Conditions(thrusters=ThrusterConditions(droop=(0.1, 0.3))),
+        lambda c: c.body.droop,
+        0.1,
+        0.3,
+    ),
+    "latency": (
+        Conditions(thrusters=ThrusterConditions(latency=(0.02, 0.1))),
+        lambda c: c.lag and c.lag.latency,
+        0.02,
+        0.1,
+    ),
+    "fall": (
+        Conditions(thrusters=ThrusterConditions(fall=(0.02, 0.1))),
+        lambda c: c.lag and c.lag.fall,
+        0.02,
+        0.1,
+    ),
+    "least on": (
+        Conditions(thrusters=ThrusterConditions(least_on=(0.0, 0.6))),
+        lambda c: c.hold and c.hold.on,
+        0.0,
+        0.6,
+    ),
+    "fault's time": (
+        Conditions(faults=FaultConditions(count=1.0, time=(1.0, 20.0))),
+        lambda c: c.fault and c.fault.begins,
+        1.0,
+        20.0,
+    ),
+    "force": (
+        Conditions(disturbances=DisturbanceConditions(force=(0.1, 0.3))),
+        lambda c: c.push and c.push.force.norm(),
+        0.1,
+        0.3,
+    ),
+    "torque": (
+        Conditions(disturbances=DisturbanceConditions(torque=(0.1, 0.3))),
+        lambda c: c.push and abs(c.push.torque),
+        0.1,
+        0.3,
+    ),
+    "its direction": (
+        Conditions(disturbances=DisturbanceConditions(force=0.3)),
+        lambda c: c.push and np.arctan2(c.push.force.y, c.push.force.x),
+        -math.pi,
+        math.pi,
+    ),
+    "kick": (
+        Conditions(disturbances=DisturbanceConditions(kicks=2, kick=(0.1, 0.3))),
+        lambda c: c.kicks[1].impulse.force.norm(),
+        0.1,
+        0.3,
+    ),
+    "bias": (
+        Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
+        lambda c: c.sensors and c.sensors.bias and c.sensors.bias[2].norm(),
+        0.01,
+        0.02,
+    ),
 }
 
 
@@ -180,13 +244,17 @@ def test_a_swing_is_felt_from_the_first_period_on(periods: int) -> None:
     swing: Any = now.case.swing  # type: ignore[union-attr]
     for _ in range(periods):
         now = step(world, now, tuple(np.zeros((8, 50))), own).episode
-    rate, time = math.tau / 10.0, 0.2 * periods
+    rate = math.tau / 10.0
+    time = 0.2 * periods
     waves = (np.cos(swing.phase) - np.cos(rate * time + swing.phase)) / rate
     for axis in ("x", "y"):
         # The sine is taken at the middle of 0.2 s: (rate 0.2 s)^2 / 24 = 7e-4 of 0.08 N s a period.
-        np.testing.assert_allclose(PLATFORM.mass * getattr(now.state.v, axis),
-                                   getattr(swing.amplitude.force, axis) * waves, rtol=0,
-                                   atol=1e-4 * periods)
+        np.testing.assert_allclose(
+            PLATFORM.mass * getattr(now.state.v, axis),
+            getattr(swing.amplitude.force, axis) * waves,
+            rtol=0,
+            atol=1e-4 * periods,
+        )
 
 
 def test_a_fault_is_felt_from_its_moment_on() -> None:
@@ -197,7 +265,9 @@ def test_a_fault_is_felt_from_its_moment_on() -> None:
     for _ in range(8):
         now = step(world, now, tuple(np.zeros((8, 20))), own).episode
         speeds.append(np.asarray(now.state.v.norm()))
-    np.testing.assert_allclose(speeds[:6], 0.0, atol=1e-12)  # 1.0 s less 0.8 s is 4e-17 short of a period
+    np.testing.assert_allclose(
+        speeds[:6], 0.0, atol=1e-12
+    )  # 1.0 s less 0.8 s is 4e-17 short of a period
     # 1 N for 0.2 s on 5.32 kg; meanwhile it turns by less than 0.05 rad, which leaves all but 1e-4.
     np.testing.assert_allclose(speeds[6], 0.2 / 5.32, rtol=1e-3)
     assert (np.diff(speeds[5:], axis=0) > 0.0).all()
@@ -214,11 +284,14 @@ def test_a_swing_has_its_value_in_the_middle_of_each_period() -> None:
     """One of 8 s: a sine through the middles, fitted by least squares, has the phase that was drawn."""
     slow = DisturbanceConditions(slow_force=0.3, slow_torque=0.1, slow_period=8.0)
     found = case(Conditions(disturbances=slow), count=30)
-    pushed, t = disturbances(found, 80), (np.arange(80) + 0.5) * 0.2
+    pushed = disturbances(found, 80)
+    t = (np.arange(80) + 0.5) * 0.2
     wave = np.column_stack([np.sin(math.pi / 4 * t), np.cos(math.pi / 4 * t)])
     (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, 2], rcond=None)
     assert left.max() < 1e-25
     phase = np.arctan2(b, a)  # of a torque either way: half a turn on where it is negative
     np.testing.assert_allclose(np.sin(phase - found.swing.phase), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.hypot(a, b), 0.1, rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(pushed[:, :2], axis=1).max(axis=0), 0.3, rtol=0.005)  # at best
+    np.testing.assert_allclose(
+        np.linalg.norm(pushed[:, :2], axis=1).max(axis=0), 0.3, rtol=0.005
+    )  # at best

@@ -28,31 +28,71 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 
 
-@pytest.mark.parametrize(("make", "sentence"), [
-    (lambda: Conditions(Body(mass=(1.2, 0.8))), r"body\.mass must be .*least and the largest.*1\.2, 0\.8"),
-    (lambda: Conditions(Body(mass=0.0)), r"body\.mass must be > 0, got 0\.0"),
-    (lambda: Conditions(Body(inertia=(0.0, 1.0))), r"body\.inertia must be > 0"),
-    (lambda: Conditions(Body(centre=-0.01)), r"body\.centre must be a number >= 0"),
-    (lambda: Conditions(Body(centre=math.nan)), r"body\.centre .* got nan"),
-    (lambda: Conditions(thrusters=Thrusters(thrust=(0.5, math.inf))), r"thrusters\.thrust .* inf"),
-    (lambda: Conditions(thrusters=Thrusters(rise=True)), r"thrusters\.rise .* got True"),
-    (lambda: Conditions(thrusters=Thrusters(latency=(0.1, 0.2, 0.3))), r"thrusters\.latency .* 0\.3"),  # type: ignore[arg-type]
-    (lambda: Conditions(thrusters=Thrusters(latency=20.0, command_delay=20.0)), r"at most 30 s, got 40\.0"),
-    (lambda: Conditions(thrusters=Thrusters(least_on=31.0)), r"least_on and least_off must be at most 30 s"),
-    (lambda: Conditions(faults=Faults(count=3.0)), r"faults\.count must be at most 2, got 3\.0"),
-    (lambda: Conditions(faults=Faults(kinds=("leaky",))), r"faults\.kinds must be among dead, .*leaky"),  # type: ignore[arg-type]
-    (lambda: Conditions(faults=Faults(share=(0.3, 1.1))), r"faults\.share must be at most 1, got \(0\.3, 1"),
-    (lambda: Conditions(faults=Faults(among="all")), "among must be one of any, recoverable, .* 'all'"),  # type: ignore[arg-type]
-    (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
-    (lambda: Conditions(disturbances=Disturbances(slow_period=0.0)), r"slow_period must be > 0 s"),
-    (lambda: Conditions(disturbances=Disturbances(kicks=9)), r"kicks must be a whole number .*8, got 9"),
-    (lambda: Conditions(sensors=SensorsConditions(velocity=SensorConditions(dropout=1.0))),
-     r"sensors\.velocity\.dropout must be below 1, got 1\.0"),
-    (lambda: Conditions(sensors=SensorsConditions(spin=SensorConditions(noise=-1.0))),
-     r"sensors\.spin\.noise must be a number >= 0"),
-    (lambda: Conditions(weight="x"), "weight must be a finite number > 0, got 'x'"),  # type: ignore[arg-type]
-    (lambda: Conditions(others="x"), r"others must be a rans\.Conditions, got 'x'"),  # type: ignore[arg-type]
-])
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (
+            lambda: Conditions(Body(mass=(1.2, 0.8))),
+            r"body\.mass must be .*least and the largest.*1\.2, 0\.8",
+        ),
+        (lambda: Conditions(Body(mass=0.0)), r"body\.mass must be > 0, got 0\.0"),
+        (lambda: Conditions(Body(inertia=(0.0, 1.0))), r"body\.inertia must be > 0"),
+        (lambda: Conditions(Body(centre=-0.01)), r"body\.centre must be a number >= 0"),
+        (lambda: Conditions(Body(centre=math.nan)), r"body\.centre .* got nan"),
+        (
+            lambda: Conditions(thrusters=Thrusters(thrust=(0.5, math.inf))),
+            r"thrusters\.thrust .* inf",
+        ),
+        (lambda: Conditions(thrusters=Thrusters(rise=True)), r"thrusters\.rise .* got True"),
+        (
+            lambda: Conditions(thrusters=Thrusters(latency=(0.1, 0.2, 0.3))),  # type: ignore[arg-type]
+            r"thrusters\.latency .* 0\.3",
+        ),
+        (
+            lambda: Conditions(thrusters=Thrusters(latency=20.0, command_delay=20.0)),
+            r"at most 30 s, got 40\.0",
+        ),
+        (
+            lambda: Conditions(thrusters=Thrusters(least_on=31.0)),
+            r"least_on and least_off must be at most 30 s",
+        ),
+        (
+            lambda: Conditions(faults=Faults(count=3.0)),
+            r"faults\.count must be at most 2, got 3\.0",
+        ),
+        (
+            lambda: Conditions(faults=Faults(kinds=("leaky",))),  # type: ignore[arg-type]
+            r"faults\.kinds must be among dead, .*leaky",
+        ),
+        (
+            lambda: Conditions(faults=Faults(share=(0.3, 1.1))),
+            r"faults\.share must be at most 1, got \(0\.3, 1",
+        ),
+        (
+            lambda: Conditions(faults=Faults(among="all")),  # type: ignore[arg-type]
+            "among must be one of any, recoverable, .* 'all'",
+        ),
+        (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
+        (
+            lambda: Conditions(disturbances=Disturbances(slow_period=0.0)),
+            r"slow_period must be > 0 s",
+        ),
+        (
+            lambda: Conditions(disturbances=Disturbances(kicks=9)),
+            r"kicks must be a whole number .*8, got 9",
+        ),
+        (
+            lambda: Conditions(sensors=SensorsConditions(velocity=SensorConditions(dropout=1.0))),
+            r"sensors\.velocity\.dropout must be below 1, got 1\.0",
+        ),
+        (
+            lambda: Conditions(sensors=SensorsConditions(spin=SensorConditions(noise=-1.0))),
+            r"sensors\.spin\.noise must be a number >= 0",
+        ),
+        (lambda: Conditions(weight="x"), "weight must be a finite number > 0, got 'x'"),  # type: ignore[arg-type]
+        (lambda: Conditions(others="x"), r"others must be a rans\.Conditions, got 'x'"),  # type: ignore[arg-type]
+    ],
+)
 def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         make()
@@ -61,8 +101,16 @@ def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str
 def test_the_defaults_are_a_perfect_world() -> None:
     perfect = Conditions()
     assert (perfect.delay, perfect.lasting) == (0.0, 0.0)
-    assert Conditions(BodyConditions(), ThrusterConditions(), FaultConditions(),
-                      DisturbanceConditions(), SensorsConditions()) == perfect
+    assert (
+        Conditions(
+            BodyConditions(),
+            ThrusterConditions(),
+            FaultConditions(),
+            DisturbanceConditions(),
+            SensorsConditions(),
+        )
+        == perfect
+    )
 
 
 def test_how_long_a_command_is_felt() -> None:

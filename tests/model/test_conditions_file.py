@@ -11,10 +11,17 @@ from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.conditions_file import CONDITIONS, conditions_text, load_conditions
 from tests.worlds import EFFECTS
 
-MIXED = Conditions(description='Fälle, "quoted" and \x7f', weight=0.5,
-                   thrusters=ThrusterConditions(fall=0.0, latency=(1e-7, 0.1)),
-                   others=(Conditions(thrusters=ThrusterConditions(fall=0.1), weight=3.0),))
-CASES = {"mixed": MIXED, **EFFECTS, **{name: CONDITIONS[name].conditions for name in CONDITIONS.built_in}}
+MIXED = Conditions(
+    description='Fälle, "quoted" and \x7f',
+    weight=0.5,
+    thrusters=ThrusterConditions(fall=0.0, latency=(1e-7, 0.1)),
+    others=(Conditions(thrusters=ThrusterConditions(fall=0.1), weight=3.0),),
+)
+CASES = {
+    "mixed": MIXED,
+    **EFFECTS,
+    **{name: CONDITIONS[name].conditions for name in CONDITIONS.built_in},
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -26,17 +33,27 @@ def test_text_gives_the_same_conditions(name: str, tmp_path: Path) -> None:
 
 def test_only_what_is_not_the_default_is_written() -> None:
     assert conditions_text(Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.1)))) == (
-        "thrusters = { latency = [0.0, 0.1] }\n")
+        "thrusters = { latency = [0.0, 0.1] }\n"
+    )
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("[thrusters]\nlatensy = 0.1", r"conditions\.thrusters: unknown .* 'latensy' \(did you mean latency\?\)"),
-    ("[sensors]\nnoise = 0.1", r"conditions\.sensors: unknown key 'noise'"),
-    ('[body]\nmass = "2 kg"', r"conditions\.body\.mass: expected a number, or .*, got '2 kg'"),
-    ("[body]\nmass = [1.0]", r"conditions\.body\.mass: expected a number, or .*, got \[1\.0\]"),
-    ("[body]\nmass = true", r"conditions\.body\.mass: expected a number, or .*, got True"),
-    ("[body]\nmass = [2, 1]", r"body\.mass must be .* the least and the largest of two, got \(2\.0, 1\.0\)"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "[thrusters]\nlatensy = 0.1",
+            r"conditions\.thrusters: unknown .* 'latensy' \(did you mean latency\?\)",
+        ),
+        ("[sensors]\nnoise = 0.1", r"conditions\.sensors: unknown key 'noise'"),
+        ('[body]\nmass = "2 kg"', r"conditions\.body\.mass: expected a number, or .*, got '2 kg'"),
+        ("[body]\nmass = [1.0]", r"conditions\.body\.mass: expected a number, or .*, got \[1\.0\]"),
+        ("[body]\nmass = true", r"conditions\.body\.mass: expected a number, or .*, got True"),
+        (
+            "[body]\nmass = [2, 1]",
+            r"body\.mass must be .* the least and the largest of two, got \(2\.0, 1\.0\)",
+        ),
+    ],
+)
 def test_wrong_files_say_what_and_where(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "own.toml"
     file.write_text(text, "utf-8")

@@ -26,9 +26,15 @@ def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -
     return [np.array([np.broadcast_to(x, count) for x in part]) for part in (body.gain, body.leak)]
 
 
-@pytest.mark.parametrize(("kind", "gain", "leak"), [
-    ("dead", (0.0, 0.0), (0.0, 0.0)), ("stuck-open", (0.0, 0.0), (1.0, 1.0)),
-    ("stuck", (0.0, 0.0), (0.3, 0.8)), ("weak", (0.3, 0.8), (0.0, 0.0))])
+@pytest.mark.parametrize(
+    ("kind", "gain", "leak"),
+    [
+        ("dead", (0.0, 0.0), (0.0, 0.0)),
+        ("stuck-open", (0.0, 0.0), (1.0, 1.0)),
+        ("stuck", (0.0, 0.0), (0.3, 0.8)),
+        ("weak", (0.3, 0.8), (0.0, 0.0)),
+    ],
+)
 def test_each_kind_does_what_it_says(kind: Any, gain: Any, leak: Any) -> None:
     gains, leaks = health(FaultConditions(count=1.0, kinds=(kind,), share=(0.3, 0.8)))
     hit = (gains != 1.0) | (leaks != 0.0)
@@ -60,18 +66,26 @@ def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("among", ["recoverable", "unrecoverable"])
-def test_sets_that_are_recoverable_or_not_are_each_as_likely(among: Any, count: int, kind: Any,
-                                                             dimension: int) -> None:
+def test_sets_that_are_recoverable_or_not_are_each_as_likely(
+    among: Any, count: int, kind: Any, dimension: int
+) -> None:
     faults = FaultConditions(float(count), (kind,), among=among)
-    expected = {one.thrusters for one in fault_sets(CRAFTS[dimension], count, kind)
-                if one.recoverable == (among == "recoverable")}
+    expected = {
+        one.thrusters
+        for one in fault_sets(CRAFTS[dimension], count, kind)
+        if one.recoverable == (among == "recoverable")
+    }
     if not expected:
-        with pytest.raises(ConfigError, match=f"un.* of 1 {kind} thruster, but .* has none; `rans faults`"):
+        with pytest.raises(
+            ConfigError, match=f"un.* of 1 {kind} thruster, but .* has none; `rans faults`"
+        ):
             case(Conditions(faults=faults), dimension)
         return
     body = case(Conditions(faults=faults), dimension).body_at(0.0)
     hit = np.array([np.broadcast_to(x, COUNT) for x in body.gain]) == 0.0
-    assert (np.array([np.broadcast_to(x, COUNT) for x in body.leak])[hit] == (kind == "stuck-open")).all()
+    assert (
+        np.array([np.broadcast_to(x, COUNT) for x in body.leak])[hit] == (kind == "stuck-open")
+    ).all()
     seen = Counter(tuple(np.flatnonzero(column).tolist()) for column in hit.T)
     assert set(seen) == expected
     assert stats.chisquare(list(seen.values())).pvalue > LIKELY
@@ -80,7 +94,8 @@ def test_sets_that_are_recoverable_or_not_are_each_as_likely(among: Any, count: 
 def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail_alike() -> None:
     conditions = FaultConditions(count=(0.0, 2.0), among="recoverable")
     gains, leaks = health(conditions)
-    number, stuck = (gains == 0.0).sum(axis=0), (leaks == 1.0).sum(axis=0)
+    number = (gains == 0.0).sum(axis=0)
+    stuck = (leaks == 1.0).sum(axis=0)
     assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
     assert ((stuck == 0) | (stuck == number)).all()
     assert stats.binomtest(int((stuck > 0).sum()), int((number > 0).sum())).pvalue > LIKELY
@@ -109,10 +124,13 @@ def test_a_fault_is_there_from_its_time_on() -> None:
 
 def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
     """And who is stuck open gives all of it."""
-    drawn = Conditions(thrusters=ThrusterConditions(thrust=(0.7, 0.9)),
-                       faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=5.0))
+    drawn = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.7, 0.9)),
+        faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=5.0),
+    )
     found = case(drawn, count=50)
-    sound, failed = found.body_at(0.0), found.body_at(5.0)
+    sound = found.body_at(0.0)
+    failed = found.body_at(5.0)
     whole = np.array(failed.gain) + np.array(failed.leak)
     np.testing.assert_allclose(whole, np.array(sound.gain), rtol=1e-15)
     assert ((np.array(failed.leak) > 0.0).sum(axis=0) == 1).all()

@@ -32,26 +32,39 @@ def pull(drift: Drift, p: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.zeros(len(p))
     n = drift.mean_motion  # type: ignore[attr-defined]
     full = [3 * n**2 * p[0] + 2 * n * v[1], -2 * n * v[0], -(n**2) * p[-1]]
-    return np.array(full[:len(p)])
+    return np.array(full[: len(p)])
 
 
 def drifts(dimension: int) -> list[Drift]:
-    return [FREE, UniformGravity((0.3, -0.2, -1.62)[:dimension]), ClohessyWiltshire(LOW_ORBIT),
-            ClohessyWiltshire(0.3)]
+    return [
+        FREE,
+        UniformGravity((0.3, -0.2, -1.62)[:dimension]),
+        ClohessyWiltshire(LOW_ORBIT),
+        ClohessyWiltshire(0.3),
+    ]
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("index", range(4))
 @pytest.mark.parametrize("duration", [0.2, 25.0])
 def test_free_points_move_by_their_equation(dimension: int, index: int, duration: float) -> None:
-    drift, vector = drifts(dimension)[index], (Vec2, Vec3)[dimension - 2]
+    drift = drifts(dimension)[index]
+    vector = (Vec2, Vec3)[dimension - 2]
     start = np.random.default_rng(dimension).uniform(-2, 2, 2 * dimension)
-    expected = solve_ivp(lambda _, y: [*y[dimension:], *pull(drift, y[:dimension], y[dimension:])],
-                         (0, duration), start, **EXACT).y[:, -1]
+    expected = solve_ivp(
+        lambda _, y: [*y[dimension:], *pull(drift, y[:dimension], y[dimension:])],
+        (0, duration),
+        start,
+        **EXACT,
+    ).y[:, -1]
     p, v = drift.carry(vector(*start[:dimension]), vector(*start[dimension:]), duration)  # type: ignore
     # The integrator's 1e-13 of the largest number, which at 0.3 rad/s is some hundreds after 25 s.
-    np.testing.assert_allclose([*p.columns(), *v.columns()], expected, rtol=0,
-                               atol=1e-12 * max(1.0, np.abs(expected).max()))
+    np.testing.assert_allclose(
+        [*p.columns(), *v.columns()],
+        expected,
+        rtol=0,
+        atol=1e-12 * max(1.0, np.abs(expected).max()),
+    )
 
 
 def test_a_relative_orbit_closes() -> None:
@@ -60,23 +73,30 @@ def test_a_relative_orbit_closes() -> None:
     p, v = drift.carry(Vec2(50.0, 10.0), Vec2(0.0, -100.0 * LOW_ORBIT), 0.5 * math.pi / LOW_ORBIT)
     assert p.columns() == pytest.approx((0.0, 10.0 - 100.0), abs=1e-11)
     p, v = drift.carry(p, v, 1.5 * math.pi / LOW_ORBIT)
-    assert (*p.columns(), *v.columns()) == pytest.approx((50.0, 10.0, 0.0, -100.0 * LOW_ORBIT), abs=1e-10)
+    assert (*p.columns(), *v.columns()) == pytest.approx(
+        (50.0, 10.0, 0.0, -100.0 * LOW_ORBIT), abs=1e-10
+    )
 
 
 @pytest.mark.parametrize("drift", drifts(2)[1:], ids=str)
 @pytest.mark.parametrize("disturbed", [False, True])
 def test_a_pushed_and_turning_craft_moves_by_its_equation(drift: Drift, disturbed: bool) -> None:
     state: Any = PlanarState(Vec2(1.5, -2.0), Heading(0.4), Vec2(0.2, 0.1), 0.7)
-    body, applied, steady = Body(5.0, (0.2,)), Wrench(Vec2(1.0, -0.5), 0.1), Wrench(Vec2(0.3, 0.2), -0.05)
+    body = Body(5.0, (0.2,))
+    applied = Wrench(Vec2(1.0, -0.5), 0.1)
+    steady = Wrench(Vec2(0.3, 0.2), -0.05)
 
     def rates(_: float, y: np.ndarray) -> list[float]:
-        c, s = math.cos(y[2]), math.sin(y[2])
+        c = math.cos(y[2])
+        s = math.sin(y[2])
         force = np.array([c + 0.5 * s, s - 0.5 * c]) + disturbed * np.array([0.3, 0.2])
         spin_up = (0.1 - disturbed * 0.05) / 0.2
         return [*y[3:], *(force / 5.0 + pull(drift, y[:2], y[3:5])), spin_up]
 
     expected = solve_ivp(rates, (0, 0.4), leaves(state), **EXACT).y[:, -1]
-    found = advance(state, applied, body, 0.4, disturbance=steady if disturbed else None, drift=drift)
+    found = advance(
+        state, applied, body, 0.4, disturbance=steady if disturbed else None, drift=drift
+    )
     # The quadrature's 3e-13 of a way of decimetres (0.3 rad turned), the integrator's 1e-13.
     np.testing.assert_allclose(leaves(found), expected, rtol=0, atol=1e-12)
 
@@ -86,10 +106,15 @@ def test_thrust_adds_up_in_free_flight_and_in_an_orbit(seed: int) -> None:
     """What two forces do together is the sum of what each does alone; and free flight keeps momentum."""
     body = Body(5.0, (0.2,))
     state: Any = random_states(2, 1, seed)
-    x, y, turn, zero = Vec2(1.0, 0.0), Vec2(0.0, -2.0), 0.1, Vec2(0.0, 0.0)
+    x = Vec2(1.0, 0.0)
+    y = Vec2(0.0, -2.0)
+    turn = 0.1
+    zero = Vec2(0.0, 0.0)
     for drift in (FREE, ClohessyWiltshire(0.2)):
-        none, one, two, both = (np.array(leaves(advance(state, Wrench(f, turn), body, 0.2, drift=drift)))
-                                for f in (zero, x, y, x + y))
+        none, one, two, both = (
+            np.array(leaves(advance(state, Wrench(f, turn), body, 0.2, drift=drift)))
+            for f in (zero, x, y, x + y)
+        )
         np.testing.assert_allclose(both - none, one - none + two - none, rtol=0, atol=1e-14)
     coasting: Any = advance(state, Wrench(zero, 0.0), body, 0.2)
     assert leaves(coasting.v) == leaves(state.v)
@@ -108,7 +133,9 @@ def test_goals_drift_and_spin(dimension: Any) -> None:
         assert later.attitude.angle == pytest.approx(goal.attitude.angle + 3.0 * goal.w)
         return
     w, x, y, z = (q[0] for q in leaves(goal.attitude))
-    expected = Rotation.from_quat([x, y, z, w]) * Rotation.from_rotvec([3.0 * s[0] for s in leaves(goal.w)])
+    expected = Rotation.from_quat([x, y, z, w]) * Rotation.from_rotvec(
+        [3.0 * s[0] for s in leaves(goal.w)]
+    )
     w, x, y, z = (q[0] for q in leaves(later.attitude))
     assert (expected.inv() * Rotation.from_quat([x, y, z, w])).magnitude() < 1e-14
 
@@ -119,14 +146,25 @@ def test_a_goal_at_rest_stays() -> None:
     assert leaves(step_goal(rest, FREE, 5.0)) == leaves(rest)
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: UniformGravity((1.0,)), r"two .plane. or three .space. finite numbers in m/s.2, got \(1\.0,\)"),
-    (lambda: UniformGravity((1.0, math.nan)), "finite numbers"),
-    (lambda: UniformGravity((0.0, 1.0)).carry(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), 1.0),
-     "does not fit a spacecraft of dimension 3"),
-    (lambda: ClohessyWiltshire(0.0), r"must be a finite number > 0 rad/s, got 0\.0; .* free flight"),
-    (lambda: ClohessyWiltshire(math.inf), "finite number > 0"),
-])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: UniformGravity((1.0,)),
+            r"two .plane. or three .space. finite numbers in m/s.2, got \(1\.0,\)",
+        ),
+        (lambda: UniformGravity((1.0, math.nan)), "finite numbers"),
+        (
+            lambda: UniformGravity((0.0, 1.0)).carry(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), 1.0),
+            "does not fit a spacecraft of dimension 3",
+        ),
+        (
+            lambda: ClohessyWiltshire(0.0),
+            r"must be a finite number > 0 rad/s, got 0\.0; .* free flight",
+        ),
+        (lambda: ClohessyWiltshire(math.inf), "finite number > 0"),
+    ],
+)
 def test_wrong_ones_are_one_sentence(make: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make()

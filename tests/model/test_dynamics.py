@@ -42,7 +42,9 @@ def random_wrench(dimension: int, count: int, seed: int) -> Wrench:
     generator = np.random.default_rng(seed)
     force = generator.uniform(-2.0, 2.0, (dimension, count))
     torque = generator.uniform(-0.5, 0.5, (3, count))
-    return Wrench(Vec2(*force), torque[0]) if dimension == 2 else Wrench(Vec3(*force), Vec3(*torque))
+    return (
+        Wrench(Vec2(*force), torque[0]) if dimension == 2 else Wrench(Vec3(*force), Vec3(*torque))
+    )
 
 
 NASTY = Body.of(nasty_spatial())
@@ -62,7 +64,9 @@ def test_one_thruster_by_hand() -> None:
         spatial = replace(planar, dimension=3, centre_of_mass=(0.1, 0.0, 0.0))
     assert leaves(wrench(planar, (0.5,))) == pytest.approx((0.0, 1.5, 0.6), abs=1e-15)
     # In space the nozzle also sits 0.2 m above: -0.2 * 3 about x.
-    assert leaves(wrench(spatial, (1.0,))) == pytest.approx((0.0, 3.0, 0.0, -0.6, 0.0, 1.2), abs=1e-15)
+    assert leaves(wrench(spatial, (1.0,))) == pytest.approx(
+        (0.0, 3.0, 0.0, -0.6, 0.0, 1.2), abs=1e-15
+    )
 
 
 def test_split_thrust_by_hand(planar_craft: Spacecraft) -> None:
@@ -79,8 +83,9 @@ def test_thrusters_superpose(craft: Spacecraft, seed: int) -> None:
     """Without sharing the wrench is linear in the commands."""
     craft = replace(craft, thrust_sharing="none")
     a, b = np.random.default_rng(seed).random((2, len(craft.thrusters)))
-    together, first, second = (np.array(leaves(wrench(craft, tuple(command))))
-                               for command in (0.5 * a + 0.25 * b, a, b))
+    together, first, second = (
+        np.array(leaves(wrench(craft, tuple(command)))) for command in (0.5 * a + 0.25 * b, a, b)
+    )
     assert together == pytest.approx(0.5 * first + 0.25 * second, abs=1e-13)  # ten terms of 5 N
 
 
@@ -100,17 +105,23 @@ def test_push_and_turn_by_hand() -> None:
 @pytest.mark.parametrize("spin", [0.0, 1.5, -3.0])
 def test_constant_thrust_and_torque_follow_fresnel_integrals(spin: float) -> None:
     """Heading a + w t + b t^2 / 2; completing the square turns thrust into Fresnel integrals."""
-    m, b, force, a, t = 5.0, 2.0, 3.0 - 1.0j, 0.7, 0.2
+    m = 5.0
+    b = 2.0
+    force = 3.0 - 1.0j
+    a = 0.7
+    t = 0.2
     body = Body(m, (0.25,))
     start = PlanarState(Vec2(0.0, 0.0), Heading(a), Vec2(0.0, 0.0), spin)
     end = advance(start, Wrench(Vec2(force.real, force.imag), 0.5), body, t)
 
-    early, late = spin / b, t + spin / b
+    early = spin / b
+    late = t + spin / b
     (s0, c0), (s1, c1) = (fresnel(x * math.sqrt(b / math.pi)) for x in (early, late))
     factor = force / m * np.exp(1j * (a - spin**2 / (2 * b)))
     swept = math.sqrt(math.pi / b) * complex(c1 - c0, s1 - s0)
     edge = (np.exp(0.5j * b * late**2) - np.exp(0.5j * b * early**2)) / (1j * b)
-    v, p = factor * swept, factor * (late * swept - edge)
+    v = factor * swept
+    p = factor * (late * swept - edge)
     # Turns of at most 0.64 rad: the quadrature is exact to 1e-13 of the 0.13 m/s gained; the closed
     # form itself loses two digits to cancellation.
     assert leaves(end.v) == pytest.approx((v.real, v.imag), abs=1e-13)
@@ -119,8 +130,10 @@ def test_constant_thrust_and_torque_follow_fresnel_integrals(spin: float) -> Non
 
 @given(seed=seeds)
 def test_plane_agrees_with_scipy(seed: int) -> None:
-    body, period = Body(5.32, (0.2045,)), 0.2
-    state, applied = random_states(2, 1, seed), random_wrench(2, 1, seed)
+    body = Body(5.32, (0.2045,))
+    period = 0.2
+    state = random_states(2, 1, seed)
+    applied = random_wrench(2, 1, seed)
     angular = float(np.squeeze(leaves(applied)[2])) / 0.2045
     force = rows(applied.force)[0]
 
@@ -139,11 +152,17 @@ def test_plane_agrees_with_scipy(seed: int) -> None:
 
 def test_torque_free_asymmetric_top_follows_jacobi() -> None:
     """Landau and Lifshitz, Mechanics, section 37: cn, sn and dn for I_1 < I_2 < I_3."""
-    i1, i2, i3 = 0.2, 0.3, 0.45
-    energy2, momentum2 = 0.42, 0.14  # 2 E and M^2, with 2 E I_2 < M^2 < 2 E I_3
-    low, high = momentum2 - energy2 * i1, energy2 * i3 - momentum2
-    a1, a2, a3 = (math.sqrt(high / (i1 * (i3 - i1))), math.sqrt(high / (i2 * (i3 - i2))),
-                  math.sqrt(low / (i3 * (i3 - i1))))
+    i1 = 0.2
+    i2 = 0.3
+    i3 = 0.45
+    # 2 E and M^2, with 2 E I_2 < M^2 < 2 E I_3
+    energy2 = 0.42
+    momentum2 = 0.14
+    low = momentum2 - energy2 * i1
+    high = energy2 * i3 - momentum2
+    a1 = math.sqrt(high / (i1 * (i3 - i1)))
+    a2 = math.sqrt(high / (i2 * (i3 - i2)))
+    a3 = math.sqrt(low / (i3 * (i3 - i1)))
     rate = math.sqrt((i3 - i2) * low / (i1 * i2 * i3))
     modulus = (i2 - i1) * high / ((i3 - i2) * low)
     assert 0.05 < modulus < 0.95, "neither a pendulum at its top nor a plain oscillation"
@@ -162,14 +181,25 @@ def test_torque_free_asymmetric_top_follows_jacobi() -> None:
 @given(seed=seeds)
 def test_space_agrees_with_scipy(seed: int) -> None:
     """Rotation matrix and 3x3 solves instead of quaternion and cofactors."""
-    state, applied = random_states(3, 1, seed), random_wrench(3, 1, seed)
-    force, torque, inertia = rows(applied.force)[0], rows(applied.torque)[0], nasty_spatial().inertia
+    state = random_states(3, 1, seed)
+    applied = random_wrench(3, 1, seed)
+    force = rows(applied.force)[0]
+    torque = rows(applied.torque)[0]
+    inertia = nasty_spatial().inertia
 
     def rate(_: float, y: np.ndarray) -> np.ndarray:
-        R, v, w = y[3:12].reshape(3, 3), y[12:15], y[15:]
+        R = y[3:12].reshape(3, 3)
+        v = y[12:15]
+        w = y[15:]
         skew = np.cross(w, np.eye(3)).T
-        return np.concatenate([v, (R @ skew).ravel(), R @ force / NASTY.mass,
-                               np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))])
+        return np.concatenate(
+            [
+                v,
+                (R @ skew).ravel(),
+                R @ force / NASTY.mass,
+                np.linalg.solve(inertia, torque - np.cross(w, inertia @ w)),
+            ]
+        )
 
     def packed(s: Any) -> np.ndarray:
         matrix = rotation(s.attitude).as_matrix().ravel()
@@ -185,8 +215,10 @@ def test_space_agrees_with_scipy(seed: int) -> None:
 def test_coasting_conserves_momentum_and_energy(moments: Any, seed: int) -> None:
     """Angular momentum in W, by SciPy's rotations, over 0.2 s without thrust."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = moments
-    body, inertia = Body(5.32, (xx, xy, xz, yy, yz, zz)), np.array(moments)
-    start, zero = random_states(3, 32, seed), Vec3(0.0, 0.0, 0.0)
+    body = Body(5.32, (xx, xy, xz, yy, yz, zz))
+    inertia = np.array(moments)
+    start = random_states(3, 32, seed)
+    zero = Vec3(0.0, 0.0, 0.0)
     end = advance(start, Wrench(zero, zero), body, 0.2, FINE)
     momentum = [rotation(s.attitude).apply(rows(s.w) @ inertia) for s in (start, end)]
     energy = [np.einsum("ni,ij,nj->n", rows(s.w), inertia, rows(s.w)) for s in (start, end)]
@@ -197,7 +229,8 @@ def test_coasting_conserves_momentum_and_energy(moments: Any, seed: int) -> None
 
 
 def test_order_of_accuracy_is_six() -> None:
-    state, applied = random_states(3, 64, 1), random_wrench(3, 64, 1)
+    state = random_states(3, 64, 1)
+    applied = random_wrench(3, 64, 1)
     runs = [np.array(leaves(advance(state, applied, NASTY, 0.2, n))) for n in (2, 4, 8, 64)]
     errors = [np.linalg.norm(run - runs[-1]) for run in runs[:-1]]
     slopes = np.diff(np.log2(errors))
@@ -210,26 +243,32 @@ def test_order_of_accuracy_is_six() -> None:
 @given(angle=st.floats(-3.0, 3.0), seed=seeds)
 def test_turning_the_plane_turns_the_motion(angle: float, seed: int) -> None:
     body = Body(5.32, (0.2045,))
-    state, applied = random_states(2, 8, seed), random_wrench(2, 8, seed)
+    state = random_states(2, 8, seed)
+    applied = random_wrench(2, 8, seed)
     turn = Heading(angle)
 
     def turned(s: PlanarState) -> PlanarState:
-        return PlanarState(turn.rotate(s.p), Heading(s.attitude.angle + angle), turn.rotate(s.v), s.w)
+        return PlanarState(
+            turn.rotate(s.p), Heading(s.attitude.angle + angle), turn.rotate(s.v), s.w
+        )
 
-    first, last = advance(turned(state), applied, body, 0.2), turned(advance(state, applied, body, 0.2))
+    first = advance(turned(state), applied, body, 0.2)
+    last = turned(advance(state, applied, body, 0.2))
     assert np.array(leaves(first)) == pytest.approx(np.array(leaves(last)), abs=1e-13)  # rounding
 
 
 @given(turn=turns, seed=seeds)
 def test_turning_the_world_turns_the_motion(turn: tuple[float, ...], seed: int) -> None:
     """World axes turned by SciPy; the motion in B must not notice."""
-    state, applied = random_states(3, 8, seed), random_wrench(3, 8, seed)
+    state = random_states(3, 8, seed)
+    applied = random_wrench(3, 8, seed)
     world = Rotation.from_rotvec(turn)
 
     def turned(s: Any) -> SpatialState:
         x, y, z, w = (world * rotation(s.attitude)).as_quat().T
-        return SpatialState(Vec3(*world.apply(rows(s.p)).T), Quat(w, x, y, z),
-                            Vec3(*world.apply(rows(s.v)).T), s.w)
+        return SpatialState(
+            Vec3(*world.apply(rows(s.p)).T), Quat(w, x, y, z), Vec3(*world.apply(rows(s.v)).T), s.w
+        )
 
     first = advance(turned(state), applied, NASTY, 0.2, 2)
     last = turned(advance(state, applied, NASTY, 0.2, 2))
@@ -244,11 +283,17 @@ def test_turning_the_world_turns_the_motion(turn: tuple[float, ...], seed: int) 
 @given(seed=seeds)
 def test_plane_embedded_in_space(seed: int) -> None:
     """A flat motion in space is the motion in the plane, whatever the inertia about the other axes."""
-    flat, applied = random_states(2, 8, seed), random_wrench(2, 8, seed)
+    flat = random_states(2, 8, seed)
+    applied = random_wrench(2, 8, seed)
     plane = advance(flat, applied, Body(5.32, (0.2,)), 0.2)
-    half, zero = flat.attitude.angle / 2, np.zeros(8)
-    state = SpatialState(Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
-                         Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w))
+    half = flat.attitude.angle / 2
+    zero = np.zeros(8)
+    state = SpatialState(
+        Vec3(flat.p.x, flat.p.y, zero),
+        Quat(np.cos(half), zero, zero, np.sin(half)),
+        Vec3(flat.v.x, flat.v.y, zero),
+        Vec3(zero, zero, flat.w),
+    )
     x, y, torque = leaves(applied)
     lifted = Wrench(Vec3(x, y, zero), Vec3(zero, zero, torque))
     space = advance(state, lifted, Body(5.32, (0.13, 0.02, 0.0, 0.17, 0.0, 0.2)), 0.2, FINE)
@@ -265,7 +310,9 @@ def test_plane_embedded_in_space(seed: int) -> None:
 
 
 @pytest.mark.parametrize("sharing", ["none", "split"])
-def test_torch_and_casadi_compute_what_numpy_does(planar_craft, spatial_craft, sharing: str) -> None:
+def test_torch_and_casadi_compute_what_numpy_does(
+    planar_craft, spatial_craft, sharing: str
+) -> None:
     for craft in (planar_craft, spatial_craft):
         shared = replace(craft, thrust_sharing=sharing)
         state = random_states(craft.dimension, 16, 2)
@@ -290,7 +337,8 @@ def by_torch(craft: Spacecraft, state: Any, command: np.ndarray) -> np.ndarray:
 def by_casadi(craft: Spacecraft, state: Any, command: np.ndarray) -> np.ndarray:
     import casadi
 
-    x, u = casadi.SX.sym("x", len(leaves(state))), casadi.SX.sym("u", len(command))  # type: ignore
+    x = casadi.SX.sym("x", len(leaves(state)))  # type: ignore
+    u = casadi.SX.sym("u", len(command))  # type: ignore
     moved = one_period(craft, unflatten(state, casadi.vertsplit(x)), casadi.vertsplit(u))
     step = casadi.Function("step", [x, u], [casadi.vertcat(*leaves(moved))])
     return np.array(step(np.array(leaves(state)), command))

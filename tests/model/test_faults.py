@@ -19,10 +19,14 @@ from tests.crafts import spacecraft
 PLATFORM = rans.load_spacecraft("floating-platform")
 
 
-@pytest.mark.parametrize(("name", "singles", "pairs"), [
-    ("floating-platform", 8, 16), ("atmos", 8, 16), ("free-flyer", 16, 96)])
+@pytest.mark.parametrize(
+    ("name", "singles", "pairs"),
+    [("floating-platform", 8, 16), ("atmos", 8, 16), ("free-flyer", 16, 96)],
+)
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
-def test_as_many_as_were_counted_elsewhere(name: str, singles: int, pairs: int, kind: FaultKind) -> None:
+def test_as_many_as_were_counted_elsewhere(
+    name: str, singles: int, pairs: int, kind: FaultKind
+) -> None:
     craft = rans.load_spacecraft(name)
     for count, expected in ((1, singles), (2, pairs)):
         assert sum(one.recoverable for one in fault_sets(craft, count, kind)) == expected
@@ -37,17 +41,24 @@ def inside(craft: Spacecraft, failed: tuple[int, ...], kind: FaultKind) -> bool:
     sound = np.delete(wrenches, failed, axis=0)
     stuck = wrenches[list(failed)].sum(axis=0) * (kind == "stuck-open")
     normals = [sign * np.cross(a, b) for a, b in combinations(sound, 2) for sign in (1.0, -1.0)]
-    farthest = [stuck @ n + np.maximum(sound @ n, 0.0).sum() for n in normals if np.linalg.norm(n) > 1e-9]
+    farthest = [
+        stuck @ n + np.maximum(sound @ n, 0.0).sum() for n in normals if np.linalg.norm(n) > 1e-9
+    ]
     return np.linalg.matrix_rank(sound) == 3 and min(farthest) > 1e-9
 
 
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_zero_lies_inside_the_wrenches_that_are_left(count: int, kind: FaultKind) -> None:
-    uneven = replace(PLATFORM, centre_of_mass=(0.02, -0.03, 0.0), thrusters=tuple(
-        replace(t, force=1.0 + 0.15 * k) for k, t in enumerate(PLATFORM.thrusters)))
+    uneven = replace(
+        PLATFORM,
+        centre_of_mass=(0.02, -0.03, 0.0),
+        thrusters=tuple(replace(t, force=1.0 + 0.15 * k) for k, t in enumerate(PLATFORM.thrusters)),
+    )
     found = list(fault_sets(uneven, count, kind))
-    assert [one.recoverable for one in found] == [inside(uneven, one.thrusters, kind) for one in found]
+    assert [one.recoverable for one in found] == [
+        inside(uneven, one.thrusters, kind) for one in found
+    ]
     assert {one.recoverable for one in found} == ({True, False} if count > 1 else {True})
 
 
@@ -63,10 +74,17 @@ def test_of_any_craft(craft: Spacecraft) -> None:
 def test_the_margin_of_one_axis_worked_by_hand() -> None:
     """Opposite pairs of 1 N with no lever but one: with thruster 0 stuck open the one against it must always
     push, which leaves no margin."""
-    pairs = [rans.Thruster(p, d, 1.0) for p, d in (
-        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
-        ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
-        ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))]
+    pairs = [
+        rans.Thruster(p, d, 1.0)
+        for p, d in (
+            ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+            ((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+            ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+            ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+            ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+            ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+        )
+    ]
     moments = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     craft = rans.Spacecraft("pairs", 2, 1.0, moments, tuple(pairs))
     assert margin(craft, ()) == pytest.approx(0.5)
@@ -77,24 +95,36 @@ def test_the_margin_of_one_axis_worked_by_hand() -> None:
 @pytest.mark.parametrize("lost", [(), (0,), (0, 1), (2, 3)])
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
 def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no_farther(
-        lost: tuple[int, ...], kind: FaultKind) -> None:
-    craft = replace(PLATFORM, thrusters=tuple(replace(one, force=1.0 + 0.1 * k)
-                                              for k, one in enumerate(PLATFORM.thrusters)))
+    lost: tuple[int, ...], kind: FaultKind
+) -> None:
+    craft = replace(
+        PLATFORM,
+        thrusters=tuple(
+            replace(one, force=1.0 + 0.1 * k) for k, one in enumerate(PLATFORM.thrusters)
+        ),
+    )
     wrenches = np.array(craft.wrench_map)
     gain, leak = failed(kind, 1.0)
-    sound, stuck = np.delete(wrenches, lost, axis=0), leak * wrenches[list(lost)].sum(axis=0)
+    sound = np.delete(wrenches, lost, axis=0)
+    stuck = leak * wrenches[list(lost)].sum(axis=0)
 
     def stays(far: float) -> bool:
-        return linprog(np.zeros(len(sound)), A_eq=sound.T, b_eq=-stuck, bounds=(far, 1.0 - far)).success
+        return linprog(
+            np.zeros(len(sound)), A_eq=sound.T, b_eq=-stuck, bounds=(far, 1.0 - far)
+        ).success
 
-    found = margin(craft, lost, gain, leak)  # 1e-5: a hundred times what the programmes' conditions may lack
+    found = margin(
+        craft, lost, gain, leak
+    )  # 1e-5: a hundred times what the programmes' conditions may lack
     assert found > 0.0
     assert stays(found - 1e-5)
     assert found > 0.499 or not stays(found + 1e-5)  # beyond one half the bounds cross
 
 
 def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share() -> None:
-    weak = replace(PLATFORM, thrusters=(replace(PLATFORM.thrusters[0], force=0.4), *PLATFORM.thrusters[1:]))
+    weak = replace(
+        PLATFORM, thrusters=(replace(PLATFORM.thrusters[0], force=0.4), *PLATFORM.thrusters[1:])
+    )
     assert margin(PLATFORM, (0,), *failed("weak", 0.4)) == pytest.approx(margin(weak, ()))
     found = list(fault_sets(PLATFORM, 2, "weak", (0.3, 1.0)))
     assert all(one.recoverable for one in found), "what gives any force can be used less"

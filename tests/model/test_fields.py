@@ -75,21 +75,26 @@ def rotation_of(q: Quat) -> Rotation:
 
 
 @libraries
-@pytest.mark.parametrize(("name", "arguments", "expected"), [
-    ("sin", [math.pi / 6], 0.5),
-    ("cos", [2 * math.pi / 3], -0.5),
-    ("exp", [-1.0], 0.36787944117144233),
-    ("sqrt", [6.25], 2.5),
-    ("absolute", [-3.5], 3.5),
-    ("floor", [-0.5], -1.0),
-    ("floor", [2.75], 2.0),
-    ("atan2", [1.0, -1.0], 3 * math.pi / 4),
-    ("atan2", [-2.0, 0.0], -math.pi / 2),
-])
+@pytest.mark.parametrize(
+    ("name", "arguments", "expected"),
+    [
+        ("sin", [math.pi / 6], 0.5),
+        ("cos", [2 * math.pi / 3], -0.5),
+        ("exp", [-1.0], 0.36787944117144233),
+        ("sqrt", [6.25], 2.5),
+        ("absolute", [-3.5], 3.5),
+        ("floor", [-0.5], -1.0),
+        ("floor", [2.75], 2.0),
+        ("atan2", [1.0, -1.0], 3 * math.pi / 4),
+        ("atan2", [-2.0, 0.0], -math.pi / 2),
+    ],
+)
 def test_functions_mean_the_same_in_every_library(
     library: str, name: str, arguments: list[float], expected: float
 ) -> None:
-    assert in_library(library, getattr(fields, name), *arguments) == pytest.approx([expected], abs=1e-15)
+    assert in_library(library, getattr(fields, name), *arguments) == pytest.approx(
+        [expected], abs=1e-15
+    )
 
 
 @libraries
@@ -123,10 +128,15 @@ def test_a_rotation_comes_out_the_same_in_every_library(library: str) -> None:
 
 
 @libraries
-@pytest.mark.parametrize(("angle", "expected"), [
-    (0.5, 0.5), (3 * math.pi / 2, -math.pi / 2), (-7 * math.pi / 4, math.pi / 4),
-    (20 * math.pi + 1, 1.0),
-])
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [
+        (0.5, 0.5),
+        (3 * math.pi / 2, -math.pi / 2),
+        (-7 * math.pi / 4, math.pi / 4),
+        (20 * math.pi + 1, 1.0),
+    ],
+)
 def test_wrap_by_hand(library: str, angle: float, expected: float) -> None:
     assert in_library(library, wrap, angle) == pytest.approx([expected], abs=1e-13)
 
@@ -143,8 +153,10 @@ def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
 def test_vectors_do_what_numpy_does(a: Triple, b: Triple, s: float) -> None:
     kinds: list[tuple[Any, int]] = [(Vec2, 2), (Vec3, 3)]
     for kind, size in kinds:
-        u, v = kind(*a[:size]), kind(*b[:size])
-        x, y = np.array(a[:size]), np.array(b[:size])
+        u = kind(*a[:size])
+        v = kind(*b[:size])
+        x = np.array(a[:size])
+        y = np.array(b[:size])
         np.testing.assert_array_equal((u + v).columns(), x + y)
         np.testing.assert_array_equal((u - v).columns(), x - y)
         np.testing.assert_array_equal(u.scale(s).columns(), x * s)
@@ -161,7 +173,8 @@ def test_quaternion_rotates_as_scipy_does(rotation: Rotation, v: Triple) -> None
 
 @given(rotations, rotations)
 def test_products_and_differences_of_quaternions(a: Rotation, b: Rotation) -> None:
-    p, q = quat(a), quat(b)
+    p = quat(a)
+    q = quat(b)
     assert_close(rotation_of(p.times(q)).as_matrix(), (a * b).as_matrix())
     assert_close(rotation_of(p.conjugate()).as_matrix(), a.inv().as_matrix())
     assert_close(rotation_of(p.to(q)).as_matrix(), (a.inv() * b).as_matrix())
@@ -193,7 +206,8 @@ def test_angles_at_both_ends_keep_their_digits(angle: float) -> None:
 
 @given(angles, angles, vectors)
 def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> None:
-    here, there = Heading(a), Heading(b)
+    here = Heading(a)
+    there = Heading(b)
     rotated = complex(*here.rotate(Vec2(*v[:2])).columns())
     assert cmath.isclose(rotated, complex(*v[:2]) * cmath.exp(1j * a), rel_tol=1e-13, abs_tol=1e-13)
     assert cmath.isclose(complex(*here.columns()), cmath.exp(1j * a), abs_tol=1e-15)
@@ -205,7 +219,8 @@ def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> Non
 
 @given(angles, angles, vectors)
 def test_a_heading_is_a_rotation_about_z(a: float, b: float, v: Triple) -> None:
-    flat, other = quat(Rotation.from_rotvec([0, 0, a])), quat(Rotation.from_rotvec([0, 0, b]))
+    flat = quat(Rotation.from_rotvec([0, 0, a]))
+    other = quat(Rotation.from_rotvec([0, 0, b]))
     x, y, z = flat.rotate(Vec3(*v)).columns()
     assert_close((x, y), Heading(a).rotate(Vec2(v[0], v[1])).columns())
     assert z == pytest.approx(v[2], abs=1e-14)
@@ -219,7 +234,9 @@ def test_leaves_and_back() -> None:
     assert unflatten(state, leaves(state)) == state
     assert unflatten(state, range(6)) == PlanarState(Vec2(0, 1), Heading(2), Vec2(3, 4), 5)
     assert leaves(7.0) == (7.0,)
-    assert map_leaves(lambda x: -x, state) == PlanarState(Vec2(-1, -2), Heading(-3), Vec2(-4, -5), -6)
+    assert map_leaves(lambda x: -x, state) == PlanarState(
+        Vec2(-1, -2), Heading(-3), Vec2(-4, -5), -6
+    )
     assert map_leaves(lambda x, y: x - y, state, state) == unflatten(state, [0.0] * 6)
 
 
@@ -229,11 +246,18 @@ def test_single_precision_stays_single(library: str) -> None:
     torch = pytest.importorskip("torch")
     half = np.full(2, 0.5, np.float32) if library == "numpy" else torch.full((2,), 0.5)
     expected = np.dtype(np.float32) if library == "numpy" else torch.float32
-    heading, q = Heading(half), Quat(half, half, half, half)
+    heading = Heading(half)
+    q = Quat(half, half, half, half)
     for tree in (
-        heading.normalised(), heading.rotate(Vec2(half, half)), heading.to(heading).magnitude(),
-        q.normalised(), q.rotate(Vec3(half, half, half)), q.to(q).magnitude(),
-        at_least(half, 1.0), where(half < 1.0, half, 0.0 * half), Vec3(half, half, half).norm(),
+        heading.normalised(),
+        heading.rotate(Vec2(half, half)),
+        heading.to(heading).magnitude(),
+        q.normalised(),
+        q.rotate(Vec3(half, half, half)),
+        q.to(q).magnitude(),
+        at_least(half, 1.0),
+        where(half < 1.0, half, 0.0 * half),
+        Vec3(half, half, half).norm(),
     ):
         assert {x.dtype for x in leaves(tree)} == {expected}
     assert {x.dtype for x in (*heading.columns(), *q.columns())} == {expected}

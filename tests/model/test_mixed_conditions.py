@@ -35,7 +35,9 @@ COUNT = 40_000
 
 def drawn(conditions: Conditions, dtype: type = np.float64) -> Case:
     draws = Draws(1, 2, np.arange(COUNT, dtype=np.int32), 0, dtype)
-    case = World(PLATFORM, GoToPose(), conditions=conditions).recalled(Episode(None, None), draws).case
+    case = (
+        World(PLATFORM, GoToPose(), conditions=conditions).recalled(Episode(None, None), draws).case
+    )
     assert case is not None
     return case
 
@@ -45,7 +47,8 @@ def test_an_episode_meets_one_of_them_as_often_as_its_weight_says() -> None:
     assert case.lag is not None
     assert case.sensors is not None
     assert case.sensors.noise is not None
-    late, heavy = case.lag.latency > 0.0, case.body.mass > 1.5 * PLATFORM.mass
+    late = case.lag.latency > 0.0
+    heavy = case.body.mass > 1.5 * PLATFORM.mass
     noisy = case.sensors.noise[0] > 0.0
     assert (late.astype(int) + heavy + noisy).max() == 1
     # Weights 1, 2, 1, 1 of 5; four standard deviations of a share of 40,000 are at most 0.01.
@@ -60,14 +63,17 @@ def test_an_episode_meets_one_of_them_as_often_as_its_weight_says() -> None:
 
 def test_one_of_equals_draws_what_it_draws_alone() -> None:
     """Choosing takes numbers of a stream of its own."""
-    alone, chosen = drawn(LATE), drawn(replace(LATE, others=(LATE, LATE)))
+    alone = drawn(LATE)
+    chosen = drawn(replace(LATE, others=(LATE, LATE)))
     for one, other in zip(leaves(alone), leaves(chosen), strict=True):
         assert np.array_equal(one, other)
 
 
 def test_single_precision_stays_so() -> None:
     assert {x.dtype for x in leaves(drawn(MIXED, np.float32)) if isinstance(x, np.ndarray)} == {
-        np.dtype("float32"), np.dtype("int32")}
+        np.dtype("float32"),
+        np.dtype("int32"),
+    }
 
 
 def test_episodes_remember_for_the_longest_of_them() -> None:

@@ -33,7 +33,10 @@ def test_spins_in_space_have_every_rate_and_axis() -> None:
 
 
 def test_generators_take_every_seed_that_scenarios_take() -> None:
-    drawn = {seed: tuple(generator(seed).integers(2**32, size=4)) for seed in (-(2**63), -1, 0, 1, 2**64 - 1)}
+    drawn = {
+        seed: tuple(generator(seed).integers(2**32, size=4))
+        for seed in (-(2**63), -1, 0, 1, 2**64 - 1)
+    }
     assert drawn[0] == tuple(np.random.default_rng(0).integers(2**32, size=4))
     assert drawn[-1] == drawn[2**64 - 1]  # the same 64 bits
     assert len(set(drawn.values())) == 4

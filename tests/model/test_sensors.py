@@ -23,19 +23,30 @@ from tests.model.cases import BOTH, COUNT, LIKELY, begun
 def sensors(what: str, sizes: tuple[float, ...]) -> SensorsConditions:
     """With so much of it in position, attitude, velocity and spin."""
     names = ("position", "attitude", "velocity", "spin")
-    each: Any = {name: SensorConditions(**{what: size}) for name, size in zip(names, sizes, strict=True)}
+    each: Any = {
+        name: SensorConditions(**{what: size}) for name, size in zip(names, sizes, strict=True)
+    }
     return SensorsConditions(**each)
 
 
 def errors(world: World, own: Draws, now: Episode) -> list[np.ndarray]:
     """Of position, attitude, velocity and spin: components of what is told beside the truth, (.., N)."""
-    told, true = world.sensed(now, own), now.state
+    told = world.sensed(now, own)
+    true = now.state
     turn = true.attitude.to(told.attitude)
     if world.craft.dimension == 2:
-        return [np.array((told.p - true.p).columns()), np.array([turn.angle]),
-                np.array((told.v - true.v).columns()), np.array([told.w - true.w])]
-    return [np.array((told.p - true.p).columns()), 2.0 * np.array([turn.x, turn.y, turn.z]),
-            np.array((told.v - true.v).columns()), np.array((told.w - true.w).columns())]
+        return [
+            np.array((told.p - true.p).columns()),
+            np.array([turn.angle]),
+            np.array((told.v - true.v).columns()),
+            np.array([told.w - true.w]),
+        ]
+    return [
+        np.array((told.p - true.p).columns()),
+        2.0 * np.array([turn.x, turn.y, turn.z]),
+        np.array((told.v - true.v).columns()),
+        np.array((told.w - true.w).columns()),
+    ]
 
 
 @BOTH
@@ -68,6 +79,7 @@ def test_noise_repeats_in_no_later_period(dimension: int) -> None:
 
 def test_attitudes_err_about_the_axes_of_the_body() -> None:
     """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
+
     def rotations(attitude: Any) -> Rotation:
         parts = np.broadcast_arrays(attitude.x, attitude.y, attitude.z, attitude.w)
         return Rotation.from_quat(np.stack(parts, axis=1))
@@ -96,7 +108,9 @@ def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
     for _ in range(3):
         now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 20))), own).episode
     for size, a, b in zip(sizes, first, errors(world, own, now), strict=True):
-        np.testing.assert_allclose(np.linalg.norm(a, axis=0), size, rtol=1e-4)  # 2 sin(0.01) is 0.02 - 3e-7
+        np.testing.assert_allclose(
+            np.linalg.norm(a, axis=0), size, rtol=1e-4
+        )  # 2 sin(0.01) is 0.02 - 3e-7
         np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
 
 
@@ -107,7 +121,8 @@ def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
     stopping = replace(noise, outage=0.5, outage_every=2.0)
     world, own, now = begun(Conditions(sensors=stopping), dimension, 200)
     world = replace(world, timing=Timing(control_period=0.1))
-    before, stopped = world.sensed(now, own), []
+    before = world.sensed(now, own)
+    stopped = []
     for _ in range(40):
         now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 200))), own).episode
         told = world.sensed(now, own)
@@ -124,9 +139,15 @@ def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
     assert stats.chisquare(np.bincount(begins, minlength=20)).pvalue > LIKELY
 
 
-@pytest.mark.parametrize("wrong", [
-    {"outage": 5.0}, {"outage": (0.0, 2.0), "outage_every": (2.0, 4.0)}, {"outage_every": 0.0},
-    {"outage": -1.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"outage": 5.0},
+        {"outage": (0.0, 2.0), "outage_every": (2.0, 4.0)},
+        {"outage_every": 0.0},
+        {"outage": -1.0},
+    ],
+)
 def test_outages_end_before_the_next_begins(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"sensors\.outage"):
         Conditions(sensors=SensorsConditions(**wrong))
@@ -147,10 +168,15 @@ def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None
 
 
 def test_where_a_reading_drops_out_the_last_one_stands() -> None:
-    lost = Conditions(sensors=SensorsConditions(position=SensorConditions(noise=0.01, dropout=0.3),
-                                                attitude=SensorConditions(noise=0.01)))
+    lost = Conditions(
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.01, dropout=0.3),
+            attitude=SensorConditions(noise=0.01),
+        )
+    )
     world, own, now = begun(lost)
-    before, repeated = world.sensed(now, own), []
+    before = world.sensed(now, own)
+    repeated = []
     for _ in range(3):
         now = step(world, now, tuple(np.ones((8, COUNT))), own).episode
         told = world.sensed(now, own)

@@ -21,20 +21,43 @@ ARM = 0.2192031021678297
 """Coordinate of an anchor, m: 0.31 m times that."""
 
 PLANAR_TABLE = [  # F_x, F_y in units of 0.7071 N, tau_z in N m; thrusters 0 to 7, by hand
-    (1, -1, -0.31), (-1, 1, 0.31), (1, 1, -0.31), (-1, -1, 0.31),
-    (-1, 1, -0.31), (1, -1, 0.31), (-1, -1, -0.31), (1, 1, 0.31),
+    (1, -1, -0.31),
+    (-1, 1, 0.31),
+    (1, 1, -0.31),
+    (-1, -1, 0.31),
+    (-1, 1, -0.31),
+    (1, -1, 0.31),
+    (-1, -1, -0.31),
+    (1, 1, 0.31),
 ]
 
 SPATIAL_TABLE = [  # F_x, F_y in units of 0.7071 N, F_z; tau_x, tau_y in units of 0.2192 N m, tau_z
-    (1, -1, 0, 0, 0, -0.31), (-1, 1, 0, 0, 0, 0.31), (0, 0, 1, 1, -1, 0), (0, 0, -1, -1, 1, 0),
-    (1, 1, 0, 0, 0, -0.31), (-1, -1, 0, 0, 0, 0.31), (0, 0, 1, 1, 1, 0), (0, 0, -1, -1, -1, 0),
-    (-1, 1, 0, 0, 0, -0.31), (1, -1, 0, 0, 0, 0.31), (0, 0, 1, -1, 1, 0), (0, 0, -1, 1, -1, 0),
-    (-1, -1, 0, 0, 0, -0.31), (1, 1, 0, 0, 0, 0.31), (0, 0, 1, -1, -1, 0), (0, 0, -1, 1, 1, 0),
+    (1, -1, 0, 0, 0, -0.31),
+    (-1, 1, 0, 0, 0, 0.31),
+    (0, 0, 1, 1, -1, 0),
+    (0, 0, -1, -1, 1, 0),
+    (1, 1, 0, 0, 0, -0.31),
+    (-1, -1, 0, 0, 0, 0.31),
+    (0, 0, 1, 1, 1, 0),
+    (0, 0, -1, -1, -1, 0),
+    (-1, 1, 0, 0, 0, -0.31),
+    (1, -1, 0, 0, 0, 0.31),
+    (0, 0, 1, -1, 1, 0),
+    (0, 0, -1, 1, -1, 0),
+    (-1, -1, 0, 0, 0, -0.31),
+    (1, 1, 0, 0, 0, 0.31),
+    (0, 0, 1, -1, -1, 0),
+    (0, 0, -1, 1, 1, 0),
 ]
 
-@pytest.mark.parametrize(("name", "mass", "inertia"), [
-    ("floating-platform", 5.32, 0.2045), ("floating-platform-air-tank", 10.92, 0.4198),
-])
+
+@pytest.mark.parametrize(
+    ("name", "mass", "inertia"),
+    [
+        ("floating-platform", 5.32, 0.2045),
+        ("floating-platform-air-tank", 10.92, 0.4198),
+    ],
+)
 def test_the_papers_platforms(name: str, mass: float, inertia: float) -> None:
     craft = load_spacecraft(name)
     assert (craft.name, craft.dimension, craft.mass, craft.radius) == (name, 2, mass, 0.31)
@@ -48,7 +71,9 @@ def test_the_papers_free_flyer() -> None:
     craft = load_spacecraft("free-flyer")
     assert (craft.dimension, craft.mass, len(craft.thrusters)) == (3, 5.32, 16)
     units = np.array([DIAGONAL, DIAGONAL, 1.0, ARM, ARM, 1.0])
-    np.testing.assert_allclose(craft.wrench_map, np.array(SPATIAL_TABLE) * units, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        craft.wrench_map, np.array(SPATIAL_TABLE) * units, rtol=0, atol=1e-15
+    )
 
 
 def test_authority_of_the_platform() -> None:
@@ -77,24 +102,45 @@ def test_torque_is_about_the_centre_of_mass() -> None:
     np.testing.assert_allclose(craft.wrench_map, [(0, 2, 0, -0.6, 0, 0.8)], atol=1e-15)
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    ({"mass": "5"}, "mass"), ({"mass": None}, "mass"), ({"dimension": 1}, "dimension"),
-    ({"centre_of_mass": (0.0, 0.0)}, "centre_of_mass"), ({"inertia": 0.2}, "inertia"),
-    ({"thrusters": ()}, "thruster"),
-    ({"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.6, 0.0), 1.0),)}, "unit vector"),
-])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"mass": "5"}, "mass"),
+        ({"mass": None}, "mass"),
+        ({"dimension": 1}, "dimension"),
+        ({"centre_of_mass": (0.0, 0.0)}, "centre_of_mass"),
+        ({"inertia": 0.2}, "inertia"),
+        ({"thrusters": ()}, "thruster"),
+        ({"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.6, 0.0), 1.0),)}, "unit vector"),
+    ],
+)
 def test_python_descriptions_are_checked_too(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         dataclasses.replace(load_spacecraft("floating-platform"), **change)
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    (lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8 + x, 0.0), 1.0),)}, "unit vector"),
-    (lambda x: {"thrusters": (Thruster((0.1, 0.1, x), (0.6, 0.8, 0.0), 1.0),)}, "in the plane of"),
-    (lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8, -x), 1.0),)}, "in the plane of"),
-    (lambda x: {"inertia": ((0.3, x, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "symmetric"),
-    (lambda x: {"inertia": ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0 + x))}, "rigid body"),
-])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8 + x, 0.0), 1.0),)},
+            "unit vector",
+        ),
+        (
+            lambda x: {"thrusters": (Thruster((0.1, 0.1, x), (0.6, 0.8, 0.0), 1.0),)},
+            "in the plane of",
+        ),
+        (
+            lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8, -x), 1.0),)},
+            "in the plane of",
+        ),
+        (lambda x: {"inertia": ((0.3, x, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "symmetric"),
+        (
+            lambda x: {"inertia": ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0 + x))},
+            "rigid body",
+        ),
+    ],
+)
 def test_rounding_passes_and_mistakes_do_not(change: Any, says: str) -> None:
     """A part in two thousand million is rounding of a file, one in two hundred million is none."""
     platform = load_spacecraft("floating-platform")

@@ -60,8 +60,14 @@ def edited(old: str, new: str) -> str:
 
 
 def test_shipped_spacecraft_are_found() -> None:
-    assert spacecraft_names() == ["atmos", "floating-platform", "floating-platform-air-tank",
-                                  "floating-platform-shared", "free-flyer", "free-flyer-shared"]
+    assert spacecraft_names() == [
+        "atmos",
+        "floating-platform",
+        "floating-platform-air-tank",
+        "floating-platform-shared",
+        "free-flyer",
+        "free-flyer-shared",
+    ]
 
 
 def test_every_key_of_a_file_arrives() -> None:
@@ -165,8 +171,11 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
 
 @given(any_spacecraft(2) | any_spacecraft(3))
 def test_a_file_written_from_a_spacecraft_reads_back(craft: Spacecraft) -> None:
-    values = {f.name: getattr(craft, f.name) for f in dataclasses.fields(craft)
-              if f.name not in ("thrusters", "actuators", "solids")}
+    values = {
+        f.name: getattr(craft, f.name)
+        for f in dataclasses.fields(craft)
+        if f.name not in ("thrusters", "actuators", "solids")
+    }
     lines = [f"{key} = {toml(value)}" for key, value in values.items()]
     for thruster in craft.thrusters:
         lines += ["[[thruster]]", *(f"{k} = {toml(v)}" for k, v in vars(thruster).items())]
@@ -209,7 +218,9 @@ def test_written_as_toml_and_read_again(craft: Spacecraft) -> None:
         np.testing.assert_allclose(read.direction, written.direction, rtol=5e-16, atol=0)
 
 
-@pytest.mark.parametrize("name", ["\"quoted\" 'both'\\ways", "two\nlines\tand # more = more", "é🚀"])
+@pytest.mark.parametrize(
+    "name", ["\"quoted\" 'both'\\ways", "two\nlines\tand # more = more", "é🚀"]
+)
 def test_any_name_can_be_written_as_toml(name: str) -> None:
     craft = dataclasses.replace(parse_spacecraft(VALID, "probe"), name=name)
     assert parse_spacecraft(to_toml(craft), "written") == craft
@@ -229,13 +240,19 @@ def test_spacecraft_made_in_python_by_their_module() -> None:
         craft = load_spacecraft(here + name)
         assert (craft.mass, craft.inertia) == (MADE.mass, MADE.inertia)
         assert parse_spacecraft(spacecraft_text(here + name), "run folder") == craft
-    for name, said in (("FLOATS", "it must be a rans.Spacecraft, a function .*, got float"),
-                       ("fails", "RuntimeError: no drawing board"), ("missing", "AttributeError")):
+    for name, said in (
+        ("FLOATS", "it must be a rans.Spacecraft, a function .*, got float"),
+        ("fails", "RuntimeError: no drawing board"),
+        ("missing", "AttributeError"),
+    ):
         with pytest.raises(ConfigError, match=f"'{here}{name}' cannot be used: {said}"):
             load_spacecraft(here + name)
 
 
 def test_a_wrong_name_says_what_a_user_may_give() -> None:
-    with pytest.raises(ConfigError, match=r"named 'free-flier' \(did you mean free-flyer\?\); known are "
-                                          r".*; your own is MODULE:NAME, or a file .* ends in \.toml\."):
+    with pytest.raises(
+        ConfigError,
+        match=r"named 'free-flier' \(did you mean free-flyer\?\); known are "
+        r".*; your own is MODULE:NAME, or a file .* ends in \.toml\.",
+    ):
         load_spacecraft("free-flier")

@@ -16,12 +16,24 @@ def test_defaults_are_25_seconds_at_5_hz() -> None:
     assert timing.control_period * timing.episode_steps == 25.0
 
 
-@pytest.mark.parametrize(("key", "value"), [
-    ("control_period", 0.0), ("control_period", -0.2), ("control_period", float("nan")),
-    ("control_period", float("inf")), ("control_period", "0.2"), ("control_period", True),
-    ("control_period", None), ("substeps", 0), ("substeps", 1.5), ("substeps", True),
-    ("episode_steps", -1), ("episode_steps", "ten"), ("episode_steps", None),
-])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("control_period", 0.0),
+        ("control_period", -0.2),
+        ("control_period", float("nan")),
+        ("control_period", float("inf")),
+        ("control_period", "0.2"),
+        ("control_period", True),
+        ("control_period", None),
+        ("substeps", 0),
+        ("substeps", 1.5),
+        ("substeps", True),
+        ("episode_steps", -1),
+        ("episode_steps", "ten"),
+        ("episode_steps", None),
+    ],
+)
 def test_a_wrong_value_is_one_sentence(key: str, value: Any) -> None:
     with pytest.raises(ConfigError) as caught:
         Timing(**{key: value})

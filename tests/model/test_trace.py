@@ -28,22 +28,46 @@ def test_the_same_operation_is_one_symbol() -> None:
     assert where(x > y, x, y) is where(x > y, x, y)
 
 
-@pytest.mark.parametrize(("folded", "expected"), [
-    (x + 0.0, x), (x - 0, x), (0.0 - x, -x), (x * 1, x), (x * -1.0, -x), (-(0.0 - x), x), (x / 1.0, x),
-    (x / 4.0, x * 0.25), (np.float64(2.0) * x, x * 2.0), (where(x > y, x, x), x),
-    (where(number(True), x, y), x), (where(number(False), x, y), y),
-    (n.to(None).to(None), n.to(None)),
-    ((x > y) & True, x > y), ((x > y) | False, x > y), (n >> 0, n), (n ^ 0, n),
-])
+@pytest.mark.parametrize(
+    ("folded", "expected"),
+    [
+        (x + 0.0, x),
+        (x - 0, x),
+        (0.0 - x, -x),
+        (x * 1, x),
+        (x * -1.0, -x),
+        (-(0.0 - x), x),
+        (x / 1.0, x),
+        (x / 4.0, x * 0.25),
+        (np.float64(2.0) * x, x * 2.0),
+        (where(x > y, x, x), x),
+        (where(number(True), x, y), x),
+        (where(number(False), x, y), y),
+        (n.to(None).to(None), n.to(None)),
+        ((x > y) & True, x > y),
+        ((x > y) | False, x > y),
+        (n >> 0, n),
+        (n ^ 0, n),
+    ],
+)
 def test_what_needs_no_operation_is_none(folded: Symbol, expected: Symbol) -> None:
     assert folded is expected
 
 
-@pytest.mark.parametrize(("folded", "value"), [
-    (x * 0.0, 0.0), (n * 0 + 7, 7), (number(2**30) * 4, 0), (number(2**31 - 1) + 1, -(2**31)),
-    (absolute(number(-2.0)), 2.0), (at_least(number(0.5), 1.0), 1.0),
-    (wrap(number(1.5 * math.pi)), -0.5 * math.pi), ((x > y) & False, False), ((x > y) | True, True),
-])
+@pytest.mark.parametrize(
+    ("folded", "value"),
+    [
+        (x * 0.0, 0.0),
+        (n * 0 + 7, 7),
+        (number(2**30) * 4, 0),
+        (number(2**31 - 1) + 1, -(2**31)),
+        (absolute(number(-2.0)), 2.0),
+        (at_least(number(0.5), 1.0), 1.0),
+        (wrap(number(1.5 * math.pi)), -0.5 * math.pi),
+        ((x > y) & False, False),
+        ((x > y) | True, True),
+    ],
+)
 def test_what_is_known_is_a_constant(folded: Symbol, value: float) -> None:
     assert folded.operation == "constant"
     assert folded.value == pytest.approx(value, abs=1e-15)
@@ -74,10 +98,18 @@ def test_a_known_condition_simplifies_what_depends_on_it() -> None:
     assert substituted([chosen], {ended: number(False)})[0] is x * 2.0
 
 
-@pytest.mark.parametrize("wrong", [
-    lambda: bool(x > 0.0), lambda: max(x, y), lambda: float(x), lambda: math.sin(x), lambda: np.sin(x),
-    lambda: x + "1", lambda: x * np.ones(3),
-])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: bool(x > 0.0),
+        lambda: max(x, y),
+        lambda: float(x),
+        lambda: math.sin(x),
+        lambda: np.sin(x),
+        lambda: x + "1",
+        lambda: x * np.ones(3),
+    ],
+)
 def test_what_is_no_field_arithmetic_is_refused(wrong: Any) -> None:
     with pytest.raises(TypeError):
         wrong()
@@ -112,8 +144,11 @@ def moved(program: Program, action_bytes: int) -> int:
     size = {"float": 4, "int": 4, "signed char": 1}
     used = set(ordered([program.ended, *(store.value for store in program.going())]))
     read = sum(size[given.type] for given in program.memory if given.symbol in used)
-    kinds = {"memory": lambda store: size[program.memory[store.row].type], "reals": lambda _: 4,
-             "flags": lambda _: 1}
+    kinds = {
+        "memory": lambda store: size[program.memory[store.row].type],
+        "reals": lambda _: 4,
+        "flags": lambda _: 1,
+    }
     return action_bytes + read + sum(kinds[store.array](store) for store in program.going())
 
 
@@ -124,10 +159,17 @@ def test_what_a_step_moves() -> None:
     assert moved(traced(FLYER, GoToPose()), 16) == 16 + 2 * 4 * 14 + 16 + 4 * (22 + 5 + 1) + 3
 
 
-@pytest.mark.parametrize(("craft", "single", "multi"), [
-    (PLATFORM, (222, 145), (290, 620)), (FLYER, (900, 430), (1030, 1405)),
-], ids=["plane", "space"])
-def test_no_program_grows_unseen(craft: Spacecraft, single: tuple[int, int], multi: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("craft", "single", "multi"),
+    [
+        (PLATFORM, (222, 145), (290, 620)),
+        (FLYER, (900, 430), (1030, 1405)),
+    ],
+    ids=["plane", "space"],
+)
+def test_no_program_grows_unseen(
+    craft: Spacecraft, single: tuple[int, int], multi: tuple[int, int]
+) -> None:
     """Bounds a tenth above the longest of the tasks; raise them when a step has more to do."""
     for name, task in TASKS.items():
         always, at_end = count(traced(craft, task()))
@@ -139,7 +181,12 @@ def test_no_program_grows_unseen(craft: Spacecraft, single: tuple[int, int], mul
 def test_what_goes_on_needs_no_random_numbers(craft: Spacecraft) -> None:
     program = traced(craft, GoToPose())
     going = set(ordered([program.ended, *(store.value for store in program.going())]))
-    assert not {s.value for s in going if s.operation == "input"} & {"low", "high", "first", "stride"}
+    assert not {s.value for s in going if s.operation == "input"} & {
+        "low",
+        "high",
+        "first",
+        "stride",
+    }
     assert not {s.operation for s in going} & {">>"}
 
 

@@ -23,8 +23,14 @@ from tests.crafts import nasty_planar
 PERIOD = 0.2
 
 
-def after(start: PlanarState, craft: Spacecraft, lag: Lag, newest: Any, earlier: Sequence[Any],
-          disturbance: Wrench | None = None) -> PlanarState:
+def after(
+    start: PlanarState,
+    craft: Spacecraft,
+    lag: Lag,
+    newest: Any,
+    earlier: Sequence[Any],
+    disturbance: Wrench | None = None,
+) -> PlanarState:
     """The state one period after a start, with earlier commands on their way."""
     body = Body.of(craft)
     late = pieces(craft, body, (newest, *earlier), lag, PERIOD)
@@ -57,13 +63,22 @@ def pushes(craft: Spacecraft, commands: list[list[float]]) -> list[list[tuple[fl
 
 
 @pytest.mark.parametrize("kind", [OnOff(), Pulsed(1000), Pulsed(4), Throttle()], ids=str)
-@pytest.mark.parametrize("lag", [
-    Lag(0.13, 0.05, 0.09), Lag(0.0, 0.19, None), Lag(0.02, 0.3, 0.1),
-    # Known to be over within the period, whose own command is then the only change.
-    Lag(0.06, 0.05, 0.09, 0.1, 0.1), Lag(0.06, 0.09, 0.05, 0.1, 0.1), Lag(0.06, 0.05, None, 0.1, 0.1),
-], ids=str)
+@pytest.mark.parametrize(
+    "lag",
+    [
+        Lag(0.13, 0.05, 0.09),
+        Lag(0.0, 0.19, None),
+        Lag(0.02, 0.3, 0.1),
+        # Known to be over within the period, whose own command is then the only change.
+        Lag(0.06, 0.05, 0.09, 0.1, 0.1),
+        Lag(0.06, 0.09, 0.05, 0.1, 0.1),
+        Lag(0.06, 0.05, None, 0.1, 0.1),
+    ],
+    ids=str,
+)
 def test_one_period_is_that_of_scipy(kind: Any, lag: Lag) -> None:
-    craft, random = replace(nasty_planar(), actuators=kind), np.random.default_rng(6)
+    craft = replace(nasty_planar(), actuators=kind)
+    random = np.random.default_rng(6)
     most = 4 if kind.is_continuous else 1
     felt = 2 if lag.latest < PERIOD else 4
     commands = random.integers(0, most + 1, (felt, 5)) / most
@@ -74,45 +89,76 @@ def test_one_period_is_that_of_scipy(kind: Any, lag: Lag) -> None:
 
     def derivative(t: float, y: np.ndarray) -> Any:
         shares = np.array([nozzle(one, lag, t) for one in told])
-        (fx, fy), c, s = shares @ forces, np.cos(y[2]), np.sin(y[2])
-        return [y[3], y[4], y[5], (c * fx - s * fy + 0.2) / craft.mass, (s * fx + c * fy - 0.1) / craft.mass,
-                (shares @ torques + 0.03) / craft.inertia[2][2]]
+        (fx, fy) = shares @ forces
+        c = np.cos(y[2])
+        s = np.sin(y[2])
+        return [
+            y[3],
+            y[4],
+            y[5],
+            (c * fx - s * fy + 0.2) / craft.mass,
+            (s * fx + c * fy - 0.1) / craft.mass,
+            (shares @ torques + 0.03) / craft.inertia[2][2],
+        ]
 
     y = np.array([0.1, -0.2, 0.7, 0.3, 0.1, 0.5])
     start = PlanarState(Vec2(*y[:2]), Heading(y[2]), Vec2(*y[3:5]), y[5])
-    times = {time + lag.latency + more for one in told for time, _ in one
-             for more in (0.0, lag.rise, lag.fall or 0.0)}
+    times = {
+        time + lag.latency + more
+        for one in told
+        for time, _ in one
+        for more in (0.0, lag.rise, lag.fall or 0.0)
+    }
     kinks = sorted({0.0, PERIOD, *(t for t in times if 0.0 < t < PERIOD)})
     for begin, end in pairwise(kinks):
         y = solve_ivp(derivative, (begin, end), y, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     newest, *earlier = [tuple(row) for row in commands[::-1].tolist()]
     found = after(start, craft, lag, newest, earlier, disturbance=Wrench(Vec2(0.2, -0.1), 0.03))
-    np.testing.assert_allclose(leaves(found), y, rtol=0, atol=1e-11)  # SciPy's tolerance, a few pieces of it
+    np.testing.assert_allclose(
+        leaves(found), y, rtol=0, atol=1e-11
+    )  # SciPy's tolerance, a few pieces of it
 
 
-ROD = Spacecraft("rod", 2, 2.0, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-                 tuple(Thruster((at, 0.0, 0.0), (x, y, 0.0), 1.0) for at, x, y in (
-                     (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0),
-                     (0.5, 0.0, 1.0), (0.5, 0.0, -1.0))))
+ROD = Spacecraft(
+    "rod",
+    2,
+    2.0,
+    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    tuple(
+        Thruster((at, 0.0, 0.0), (x, y, 0.0), 1.0)
+        for at, x, y in (
+            (0.0, 1.0, 0.0),
+            (0.0, -1.0, 0.0),
+            (0.0, 0.0, 1.0),
+            (0.0, 0.0, -1.0),
+            (0.5, 0.0, 1.0),
+            (0.5, 0.0, -1.0),
+        )
+    ),
+)
 """2 kg; the first four of its nozzles, of 1 N, push through its middle."""
-ALONG, NONE = (1.0, *[0.0] * 5), (0.0,) * 6
+ALONG = (1.0, *[0.0] * 5)
+NONE = (0.0,) * 6
 
 
 @pytest.mark.parametrize("known", [False, True], ids=["", "bounds are known"])
-@pytest.mark.parametrize(("lag", "told", "earlier", "speed"), [
-    # 1 N on 2 kg from 0.05 s on: 0.15 s.
-    (Lag(0.05, None, None), ALONG, [NONE], 0.075),
-    # Half of a rise of 0.1 s is lost as well.
-    (Lag(0.05, 0.1, None), ALONG, [NONE], 0.05),
-    # The rise is not over: from 0.1 s on a triangle up to a half, 0.1 s * 0.5 / 2.
-    (Lag(0.1, 0.2, None), ALONG, [NONE], 0.0125),
-    # Shut, but the valve hears of it after 0.12 s and falls for 0.04 s: 0.14 s.
-    (Lag(0.12, 0.01, 0.04), NONE, [ALONG], 0.07),
-    # Late by more than a period: open since -0.4 s, shut since -0.2 s, felt until 0.1 s.
-    (Lag(0.3, None, None), ALONG, [NONE, ALONG], 0.05),
-    # At once, though shutting takes its time.
-    (Lag(0.0, 0.0, 0.1), ALONG, [NONE], 0.1),
-])
+@pytest.mark.parametrize(
+    ("lag", "told", "earlier", "speed"),
+    [
+        # 1 N on 2 kg from 0.05 s on: 0.15 s.
+        (Lag(0.05, None, None), ALONG, [NONE], 0.075),
+        # Half of a rise of 0.1 s is lost as well.
+        (Lag(0.05, 0.1, None), ALONG, [NONE], 0.05),
+        # The rise is not over: from 0.1 s on a triangle up to a half, 0.1 s * 0.5 / 2.
+        (Lag(0.1, 0.2, None), ALONG, [NONE], 0.0125),
+        # Shut, but the valve hears of it after 0.12 s and falls for 0.04 s: 0.14 s.
+        (Lag(0.12, 0.01, 0.04), NONE, [ALONG], 0.07),
+        # Late by more than a period: open since -0.4 s, shut since -0.2 s, felt until 0.1 s.
+        (Lag(0.3, None, None), ALONG, [NONE, ALONG], 0.05),
+        # At once, though shutting takes its time.
+        (Lag(0.0, 0.0, 0.1), ALONG, [NONE], 0.1),
+    ],
+)
 def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known: bool) -> None:
     if known:
         lag = replace(lag, latest=lag.latency, slowest=max(lag.rise or 0.0, lag.fall or 0.0))
@@ -124,6 +170,7 @@ def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known
 def test_a_pulse_as_long_as_the_period_does_not_end_with_it() -> None:
     """Two valves open all the time stay open, however slowly valves shut and quickly they open."""
     craft = replace(ROD, actuators=Pulsed(100))
-    rest, both = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (1.0, 0.0, 1.0, *[0.0] * 3)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    both = (1.0, 0.0, 1.0, *[0.0] * 3)
     found = after(rest, craft, Lag(0.0, 0.01, 0.1), both, [both])
     assert (found.v.x, found.v.y) == pytest.approx((0.1, 0.1), abs=1e-15)

@@ -20,7 +20,8 @@ from rans.reference.flight import replay
 from rans.tasks import GoToPose, Task
 
 TASK = GoToPose(spawn_distance=(3.0, 4.0))
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 SHARED = replace(PLATFORM, thrust_sharing="split")
 
 FORWARD = 4 * math.sqrt(0.5)
@@ -44,7 +45,9 @@ def transcription(craft: Spacecraft, objective: Objective, task: Task = TASK) ->
     return Transcription(craft, task, objective)
 
 
-def solved(craft: Spacecraft, objective: Objective, start: Any, goal: Any, task: Task = TASK) -> Trajectory:
+def solved(
+    craft: Spacecraft, objective: Objective, start: Any, goal: Any, task: Task = TASK
+) -> Trajectory:
     trajectory = transcription(craft, objective, task).solve(start, goal)
     assert trajectory.solved, trajectory.status
     return trajectory

@@ -22,39 +22,55 @@ PLATFORM = load_spacecraft("floating-platform")
 
 def lopsided() -> Spacecraft:
     """Five unequal thrusters with torques of 1, -1, 2, -1 and 0 quanta; no symmetry to hide behind."""
+
     def thruster(x: float, y: float, degrees: float, force: float) -> Thruster:
         a = math.radians(degrees)
         return Thruster((x, y, 0.0), (math.cos(a), math.sin(a), 0.0), force)
 
-    layout = (thruster(0.3, 0.1, 90.0, 1.0), thruster(0.0, 0.2, 0.0, 1.5),
-              thruster(-0.4, 0.0, 270.0, 1.5), thruster(-0.1, -0.3, 180.0, 1.0),
-              thruster(0.1, 0.0, 180.0, 0.8))
+    layout = (
+        thruster(0.3, 0.1, 90.0, 1.0),
+        thruster(0.0, 0.2, 0.0, 1.5),
+        thruster(-0.4, 0.0, 270.0, 1.5),
+        thruster(-0.1, -0.3, 180.0, 1.0),
+        thruster(0.1, 0.0, 180.0, 0.8),
+    )
     sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
     return Spacecraft("lopsided", 2, 4.0, sphere, layout)
 
 
 def through() -> Spacecraft:
     """Four equal thrusters of 1 and -1 quanta and two through the centre: pulses, but no parity."""
-    return _equal("through", ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 180.0)),
-                  (0.25, -0.25, 0.0, 0.0))
+    return _equal(
+        "through",
+        ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 180.0)),
+        (0.25, -0.25, 0.0, 0.0),
+    )
 
 
 def doubled() -> Spacecraft:
     """Four equal thrusters with torques of 2, -1, 1 and 0 quanta."""
-    return _equal("doubled", ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 200.0)),
-                  (0.4, -0.2, 0.2, 0.0))
+    return _equal(
+        "doubled",
+        ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 200.0)),
+        (0.4, -0.2, 0.2, 0.0),
+    )
 
 
-def _equal(name: str, layout: tuple[tuple[float, float, float], ...], arms: tuple[float, ...]) -> Spacecraft:
+def _equal(
+    name: str, layout: tuple[tuple[float, float, float], ...], arms: tuple[float, ...]
+) -> Spacecraft:
     """Thrusters of 1 N by heading (degrees), moved sideways until their arms are exactly the given ones."""
     nozzles = []
     for (x, y, degrees), arm in zip(layout, arms, strict=True):
-        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        c = math.cos(math.radians(degrees))
+        s = math.sin(math.radians(degrees))
         aside = arm - (x * s - y * c)
         nozzles.append(Thruster((x + aside * s, y - aside * c, 0.0), (c, s, 0.0), 1.0))
     sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that some cannot be steered everywhere does not matter here
+        warnings.simplefilter(
+            "ignore"
+        )  # that some cannot be steered everywhere does not matter here
         return Spacecraft(name, 2, 4.0, sphere, tuple(nozzles))
 
 
@@ -72,10 +88,12 @@ class Flown:
     def errors(self, goal: PlanarState) -> dict[str, np.ndarray]:
         """Of every final state, named as the goal set's tolerances."""
         turn = self.final.attitude.angle - goal.attitude.angle
-        return {"position": np.hypot(self.final.p.x - goal.p.x, self.final.p.y - goal.p.y),
-                "velocity": np.hypot(self.final.v.x - goal.v.x, self.final.v.y - goal.v.y),
-                "heading": np.abs(np.angle(np.exp(1j * turn))),
-                "spin": np.abs(self.final.w - goal.w)}
+        return {
+            "position": np.hypot(self.final.p.x - goal.p.x, self.final.p.y - goal.p.y),
+            "velocity": np.hypot(self.final.v.x - goal.v.x, self.final.v.y - goal.v.y),
+            "heading": np.abs(np.angle(np.exp(1j * turn))),
+            "spin": np.abs(self.final.w - goal.w),
+        }
 
     def arrived(self, goal: PlanarState, goal_set: GoalSet, names: tuple[str, ...]) -> np.ndarray:
         """(M,) whether all of these errors are within their tolerances (and rounding of the flight)."""
@@ -109,6 +127,10 @@ def instance(craft: Spacecraft, steps: int, seed: int) -> tuple[PlanarState, Pla
     return start, goal, flown
 
 
-CRAFTS = {"floating-platform": (PLATFORM, 2), "lopsided": (lopsided(), 3), "through": (through(), 3),
-          "doubled": (doubled(), 3)}
+CRAFTS = {
+    "floating-platform": (PLATFORM, 2),
+    "lopsided": (lopsided(), 3),
+    "through": (through(), 3),
+    "doubled": (doubled(), 3),
+}
 SNUG = GoalSet(0.01, 0.01, 0.03)

@@ -21,16 +21,22 @@ FLYER = load_spacecraft("free-flyer")
 
 def lqr_flight(craft: Spacecraft = FLYER, episodes: int = 2, steps: int = 125) -> Flight:
     """To poses, from starts that agents are judged on."""
-    timing, task = Timing(episode_steps=steps), GoToPose().for_evaluation()
+    timing = Timing(episode_steps=steps)
+    task = GoToPose().for_evaluation()
     return fly(craft, task, LQR(craft, task, timing), scenarios(task, craft, 7, episodes), timing)
 
 
 def drifting(task: Task, speed: float = 0.5, steps: int = 10) -> Flight:
     """One spacecraft coasting along x without turning; thruster 11 opens in the second period."""
-    zeros, ones = np.zeros((steps + 1, 1)), np.ones((steps + 1, 1))
+    zeros = np.zeros((steps + 1, 1))
+    ones = np.ones((steps + 1, 1))
     x = 0.2 * speed * np.arange(steps + 1.0)[:, None]
-    states = SpatialState(Vec3(x, zeros, zeros), Quat(ones, zeros, zeros, zeros),
-                          Vec3(zeros + speed, zeros, zeros), Vec3(zeros, zeros, zeros))
+    states = SpatialState(
+        Vec3(x, zeros, zeros),
+        Quat(ones, zeros, zeros, zeros),
+        Vec3(zeros + speed, zeros, zeros),
+        Vec3(zeros, zeros, zeros),
+    )
     one = lambda value: np.array([value])  # noqa: E731
     half_turn = Quat(one(0.0), one(0.0), one(0.0), one(1.0))  # about z
     still = Vec3(one(0.0), one(0.0), one(0.0))

@@ -19,7 +19,8 @@ from tests.crafts import nasty_planar, nasty_spatial
 
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 """Which never ends before its time."""
-PLANE, SPACE = nasty_planar(), nasty_spatial()
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
 CRAFTS = {2: PLANE, 3: SPACE}
 
 
@@ -32,8 +33,10 @@ class Random:
         self._thrusters = len(craft.thrusters)
 
     def reset(self, count: int) -> None:
-        self._rng, self._count = np.random.default_rng(3), count
-        self.told, self.seen = [], []
+        self._rng = np.random.default_rng(3)
+        self._count = count
+        self.told = []
+        self.seen = []
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         self.seen.append(observation)
@@ -41,12 +44,21 @@ class Random:
         return self.told[-1]
 
 
-def flown(craft: Spacecraft, conditions: Conditions, steps: int,
-          move: Any = fly) -> tuple[Flight, Random]:
+def flown(
+    craft: Spacecraft, conditions: Conditions, steps: int, move: Any = fly
+) -> tuple[Flight, Random]:
     # For a second or two, four substeps a period are as exact in space.
-    pilot, timing = Random(craft), Timing(substeps=1 if craft.dimension == 2 else 4, episode_steps=steps)
-    return move(craft, TASK, pilot, scenarios(TASK, craft, 9, 2), timing, conditions=conditions,
-                draws=draws(9, 2)), pilot
+    pilot = Random(craft)
+    timing = Timing(substeps=1 if craft.dimension == 2 else 4, episode_steps=steps)
+    return move(
+        craft,
+        TASK,
+        pilot,
+        scenarios(TASK, craft, 9, 2),
+        timing,
+        conditions=conditions,
+        draws=draws(9, 2),
+    ), pilot
 
 
 class InEngine:
@@ -69,5 +81,15 @@ class InEngine:
 
 def in_engine(name: str, craft: Spacecraft, conditions: Conditions, timing: Timing) -> InEngine:
     dtype = torch.float32 if name == "float32" else torch.float64
-    return InEngine(Engine(craft, TASK, 2, timing, seed=9, dtype=dtype, compiled=name != "numpy",
-                           conditions=conditions))
+    return InEngine(
+        Engine(
+            craft,
+            TASK,
+            2,
+            timing,
+            seed=9,
+            dtype=dtype,
+            compiled=name != "numpy",
+            conditions=conditions,
+        )
+    )

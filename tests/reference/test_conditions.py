@@ -47,7 +47,9 @@ def test_every_effect_is_the_same_in_drake(effect: str) -> None:
     fly_alike(PLANE, EFFECTS[effect], steps=125 if effect == "all" else 50)
 
 
-@pytest.mark.parametrize(("effect", "steps"), [(effect, 20 if effect == "all" else 10) for effect in EFFECTS])
+@pytest.mark.parametrize(
+    ("effect", "steps"), [(effect, 20 if effect == "all" else 10) for effect in EFFECTS]
+)
 def test_and_in_space(effect: str, steps: int) -> None:
     """Where every period, and every piece of it, takes substeps."""
     fly_alike(SPACE, EFFECTS[effect], steps=steps)
@@ -61,7 +63,9 @@ def test_slow_valves_and_faults_of_every_kind(kind: Any, effect: str) -> None:
 
 @pytest.mark.parametrize("effect", [*LAGS, "faults"])
 def test_pulses_that_end_at_any_time(effect: str) -> None:
-    fly_alike(replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=15)
+    fly_alike(
+        replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=15
+    )
 
 
 def without_least_times(conditions: Conditions) -> Conditions:
@@ -70,11 +74,17 @@ def without_least_times(conditions: Conditions) -> Conditions:
     return replace(conditions, thrusters=thrusters)
 
 
-@pytest.mark.parametrize("thrusters", [
-    ThrusterConditions(rise=0.05, fall=0.0), ThrusterConditions(fall=(0.0, 0.1)),
-    ThrusterConditions(latency=0.2), ThrusterConditions(latency=0.05, rise=0.15),
-    ThrusterConditions(latency=0.33, rise=0.4, fall=0.1),
-], ids=str)
+@pytest.mark.parametrize(
+    "thrusters",
+    [
+        ThrusterConditions(rise=0.05, fall=0.0),
+        ThrusterConditions(fall=(0.0, 0.1)),
+        ThrusterConditions(latency=0.2),
+        ThrusterConditions(latency=0.05, rise=0.15),
+        ThrusterConditions(latency=0.33, rise=0.4, fall=0.1),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("sharing", ["none", "split"])
 def test_at_once_exactly_one_period_and_longer_than_one(thrusters: Any, sharing: Any) -> None:
     """Where kinks meet, or fall on the beginning of a period; the last has ramps that overlap."""
@@ -82,19 +92,32 @@ def test_at_once_exactly_one_period_and_longer_than_one(thrusters: Any, sharing:
 
 
 def fly_alike(craft: Spacecraft, conditions: Conditions, count: int = 2, steps: int = 125) -> None:
-    starts, dimension = scenarios(TASK, craft, 5, count), craft.dimension
+    starts = scenarios(TASK, craft, 5, count)
+    dimension = craft.dimension
     timing = replace(TIMING[dimension], episode_steps=steps)
-    pilot, judged, usual = Watching(craft, 1), Watching(craft, 1), Watching(craft, 1)
+    pilot = Watching(craft, 1)
+    judged = Watching(craft, 1)
+    usual = Watching(craft, 1)
     ours = fly(craft, TASK, pilot, starts, timing, conditions=conditions, draws=draws(5, count))
-    drakes = fly_in_drake(craft, TASK, judged, starts, timing, conditions=conditions,
-                          draws=draws(5, count), max_step=DRAKE_STEP[dimension])
+    drakes = fly_in_drake(
+        craft,
+        TASK,
+        judged,
+        starts,
+        timing,
+        conditions=conditions,
+        draws=draws(5, count),
+        max_step=DRAKE_STEP[dimension],
+    )
     assert np.array_equal(drakes.commands, ours.commands)
     assert max(gap(drakes.states, ours.states).values()) < TOLERANCE
     np.testing.assert_allclose(judged.states, pilot.states, rtol=0, atol=TOLERANCE)
     # Rounded to float32: half a last place of ways up to 8 m.
     np.testing.assert_allclose(judged.seen, pilot.seen, rtol=0, atol=1e-6)
     perfect = fly(craft, TASK, usual, starts, timing)
-    felt = max(*gap(perfect.states, ours.states).values(), np.abs(np.array(usual.seen) - pilot.seen).max())
+    felt = max(
+        *gap(perfect.states, ours.states).values(), np.abs(np.array(usual.seen) - pilot.seen).max()
+    )
     assert felt > 1e-3
 
 
@@ -112,7 +135,8 @@ def once(dimension: int) -> tuple[Flight, Random]:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_scenario_is_the_same_wherever_it_flies(dimension: int, name: str) -> None:
     """All effects at once for eight periods: states, observations and rewards."""
-    craft, conditions = CRAFTS[dimension], EFFECTS["all"]
+    craft = CRAFTS[dimension]
+    conditions = EFFECTS["all"]
     flight, pilot = once(dimension)
     rewards = np.sum(list(flight.rewards().values()), axis=0)
     made = in_environment if name in ("fast", "drake") else in_engine
@@ -120,13 +144,17 @@ def test_a_scenario_is_the_same_wherever_it_flies(dimension: int, name: str) -> 
     with torch.compiler.set_stance("force_eager"):
         other: Any = made(name, craft, conditions, flight.timing)
         for k, told in enumerate(pilot.told):
-            np.testing.assert_allclose(other.observe(), pilot.seen[k][:other.count], rtol=0, atol=2e-5)
+            np.testing.assert_allclose(
+                other.observe(), pilot.seen[k][: other.count], rtol=0, atol=2e-5
+            )
             reward = other.step(told)
             # At most 20 for every metre.
-            np.testing.assert_allclose(reward, rewards[k][:other.count], rtol=0, atol=20 * tolerance)
+            np.testing.assert_allclose(
+                reward, rewards[k][: other.count], rtol=0, atol=20 * tolerance
+            )
             if k == 7 and other.count == 2:
                 break  # an engine has begun the next episode
-            now = np.array([np.asarray(x)[k + 1][:other.count] for x in leaves(flight.states)])
+            now = np.array([np.asarray(x)[k + 1][: other.count] for x in leaves(flight.states)])
             np.testing.assert_allclose(other.state(), now, rtol=0, atol=tolerance)
 
 
@@ -150,10 +178,15 @@ class InEnvironment:
         return np.array([[x] for x in leaves(self._env.state)])
 
 
-def in_environment(name: str, craft: Spacecraft, conditions: Conditions, timing: Timing) -> InEnvironment:
+def in_environment(
+    name: str, craft: Spacecraft, conditions: Conditions, timing: Timing
+) -> InEnvironment:
     made = f"rans/GoToPose{craft.dimension}D-{'Drake-' if name == 'drake' else ''}v0"
-    return InEnvironment(gymnasium.make(made, spacecraft=craft, task=TASK, timing=timing,
-                                        conditions=conditions).unwrapped)
+    return InEnvironment(
+        gymnasium.make(
+            made, spacecraft=craft, task=TASK, timing=timing, conditions=conditions
+        ).unwrapped
+    )
 
 
 def test_every_episode_of_drakes_environment_has_its_own_body() -> None:

@@ -21,9 +21,14 @@ from rans.scenario import draws, scenarios
 from tests.reference.random_flights import TASK
 
 pytestmark = pytest.mark.filterwarnings("ignore:spacecraft 'one thruster'")
-PERIOD, INSTANT, SHARE = 0.2, 0.07, 0.4
+PERIOD = 0.2
+INSTANT = 0.07
+SHARE = 0.4
 """s, s into the second period, and what is left of a weak thruster or given by a stuck one."""
-MASS, FORCE, ARM, MOMENT = 2.0, 1.0, 0.5, 4.0
+MASS = 2.0
+FORCE = 1.0
+ARM = 0.5
+MOMENT = 4.0
 """kg, N, m and kg m^2."""
 SEED = 7
 NEITHER = ThrusterConditions()
@@ -51,11 +56,19 @@ class Told:
         return np.full((self._count, 1), next(self._left))
 
 
-def in_torch(one: Spacecraft, task: Any, pilot: Told, starts: Any, timing: Timing, conditions: Conditions,
-             draws: Any) -> Any:
+def in_torch(
+    one: Spacecraft,
+    task: Any,
+    pilot: Told,
+    starts: Any,
+    timing: Timing,
+    conditions: Conditions,
+    draws: Any,
+) -> Any:
     """The rows of a torch engine's states, which begins as the others do: operation by operation."""
-    engine = Engine(one, task, 1, timing, seed=SEED, dtype=torch.float64, compiled=False,
-                    conditions=conditions)
+    engine = Engine(
+        one, task, 1, timing, seed=SEED, dtype=torch.float64, compiled=False, conditions=conditions
+    )
     rows = [np.array([np.asarray(x) for x in leaves(engine.state)])]
     for _ in range(2):
         engine.step(torch.from_numpy(pilot.act(None, None, np.zeros(0))))
@@ -63,21 +76,28 @@ def in_torch(one: Spacecraft, task: Any, pilot: Told, starts: Any, timing: Timin
     return rows
 
 
-def gained(engine: Callable[..., Any], one: Spacecraft, conditions: Conditions,
-           *commands: float) -> tuple[float, float, float]:
+def gained(
+    engine: Callable[..., Any], one: Spacecraft, conditions: Conditions, *commands: float
+) -> tuple[float, float, float]:
     """In the second period: speed, spin about z, and way beside that of the speed before."""
     # One step more than is flown: an engine begins the next episode with the last one.
-    pilot, timing = Told(*commands, 0.0), Timing(PERIOD, episode_steps=3)
-    starts, own = scenarios(TASK, one, SEED, 1), draws(SEED, 1)
+    pilot = Told(*commands, 0.0)
+    timing = Timing(PERIOD, episode_steps=3)
+    starts = scenarios(TASK, one, SEED, 1)
+    own = draws(SEED, 1)
     pilot.reset(1)
     flight = engine(one, TASK, pilot, starts, timing, conditions=conditions, draws=own)
     rows = flight if isinstance(flight, list) else np.stack(leaves(flight.states), axis=1)
     before, after = (np.asarray(row)[:, 0] for row in (rows[1], rows[2]))
-    place, speed, spin = ((slice(0, 2), slice(3, 5), 5) if one.dimension == 2 else
-                          (slice(0, 3), slice(7, 10), 12))
+    place, speed, spin = (
+        (slice(0, 2), slice(3, 5), 5) if one.dimension == 2 else (slice(0, 3), slice(7, 10), 12)
+    )
     way = after[place] - before[place] - before[speed] * PERIOD
-    return (float(np.linalg.norm(after[speed] - before[speed])), float(after[spin] - before[spin]),
-            float(np.linalg.norm(way)))
+    return (
+        float(np.linalg.norm(after[speed] - before[speed])),
+        float(after[spin] - before[spin]),
+        float(np.linalg.norm(way)),
+    )
 
 
 CASES: list[Any] = [
@@ -93,9 +113,15 @@ CASES: list[Any] = [
     (Throttle(), NEITHER, "dead", (0.0, 0.5), 0.5 * 0.07),
     (Throttle(), NEITHER, "stuck-open", (0.0, 0.5), 0.5 * 0.07 + 0.13),
     # A pulse of 0.1 s that the fault cuts, and one of 0.05 s that is over.
-    *((Pulsed(counts), NEITHER, *rest) for counts in (4, 2, 1000) for rest in (
-        ("dead", (0.0, 0.5), 0.07), ("weak", (0.0, 0.5), 0.07 + 0.4 * 0.03),
-        ("stuck-open", (0.0, 0.5), 0.07 + 0.13))),
+    *(
+        (Pulsed(counts), NEITHER, *rest)
+        for counts in (4, 2, 1000)
+        for rest in (
+            ("dead", (0.0, 0.5), 0.07),
+            ("weak", (0.0, 0.5), 0.07 + 0.4 * 0.03),
+            ("stuck-open", (0.0, 0.5), 0.07 + 0.13),
+        )
+    ),
     (Pulsed(4), NEITHER, "dead", (0.0, 0.25), 0.05),
     (Pulsed(4), NEITHER, "stuck-open", (0.0, 0.25), 0.05 + 0.13),
     (Pulsed(1000), NEITHER, "stuck-open", (0.0, 0.25), 0.05 + 0.13),
@@ -112,20 +138,40 @@ CASES: list[Any] = [
     (OnOff(), ThrusterConditions(latency=0.25), "weak", (1.0, 0.0), 0.02 + 0.4 * 0.13),
     # A rise of 0.1 s is at 0.7 when the thruster fails: a triangle before, then a trapezium and 0.1 s of all.
     (OnOff(), ThrusterConditions(rise=0.1), "dead", (0.0, 1.0), 0.07 * 0.7 / 2),
-    (OnOff(), ThrusterConditions(rise=0.1), "weak", (0.0, 1.0),
-     0.07 * 0.7 / 2 + 0.4 * (0.03 * (0.7 + 1.0) / 2 + 0.1)),
+    (
+        OnOff(),
+        ThrusterConditions(rise=0.1),
+        "weak",
+        (0.0, 1.0),
+        0.07 * 0.7 / 2 + 0.4 * (0.03 * (0.7 + 1.0) / 2 + 0.1),
+    ),
     (OnOff(), ThrusterConditions(rise=0.1), "stuck-open", (0.0, 1.0), 0.07 * 0.7 / 2 + 0.13),
     (Throttle(), ThrusterConditions(rise=0.1), "dead", (0.0, 0.5), 0.5 * 0.07 * 0.7 / 2),
     # As bounds are not known where they are drawn: from 0.05 s on, at 0.2 when it fails.
-    (OnOff(), ThrusterConditions(latency=0.05, rise=0.1), "weak", (0.0, 1.0),
-     0.02 * 0.2 / 2 + 0.4 * (0.08 * (0.2 + 1.0) / 2 + 0.05)),
+    (
+        OnOff(),
+        ThrusterConditions(latency=0.05, rise=0.1),
+        "weak",
+        (0.0, 1.0),
+        0.02 * 0.2 / 2 + 0.4 * (0.08 * (0.2 + 1.0) / 2 + 0.05),
+    ),
     # Longer than a period: at 0.175 when it fails, at 0.5 in the end.
-    (OnOff(), ThrusterConditions(rise=0.4), "weak", (0.0, 1.0),
-     0.07 * 0.175 / 2 + 0.4 * 0.13 * (0.175 + 0.5) / 2),
+    (
+        OnOff(),
+        ThrusterConditions(rise=0.4),
+        "weak",
+        (0.0, 1.0),
+        0.07 * 0.175 / 2 + 0.4 * 0.13 * (0.175 + 0.5) / 2,
+    ),
     # It falls within 0.1 s and is at 0.3 when it fails, or in the end of the pulse at 0.1 s is weak already.
     (OnOff(), ThrusterConditions(fall=0.1), "dead", (1.0, 0.0), 0.07 * (1.0 + 0.3) / 2),
-    (OnOff(), ThrusterConditions(rise=0.02, fall=0.1), "weak", (1.0, 0.0),
-     0.07 * (1.0 + 0.3) / 2 + 0.4 * 0.03 * 0.3 / 2),
+    (
+        OnOff(),
+        ThrusterConditions(rise=0.02, fall=0.1),
+        "weak",
+        (1.0, 0.0),
+        0.07 * (1.0 + 0.3) / 2 + 0.4 * 0.03 * 0.3 / 2,
+    ),
     (Pulsed(4), ThrusterConditions(fall=0.1), "weak", (0.0, 0.5), 0.07 + 0.4 * (0.03 + 0.1 / 2)),
 ]
 
@@ -133,8 +179,15 @@ CASES: list[Any] = [
 @pytest.mark.parametrize("engine", [fly, in_torch, fly_in_drake])
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize(("kind", "valves", "failure", "told", "impulse"), CASES)
-def test_momentum_by_hand(engine: Any, dimension: int, kind: Any, valves: ThrusterConditions,
-                          failure: FaultKind, told: Any, impulse: float) -> None:
+def test_momentum_by_hand(
+    engine: Any,
+    dimension: int,
+    kind: Any,
+    valves: ThrusterConditions,
+    failure: FaultKind,
+    told: Any,
+    impulse: float,
+) -> None:
     faults = FaultConditions(1.0, (failure,), SHARE, PERIOD + INSTANT)
     conditions = Conditions(thrusters=valves, faults=faults)
     speed, spin, _ = gained(engine, craft(dimension, kind, 0.0), conditions, *told)
@@ -147,13 +200,17 @@ def test_momentum_by_hand(engine: Any, dimension: int, kind: Any, valves: Thrust
 
 @pytest.mark.parametrize("engine", [fly, in_torch, fly_in_drake])
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize(("failure", "told", "way"), [
-    # Half of a t^2 while it pushes at 0.5 m/s^2, and on at the speed gained.
-    ("dead", 1.0, 0.25 * 0.07**2 + 0.5 * 0.07 * 0.13),
-    ("stuck-open", 0.0, 0.25 * 0.13**2),
-])
-def test_thrust_comes_before_or_after_the_fault_by_hand(engine: Any, dimension: int, failure: FaultKind,
-                                                        told: float, way: float) -> None:
+@pytest.mark.parametrize(
+    ("failure", "told", "way"),
+    [
+        # Half of a t^2 while it pushes at 0.5 m/s^2, and on at the speed gained.
+        ("dead", 1.0, 0.25 * 0.07**2 + 0.5 * 0.07 * 0.13),
+        ("stuck-open", 0.0, 0.25 * 0.13**2),
+    ],
+)
+def test_thrust_comes_before_or_after_the_fault_by_hand(
+    engine: Any, dimension: int, failure: FaultKind, told: float, way: float
+) -> None:
     conditions = Conditions(faults=FaultConditions(1.0, (failure,), SHARE, PERIOD + INSTANT))
     found = gained(engine, craft(dimension, OnOff(), 0.0), conditions, 0.0, told)[2]
     # Rounding of places up to 8 m away.

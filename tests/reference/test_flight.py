@@ -28,7 +28,8 @@ by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
 @by_name
 def test_closed_loop_agrees_with_our_equations(craft: Spacecraft) -> None:
     """The same decisions, so the same commands, and states within the accuracy of 64 substeps."""
-    timing, starts = Timing(substeps=64, episode_steps=20), scenarios(TASK, craft, 5, 8)
+    timing = Timing(substeps=64, episode_steps=20)
+    starts = scenarios(TASK, craft, 5, 8)
     ours = fly(craft, TASK, Restless(craft, 1), starts, timing)
     drake = fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing)
     assert np.array_equal(drake.commands, ours.commands)
@@ -49,17 +50,24 @@ class Low(GoToPose):
 @by_name
 def test_other_bodies_on_an_orbit_fly_alike(craft: Spacecraft) -> None:
     """Each spacecraft with a mass and a weak thruster of its own; both matter by centimetres and more."""
-    timing, starts = Timing(substeps=16, episode_steps=5), scenarios(TASK, craft, 5, 3)
+    timing = Timing(substeps=16, episode_steps=5)
+    starts = scenarios(TASK, craft, 5, 3)
     count = len(craft.thrusters)
-    body = replace(Body.of(craft), mass=np.array([4.0, 7.0, 12.0]),
-                   gain=(np.array([1.0, 0.3, 0.0]), *(1.0,) * (count - 1)))
+    body = replace(
+        Body.of(craft),
+        mass=np.array([4.0, 7.0, 12.0]),
+        gain=(np.array([1.0, 0.3, 0.0]), *(1.0,) * (count - 1)),
+    )
     ours = fly(craft, Low(), Restless(craft, 1), starts, timing, body=body)
     drake = fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing, body)
     assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 1 s
-    for other in (fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing, body),
-                  fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing)):
+    for other in (
+        fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing, body),
+        fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing),
+    ):
         assert max(gap(other.states, ours.states).values()) > 0.01
-    commands, start = drake.commands[:, 0], map_leaves(lambda x: float(x[0]), starts.start)
+    commands = drake.commands[:, 0]
+    start = map_leaves(lambda x: float(x[0]), starts.start)
     alone = fly(craft, Low(), Recited(commands), map_leaves(lambda x: x[:1], starts), timing)
     again = replay(craft, start, commands, timing, Low().drift)
     for told, flown in zip(leaves(again.p), leaves(alone.states.p), strict=True):
@@ -85,21 +93,26 @@ class Recited:
 def test_controllers_see_what_the_task_shows(craft: Spacecraft) -> None:
     class Watching(Restless):
         def reset(self, count: int) -> None:
-            self.count, self.seen = count, []
+            self.count = count
+            self.seen = []
 
         def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
             self.seen.append((state, observation))
             return super().act(state, goal, observation)
 
     watching = Watching(craft, 2)
-    flight = fly_in_drake(craft, TASK, watching, scenarios(TASK, craft, 0, 3), Timing(episode_steps=15))
+    flight = fly_in_drake(
+        craft, TASK, watching, scenarios(TASK, craft, 0, 3), Timing(episode_steps=15)
+    )
     assert watching.count == 3
     assert len(watching.seen) == 15
     for step, (state, seen) in enumerate(watching.seen):
         assert seen.shape == (3, observation_width(GoToPose(), craft.dimension))
         assert seen.dtype == np.float32
         # The flight records the states that were seen: headings wrapped, quaternions of unit length.
-        assert np.array_equal(leaves(map_leaves(lambda x, k=step: x[k], flight.states)), leaves(state))
+        assert np.array_equal(
+            leaves(map_leaves(lambda x, k=step: x[k], flight.states)), leaves(state)
+        )
 
 
 @by_name
@@ -112,7 +125,9 @@ def test_replay_repeats_a_flight_and_takes_relaxed_thrust(craft: Spacecraft) -> 
     track = map_leaves(lambda x: x[:, 2], flight.states)
     assert max(gap(again, track).values()) < 1e-12  # rounding of bodies integrated together
     half = replay(craft, second, flight.commands[:, 2] * 0.5, timing)
-    assert gap(half, track)["position"] > 1e-3, "a relaxed command is not taken for an open thruster"
+    assert gap(half, track)["position"] > 1e-3, (
+        "a relaxed command is not taken for an open thruster"
+    )
 
 
 def test_replay_does_not_wrap_the_heading() -> None:

@@ -21,8 +21,11 @@ from rans.reference.flight import DrakeEnv
 from rans.tasks import TASKS, gymnasium_ids
 from tests.crafts import nasty_planar, nasty_spatial
 
-NASTY = {name: craft for pair in map(gymnasium_ids, TASKS)
-         for name, craft in zip(pair, (nasty_planar(), nasty_spatial()), strict=True)}
+NASTY = {
+    name: craft
+    for pair in map(gymnasium_ids, TASKS)
+    for name, craft in zip(pair, (nasty_planar(), nasty_spatial()), strict=True)
+}
 ALL_IDS = pytest.mark.parametrize("name", NASTY)
 
 
@@ -45,8 +48,12 @@ def test_same_rewards_and_ends_as_the_fast_environment(name: str, nasty: bool) -
     craft: dict[str, Any] = {"spacecraft": NASTY[name]} if nasty else {}
     timing = Timing(substeps=32, episode_steps=8)
     ours, judge = (flown(make(name, timing=timing, **craft)) for make in (gymnasium.make, drake))
-    for (seen, reward, *ends, info), (seen_in_drake, reward_in_drake, *ends_in_drake, info_in_drake) in zip(
-            ours, judge, strict=True):
+    for (seen, reward, *ends, info), (
+        seen_in_drake,
+        reward_in_drake,
+        *ends_in_drake,
+        info_in_drake,
+    ) in zip(ours, judge, strict=True):
         # 8 periods at 32 substeps are true to 1e-8 m; rewards change at most by 4 a metre (1 / scale,
         # up to 20 for narrow ones); observations are rounded to float32, 5e-7 of a way of 4 m.
         assert reward_in_drake == pytest.approx(reward, abs=2e-7)
@@ -57,7 +64,8 @@ def test_same_rewards_and_ends_as_the_fast_environment(name: str, nasty: bool) -
 
 
 def flown(env: Any) -> list[Any]:
-    random, results = np.random.default_rng(3), []
+    random = np.random.default_rng(3)
+    results = []
     for seed in (5, None):
         env.reset(seed=seed)
         ended = False
@@ -91,8 +99,15 @@ def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
 
 
 def test_registering_it_loads_no_drake() -> None:
-    program = ("import sys, rans, gymnasium; gymnasium.spec('rans/GoToPose2D-Drake-v0'); "
-               "print('pydrake' in sys.modules)")
-    run = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True,
-                         cwd=Path(__file__).parents[2])
+    program = (
+        "import sys, rans, gymnasium; gymnasium.spec('rans/GoToPose2D-Drake-v0'); "
+        "print('pydrake' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
     assert run.stdout.strip() == "False"

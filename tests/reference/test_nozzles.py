@@ -15,15 +15,26 @@ def listed(actuators: object, *duties: float) -> list[tuple[float, list[float]]]
     return [(float(begin), opened[0].tolist()) for begin, opened in parts]
 
 
-@pytest.mark.parametrize(("least", "expected"), [
-    # Tenths of 2 s: 0.2 is 2 counts, 0.25 rounds up to 3, 0.34 down to 3, all of it stays open.
-    (0, [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])]),
-    (2, [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])]),
-    # Of 3 counts at least: the first never opens.
-    (3, [(0.0, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])]),
-    (4, [(0.0, [0.0, 0.0, 0.0, 1.0])]),
-])
-def test_no_pulse_is_shorter_than_the_least(least: int, expected: list[tuple[float, list[float]]]) -> None:
+@pytest.mark.parametrize(
+    ("least", "expected"),
+    [
+        # Tenths of 2 s: 0.2 is 2 counts, 0.25 rounds up to 3, 0.34 down to 3, all of it stays open.
+        (
+            0,
+            [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])],
+        ),
+        (
+            2,
+            [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])],
+        ),
+        # Of 3 counts at least: the first never opens.
+        (3, [(0.0, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])]),
+        (4, [(0.0, [0.0, 0.0, 0.0, 1.0])]),
+    ],
+)
+def test_no_pulse_is_shorter_than_the_least(
+    least: int, expected: list[tuple[float, list[float]]]
+) -> None:
     found = listed(Pulsed(10, least), 0.2, 0.25, 0.34, 1.0)
     assert [opened for _, opened in found] == [opened for _, opened in expected]
     assert [begin for begin, _ in found] == pytest.approx([begin for begin, _ in expected])

@@ -24,20 +24,33 @@ from validation.dynamics import acceleration_checks, period_checks, thruster_che
 
 def lopsided(dimension: int) -> Spacecraft:
     """2 kg, 0.5 kg m^2, centre of mass at (0.1, 0, 0); pairs along x and y at odd places."""
-    places = [((0.5, 0.0, 0.0), (0.0, 1.0, 0.0), 3.0), ((0.5, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0),
-              ((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 4.0), ((0.0, 0.2, 0.0), (-1.0, 0.0, 0.0), 1.0),
-              ((-0.3, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0), ((-0.3, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0)]
+    places = [
+        ((0.5, 0.0, 0.0), (0.0, 1.0, 0.0), 3.0),
+        ((0.5, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0),
+        ((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 4.0),
+        ((0.0, 0.2, 0.0), (-1.0, 0.0, 0.0), 1.0),
+        ((-0.3, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+        ((-0.3, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0),
+    ]
     if dimension == 3:
         places += [((0.1, y, 0.0), (0.0, 0.0, z), 1.0) for y in (0.3, -0.4) for z in (1.0, -1.0)]
         places += [((x, 0.0, 0.0), (0.0, 0.0, z), 1.0) for x in (0.3, -0.4) for z in (1.0, -1.0)]
     inertia = ((0.5, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.5))
-    return Spacecraft("lopsided", dimension, 2.0, inertia,  # type: ignore[arg-type]
-                      tuple(Thruster(*place) for place in places), centre_of_mass=(0.1, 0.0, 0.0))
+    return Spacecraft(
+        "lopsided",
+        dimension,  # type: ignore[arg-type]
+        2.0,
+        inertia,
+        tuple(Thruster(*place) for place in places),
+        centre_of_mass=(0.1, 0.0, 0.0),
+    )
 
 
 def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
-    source = "".join(Path(str(module.__file__)).read_text("utf-8").replace("from __future__", "from future")
-                     for module in (rans.reference.plant, rans.reference.parts, rans.reference.nozzles))
+    source = "".join(
+        Path(str(module.__file__)).read_text("utf-8").replace("from __future__", "from future")
+        for module in (rans.reference.plant, rans.reference.parts, rans.reference.nozzles)
+    )
     ours = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -46,8 +59,11 @@ def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
             assert node.level == 0, "a relative import would hide what is imported"
             ours.add(node.module)
     assert {m for m in ours if m and m.startswith(("rans", "validation"))} == {
-        "rans.errors", "rans.reference.parts", "rans.reference.nozzles",
-        *(f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift"))}
+        "rans.errors",
+        "rans.reference.parts",
+        "rans.reference.nozzles",
+        *(f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")),
+    }
     used = {n.attr for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Attribute)}
     assert not used & {"wrench_map", "carry", "pulses"}
 
@@ -67,7 +83,9 @@ def test_planar_acceleration_by_hand() -> None:
     state = np.array([[5.0, -3.0, math.pi / 2, 0.7, 0.2, 0.9]])
     command = np.eye(6)[[0]]
     found = Plant(lopsided(2)).accelerations(state, command)[0]
-    assert found == pytest.approx([-1.5, 0.0, 2.4], abs=1e-14)  # a rounded pi / 2 turns 3 N by 2e-16
+    assert found == pytest.approx(
+        [-1.5, 0.0, 2.4], abs=1e-14
+    )  # a rounded pi / 2 turns 3 N by 2e-16
 
 
 def test_spatial_acceleration_by_hand() -> None:
@@ -96,10 +114,13 @@ def test_drifts_straight_and_never_wraps_the_heading() -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_disturbances_stay_put_in_the_world_and_end_with_the_time_they_are_given_for(dimension: int) -> None:
+def test_disturbances_stay_put_in_the_world_and_end_with_the_time_they_are_given_for(
+    dimension: int,
+) -> None:
     """Half a turn about z: 2 N along x of W on 2 kg are 0.5 m/s and 0.125 m after half a second, and 0.25 N m
     about z on 0.5 kg m^2 are 0.25 rad/s and 0.0625 rad; then it drifts. Thousands of roundings of 1e-16."""
-    plant, planar = Plant(lopsided(dimension)), dimension == 2
+    plant = Plant(lopsided(dimension))
+    planar = dimension == 2
     turned = [math.pi] if planar else [0.0, 0.0, 0.0, 1.0]  # angle, or quaternion
     start = np.array([[0.0] * dimension + turned + [0.0] * (3 if planar else 6)])
     pushes = np.array([[2.0, 0.0, 0.25] if planar else [2.0, 0.0, 0.0, 0.0, 0.0, 0.25]])
@@ -110,7 +131,9 @@ def test_disturbances_stay_put_in_the_world_and_end_with_the_time_they_are_given
         (row,) = rows
         heading = row[2] if planar else 2.0 * math.atan2(row[6], row[3])
         speed, spin = (row[3], row[5]) if planar else (row[7], row[12])
-        assert (row[0], heading, speed, spin) == pytest.approx((x, math.pi + angle, 0.5, 0.25), abs=1e-12)
+        assert (row[0], heading, speed, spin) == pytest.approx(
+            (x, math.pi + angle, 0.5, 0.25), abs=1e-12
+        )
 
 
 def test_split_supply_is_shared_among_open_thrusters() -> None:
@@ -135,7 +158,9 @@ def test_neighbours_do_not_disturb_each_other(dimension: int) -> None:
 
 
 def test_a_plant_keeps_no_memory() -> None:
-    plant, start, commands = Plant(lopsided(3)), np.zeros((1, 13)), np.ones((4, 1, 14))
+    plant = Plant(lopsided(3))
+    start = np.zeros((1, 13))
+    commands = np.ones((4, 1, 14))
     start[0, 3] = 1.0
     first = plant.rollout(start, commands, 0.2)
     assert np.array_equal(plant.rollout(start, commands, 0.2), first)
@@ -163,8 +188,11 @@ def test_shipped_spacecraft_agree_layer_by_layer(shipped: Spacecraft) -> None:
 
 def exact_layers(craft: Spacecraft, seed: int) -> list[Check]:
     """The layers without time steps; tolerances and their reasons are those of `validation`."""
-    return [*thruster_checks(craft), *wrench_checks(craft, seed, 16),
-            *acceleration_checks(craft, seed, 16)]
+    return [
+        *thruster_checks(craft),
+        *wrench_checks(craft, seed, 16),
+        *acceleration_checks(craft, seed, 16),
+    ]
 
 
 def assert_none_failed(checks: list[Check]) -> None:

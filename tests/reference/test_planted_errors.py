@@ -33,8 +33,9 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
     def turned(state: Any, load: Any, *rest: Any) -> Any:
         if load.disturbance is None:
             return true(state, load, *rest)
-        added = Wrench(load.thrust.force + load.disturbance.force,
-                       load.thrust.torque + load.disturbance.torque)
+        added = Wrench(
+            load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque
+        )
         return true(state, replace(load, thrust=added, disturbance=None), *rest)
 
     monkeypatch.setattr(rans.model.dynamics, "_advance_planar", turned)
@@ -43,22 +44,34 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = rans.model.case.pieces
-        monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, lag, period: true(
-            craft, body, commands, change(lag), period))
+        monkeypatch.setattr(
+            rans.model.case,
+            "pieces",
+            lambda craft, body, commands, lag, period: true(
+                craft, body, commands, change(lag), period
+            ),
+        )
 
     return patch
 
 
 early = change_lag(lambda lag: replace(lag, latency=-lag.latency))
 early.__name__ = "valves_move_before_they_are_told"
-swapped = change_lag(lambda lag: lag if lag.fall is None else replace(lag, rise=lag.fall, fall=lag.rise))
+swapped = change_lag(
+    lambda lag: lag if lag.fall is None else replace(lag, rise=lag.fall, fall=lag.rise)
+)
 swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.case.pieces
-    monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, *rest: true(
-        craft, body, (commands[0], *reversed(commands[1:])), *rest))
+    monkeypatch.setattr(
+        rans.model.case,
+        "pieces",
+        lambda craft, body, commands, *rest: true(
+            craft, body, (commands[0], *reversed(commands[1:])), *rest
+        ),
+    )
 
 
 def change_thrust(monkeypatch: pytest.MonkeyPatch, name: str, change: Callable[[Any], Any]) -> None:
@@ -69,14 +82,23 @@ def change_thrust(monkeypatch: pytest.MonkeyPatch, name: str, change: Callable[[
 
 
 def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
-    change_thrust(monkeypatch, "thrust", lambda body: replace(
-        body, gain=(*body.gain[1:], body.gain[0]), leak=(*body.leak[1:], body.leak[0])))
+    change_thrust(
+        monkeypatch,
+        "thrust",
+        lambda body: replace(
+            body, gain=(*body.gain[1:], body.gain[0]), leak=(*body.leak[1:], body.leak[0])
+        ),
+    )
 
 
 def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, period = rans.model.case.failing, 0.2
-    monkeypatch.setattr(rans.model.case, "failing", lambda sound, failed, instant: true(
-        sound, failed, np.ceil(instant / period) * period))
+    true = rans.model.case.failing
+    period = 0.2
+    monkeypatch.setattr(
+        rans.model.case,
+        "failing",
+        lambda sound, failed, instant: true(sound, failed, np.ceil(instant / period) * period),
+    )
 
 
 def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +106,9 @@ def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def centre_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    change_thrust(monkeypatch, "wrench_of", lambda body: replace(body, centre=tuple(-x for x in body.centre)))
+    change_thrust(
+        monkeypatch, "wrench_of", lambda body: replace(body, centre=tuple(-x for x in body.centre))
+    )
 
 
 def noise_in_the_reward(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,12 +139,15 @@ def judged(effect: str) -> tuple[Flight, Random]:
 
 def found(effect: str) -> set[str]:
     """In which layer our flight is not Drake's: in its motion, its rewards or what was shown."""
-    (drakes, judge), (ours, pilot) = judged(effect), flown(PLANE, EFFECTS[effect], PLANTED_STEPS)
+    (drakes, judge) = judged(effect)
+    (ours, pilot) = flown(PLANE, EFFECTS[effect], PLANTED_STEPS)
     engine = in_engine("numpy", PLANE, EFFECTS[effect], drakes.timing)
     rewards = np.array([engine.step(told) for told in judge.told])
-    layers = {"motion": max(gap(drakes.states, ours.states).values()),
-              "reward": np.abs(rewards - np.sum(list(drakes.rewards().values()), axis=0)).max(),
-              "sight": np.abs(np.array(pilot.seen) - judge.seen).max()}
+    layers = {
+        "motion": max(gap(drakes.states, ours.states).values()),
+        "reward": np.abs(rewards - np.sum(list(drakes.rewards().values()), axis=0)).max(),
+        "sight": np.abs(np.array(pilot.seen) - judge.seen).max(),
+    }
     return {name for name, difference in layers.items() if difference > 1e-6}
 
 
@@ -128,20 +155,25 @@ ALL_EFFECTS = set(EFFECTS)
 LATE = {"latency", "rise", "fall", "all"}
 
 
-@pytest.mark.parametrize(("plant", "shows", "layer"), [
-    (disturbance_in_body, {"push", "swing", "kicks", "all"}, "motion"),
-    (early, {"latency", "rise", "all"}, "motion"),
-    (swapped, {"fall", "all"}, "motion"),
-    (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
-    (fault_on_the_next_nozzle, {"thrust", "faults", "recoverable", "all"}, "motion"),
-    (faults_begin_with_the_next_period, {"faults", "recoverable", "all"}, "motion"),
-    (supply_never_gives_way, {"thrust", "all"}, "motion"),
-    (centre_to_the_other_side, {"body", "all"}, "motion"),
-    (noise_in_the_reward, ALL_EFFECTS, "reward"),
-    (heading_read_backwards, ALL_EFFECTS, "sight"),
-], ids=lambda x: getattr(x, "__name__", None))
-def test_planted_errors_are_found_where_they_lie(plant: Any, shows: set[str], layer: str,
-                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("plant", "shows", "layer"),
+    [
+        (disturbance_in_body, {"push", "swing", "kicks", "all"}, "motion"),
+        (early, {"latency", "rise", "all"}, "motion"),
+        (swapped, {"fall", "all"}, "motion"),
+        (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
+        (fault_on_the_next_nozzle, {"thrust", "faults", "recoverable", "all"}, "motion"),
+        (faults_begin_with_the_next_period, {"faults", "recoverable", "all"}, "motion"),
+        (supply_never_gives_way, {"thrust", "all"}, "motion"),
+        (centre_to_the_other_side, {"body", "all"}, "motion"),
+        (noise_in_the_reward, ALL_EFFECTS, "reward"),
+        (heading_read_backwards, ALL_EFFECTS, "sight"),
+    ],
+    ids=lambda x: getattr(x, "__name__", None),
+)
+def test_planted_errors_are_found_where_they_lie(
+    plant: Any, shows: set[str], layer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for effect in EFFECTS:
         judged(effect)  # before anything is planted
     plant(monkeypatch)

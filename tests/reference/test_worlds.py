@@ -25,7 +25,8 @@ from rans.reference.plant import Plant
 from tests.crafts import nasty_planar, nasty_spatial, random_states
 from validation.sampling import Restless, gaps
 
-COUNT, STEPS = 2, 125
+COUNT = 2
+STEPS = 125
 """Spacecraft side by side; control periods of 0.2 s. In space, where every period takes substeps, a fifth of
 them, except on an orbit, whose forces grow with the way."""
 
@@ -35,7 +36,12 @@ DRIFTS = {
     # A hundred times a low orbit's rate, so that its forces are felt within 25 s.
     "orbit": lambda _: ClohessyWiltshire(0.11),
 }
-ACTUATORS = {"on-off": OnOff(), "pulsed": Pulsed(10_000, 40), "few counts": Pulsed(4), "throttle": Throttle()}
+ACTUATORS = {
+    "on-off": OnOff(),
+    "pulsed": Pulsed(10_000, 40),
+    "few counts": Pulsed(4),
+    "throttle": Throttle(),
+}
 TOLERANCE = 1e-9
 """m, rad, m/s, rad/s. Drake's step leaves some 1e-10 after 25 s in space, and less in the plane."""
 
@@ -53,19 +59,30 @@ class World:
 
 def world(dimension: int, drift: str, actuators: Actuators) -> World:
     craft = replace(nasty_planar() if dimension == 2 else nasty_spatial(), actuators=actuators)
-    substeps = 1 if dimension == 2 else 3 if isinstance(actuators, Pulsed) else 6  # pulses cut a period too
+    substeps = (
+        1 if dimension == 2 else 3 if isinstance(actuators, Pulsed) else 6
+    )  # pulses cut a period too
     return World(craft, DRIFTS[drift](dimension), faulty(craft), Timing(substeps=substeps))
 
 
 def faulty(craft: Spacecraft) -> Body:
     """Two spacecraft of other masses, with weak, dead, leaking thrusters and shifted centres of mass."""
-    usual, n = Body.of(craft), len(craft.thrusters)
-    gain, leak = np.ones((n, COUNT)), np.zeros((n, COUNT))
-    gain[0], gain[1, 0], leak[2, 1], leak[3] = (0.6, 0.9), 0.0, 0.02, (0.0, 0.01)
+    usual = Body.of(craft)
+    n = len(craft.thrusters)
+    gain = np.ones((n, COUNT))
+    leak = np.zeros((n, COUNT))
+    gain[0] = (0.6, 0.9)
+    gain[1, 0] = 0.0
+    leak[2, 1] = 0.02
+    leak[3] = (0.0, 0.01)
     scale = np.array([0.9, 1.3])
-    return Body(usual.mass * scale, tuple(x * scale for x in usual.inertia),
-                tuple(np.array([0.02, -0.01]) * k for k in range(1, craft.dimension + 1)),
-                tuple(gain), tuple(leak))
+    return Body(
+        usual.mass * scale,
+        tuple(x * scale for x in usual.inertia),
+        tuple(np.array([0.02, -0.01]) * k for k in range(1, craft.dimension + 1)),
+        tuple(gain),
+        tuple(leak),
+    )
 
 
 def flown(world: World, steps: int) -> tuple[Any, np.ndarray]:
@@ -74,8 +91,10 @@ def flown(world: World, steps: int) -> tuple[Any, np.ndarray]:
     goal = map_leaves(lambda x: x * 0.0, state)
     if world.craft.dimension == 3:
         goal = replace(goal, attitude=replace(goal.attitude, w=np.ones(COUNT)))
-    pilot, shares = Restless(world.craft, 1), np.random.default_rng(2)
-    states, commands = [state], []
+    pilot = Restless(world.craft, 1)
+    shares = np.random.default_rng(2)
+    states = [state]
+    commands = []
     for _ in range(steps):
         command = pilot.act(states[-1], goal, np.zeros(0)).astype(float)
         if world.craft.actuators.is_continuous:
@@ -87,7 +106,9 @@ def flown(world: World, steps: int) -> tuple[Any, np.ndarray]:
 
 def stacked(states: list[Any]) -> Any:
     columns = zip(*(leaves(state) for state in states), strict=True)
-    return unflatten(states[0], [np.stack([np.asarray(x, dtype=float) for x in c]) for c in columns])
+    return unflatten(
+        states[0], [np.stack([np.asarray(x, dtype=float) for x in c]) for c in columns]
+    )
 
 
 def in_torch(world: World, start: Any, commands: np.ndarray) -> Any:
@@ -100,14 +121,19 @@ def in_torch(world: World, start: Any, commands: np.ndarray) -> Any:
 
 def in_casadi(world: World, start: Any, commands: np.ndarray) -> Any:
     """One function of state, command and body."""
+
     def symbol(_: Any) -> Any:
         return ca.SX.sym("x")  # type: ignore[call-arg]
 
     state: Any = map_leaves(symbol, start)
-    told, body = [symbol(None) for _ in world.craft.thrusters], placed(world.body, symbol)
-    columns = [ca.vertcat(*x) for x in (leaves(state), told, leaves(body),
-                                        leaves(world.held(state, told, body)))]
-    step, tracks = ca.Function("step", columns[:3], columns[3:]), []
+    told = [symbol(None) for _ in world.craft.thrusters]
+    body = placed(world.body, symbol)
+    columns = [
+        ca.vertcat(*x)
+        for x in (leaves(state), told, leaves(body), leaves(world.held(state, told, body)))
+    ]
+    step = ca.Function("step", columns[:3], columns[3:])
+    tracks = []
     for k in range(COUNT):
         begun, own = ([float(x[k]) for x in leaves(tree)] for tree in (start, world.body))
         track = [np.array(begun)]
@@ -125,8 +151,10 @@ def in_drake(world: World, start: Any, commands: np.ndarray) -> Any:
 
 
 def placed(body: Body, place: Callable[[Any], Any]) -> Body:
-    return Body(place(body.mass), *(tuple(map(place, getattr(body, name)))
-                                    for name in ("inertia", "centre", "gain", "leak")))
+    return Body(
+        place(body.mass),
+        *(tuple(map(place, getattr(body, name))) for name in ("inertia", "centre", "gain", "leak")),
+    )
 
 
 def gap(a: Any, b: Any) -> float:
@@ -134,18 +162,26 @@ def gap(a: Any, b: Any) -> float:
 
 
 @pytest.mark.parametrize(
-    "world", [pytest.param((dimension, drift, kind), id=f"{dimension}d-{drift}-{kind}")
-              for dimension in (2, 3) for drift in DRIFTS for kind in ACTUATORS
-              if dimension == 2 or kind != "pulsed" or drift == "orbit"])
+    "world",
+    [
+        pytest.param((dimension, drift, kind), id=f"{dimension}d-{drift}-{kind}")
+        for dimension in (2, 3)
+        for drift in DRIFTS
+        for kind in ACTUATORS
+        if dimension == 2 or kind != "pulsed" or drift == "orbit"
+    ],
+)
 def test_all_libraries_and_drake_fly_alike(world: Any) -> None:
     built = globals()["world"](world[0], world[1], ACTUATORS[world[2]])
     long = world[0] == 2 or world[1:] == ("orbit", "on-off")
-    states, commands = flown(built, STEPS if long else STEPS // 12 if world[2] == "pulsed" else STEPS // 5)
+    states, commands = flown(
+        built, STEPS if long else STEPS // 12 if world[2] == "pulsed" else STEPS // 5
+    )
     start = map_leaves(lambda x: x[0], states)
     # The same arithmetic: roundings of numbers up to some tens, over the first periods.
     few = 25 if world[0] == 2 else 5
     for fly in (in_torch, in_casadi):
-        early = map_leaves(lambda x: x[:few + 1], states)
+        early = map_leaves(lambda x: x[: few + 1], states)
         assert gap(fly(built, start, commands[:few]), early) < 1e-12, fly.__name__
     assert gap(in_drake(built, start, commands), states) < TOLERANCE
 
@@ -164,20 +200,33 @@ def wrong_coriolis(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def gain_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.thrust
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda craft, command, body: true(
-        craft, command, replace(body, gain=(*body.gain[1:], body.gain[0]))))
+    monkeypatch.setattr(
+        rans.model.dynamics,
+        "thrust",
+        lambda craft, command, body: true(
+            craft, command, replace(body, gain=(*body.gain[1:], body.gain[0]))
+        ),
+    )
 
 
 def leak_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.thrust
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda craft, command, body: true(
-        craft, command, replace(body, leak=())))
+    monkeypatch.setattr(
+        rans.model.dynamics,
+        "thrust",
+        lambda craft, command, body: true(craft, command, replace(body, leak=())),
+    )
 
 
 def centre_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench
-    monkeypatch.setattr(rans.model.dynamics, "wrench", lambda craft, command, body: true(
-        craft, command, replace(body, centre=tuple(-x for x in body.centre))))
+    monkeypatch.setattr(
+        rans.model.dynamics,
+        "wrench",
+        lambda craft, command, body: true(
+            craft, command, replace(body, centre=tuple(-x for x in body.centre))
+        ),
+    )
 
 
 def pulse_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,22 +236,34 @@ def pulse_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def pulse_rounded_down(monkeypatch: pytest.MonkeyPatch) -> None:
     true = Pulsed.pulses
-    monkeypatch.setattr(Pulsed, "pulses", lambda self, command: true(
-        self, [c - 0.5 / self.counts for c in command]))
+    monkeypatch.setattr(
+        Pulsed, "pulses", lambda self, command: true(self, [c - 0.5 / self.counts for c in command])
+    )
 
 
 def gravity_carried_by_every_push(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(UniformGravity, "straight", False)
 
 
-@pytest.mark.parametrize(("drift", "kind", "plant"), [
-    ("orbit", "on-off", wrong_coriolis), ("free", "on-off", gain_on_the_next_nozzle),
-    ("free", "throttle", leak_forgotten), ("free", "on-off", centre_to_the_other_side),
-    ("free", "pulsed", pulse_at_the_end), ("free", "few counts", pulse_at_the_end),
-    ("free", "pulsed", pulse_rounded_down), ("gravity", "on-off", gravity_carried_by_every_push),
-])
-def test_drake_finds_planted_errors(drift: str, kind: str, plant: Callable[[pytest.MonkeyPatch], None],
-                                    monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("drift", "kind", "plant"),
+    [
+        ("orbit", "on-off", wrong_coriolis),
+        ("free", "on-off", gain_on_the_next_nozzle),
+        ("free", "throttle", leak_forgotten),
+        ("free", "on-off", centre_to_the_other_side),
+        ("free", "pulsed", pulse_at_the_end),
+        ("free", "few counts", pulse_at_the_end),
+        ("free", "pulsed", pulse_rounded_down),
+        ("gravity", "on-off", gravity_carried_by_every_push),
+    ],
+)
+def test_drake_finds_planted_errors(
+    drift: str,
+    kind: str,
+    plant: Callable[[pytest.MonkeyPatch], None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     built = world(2, drift, ACTUATORS[kind])
     commands = np.random.default_rng(4).integers(0, 2, (STEPS // 5, COUNT, 5)).astype(float)
     commands *= 0.73147 if built.craft.actuators.is_continuous else 1.0
@@ -223,7 +284,8 @@ def test_drake_finds_planted_errors(drift: str, kind: str, plant: Callable[[pyte
 class Wind(Drift):
     """A drift of a user's, whose forces nobody told Drake."""
 
-    name, straight = "own", True
+    name = "own"
+    straight = True
 
     def carry(self, p: Any, v: Any, t: Any) -> Any:
         return p, v

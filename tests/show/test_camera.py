@@ -19,11 +19,16 @@ from rans.show.camera import fit
 places = arrays(float, st.tuples(st.integers(2, 30), st.just(3)), elements=st.floats(-50.0, 50.0))
 
 
-@given(points=places, direction=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, -0.2), st.floats(-1.0, 1.0)),
-       upright=st.floats(0.3, 1.5), aspect=st.floats(0.4, 2.5))
+@given(
+    points=places,
+    direction=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, -0.2), st.floats(-1.0, 1.0)),
+    upright=st.floats(0.3, 1.5),
+    aspect=st.floats(0.4, 2.5),
+)
 @settings(max_examples=60)
 def test_everything_is_in_the_picture_and_touches_its_edge(
-        points: np.ndarray, direction: tuple[float, float, float], upright: float, aspect: float) -> None:
+    points: np.ndarray, direction: tuple[float, float, float], upright: float, aspect: float
+) -> None:
     points[0] += 1.0  # all in one place have no size
     camera = fit(points, direction, upright, aspect)
     height = 1000
@@ -35,7 +40,8 @@ def test_everything_is_in_the_picture_and_touches_its_edge(
     x, y, depth = CameraInfo(width, height, upright).intrinsic_matrix() @ seen
     assert (depth > -1e-9).all()
     near = depth > 1e-6  # a point in the camera itself has no place in its picture
-    u, v = x[near] / depth[near], y[near] / depth[near]
+    u = x[near] / depth[near]
+    v = y[near] / depth[near]
     # A pixel for the width that was rounded, and one for where Drake counts them from.
     assert u.min() > -2.0
     assert u.max() < width + 2.0

@@ -29,15 +29,20 @@ def bounded(**changes: Any) -> Comparison:
     """Starts 0 and 1: times of 0.4 and 0.6 s, thrust-times of 3 and 5 over the horizon, and 2 more found."""
     bounds = [Bound(k, None, time, time, 2.0) for k, time in ((0, 0.4), (1, 0.6))]
     bounds += [Bound(k, None, 0.1, kind="settling") for k in (0, 1)]
-    bounds += [Bound(k, h, share / h, share / h, share / h + 2.0)
-               for k, share in ((0, 3.0), (1, 5.0)) for h in HORIZONS]
+    bounds += [
+        Bound(k, h, share / h, share / h, share / h + 2.0)
+        for k, share in ((0, 3.0), (1, 5.0))
+        for h in HORIZONS
+    ]
     return comparison(certified=bounds, **changes)
 
 
 def points(axes: Axes) -> dict[str, list[list[float]]]:
     """By their names in the legend, the points of lines and of marks with error bars."""
-    return {name: np.asarray(getattr(drawn, "lines", [drawn])[0].get_xydata()).tolist()
-            for drawn, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    return {
+        name: np.asarray(getattr(drawn, "lines", [drawn])[0].get_xydata()).tolist()
+        for drawn, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
 
 
 def test_the_plane_draws_bounds_below_what_was_found() -> None:
@@ -45,30 +50,45 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert found.horizons() == HORIZONS
     axes, _ = plane(found).axes
     drawn = points(axes)
-    assert [x for x, _ in drawn["certified least time to arrive"]] == [0.5, 0.5]  # the median of 0.4 and 0.6
+    assert [x for x, _ in drawn["certified least time to arrive"]] == [
+        0.5,
+        0.5,
+    ]  # the median of 0.4 and 0.6
     assert drawn["certified least thrust-time at these times"] == [
-        pytest.approx([h, 4.0 / h]) for h in HORIZONS]
+        pytest.approx([h, 4.0 / h]) for h in HORIZONS
+    ]
     assert drawn["best on/off controls found, replayed"] == [
-        pytest.approx([h, 4.0 / h + 2.0]) for h in HORIZONS]
+        pytest.approx([h, 4.0 / h + 2.0]) for h in HORIZONS
+    ]
     # there after 1 and 2 s, both with 1 N s; the third start, from where it never gets there, has no bound
     assert drawn["agent"] == [[1.5, 1.0]]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time to arrive, s", "thrust-time to arrive, N s")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "time to arrive, s",
+        "thrust-time to arrive, N s",
+    )
     assert axes.get_title(loc="left").endswith("medians over 2 starts")
 
 
 def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
     """Relaxed points are medians of what was solved, and say so; curves go through the medians of weights."""
     one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
-    fuel, reward = (replace(one, objective=kind, arrival=6.0, thrust=2.0)
-                    for kind in (MinimumFuel(5.0, 0.5), MaximumReward(5.0, 0.5)))
-    other, lost = replace(one, start=1, arrival=6.0, thrust=9.0), replace(one, start=2, solved=False)
-    rows = {"time": [one, other, lost],
-            "fuel": [fuel] * 3, "reward": [reward] * 3}
+    fuel, reward = (
+        replace(one, objective=kind, arrival=6.0, thrust=2.0)
+        for kind in (MinimumFuel(5.0, 0.5), MaximumReward(5.0, 0.5))
+    )
+    other = replace(one, start=1, arrival=6.0, thrust=9.0)
+    lost = replace(one, start=2, solved=False)
+    rows = {"time": [one, other, lost], "fuel": [fuel] * 3, "reward": [reward] * 3}
     axes, _ = plane(comparison(relaxed=rows, curve=[entry()])).axes
     drawn = points(axes)
-    assert drawn["agent (2 of 3 arrive)"] == [[2.0, 1.0]]  # 1 s, 2 s and never; 1 N s, 1 N s and never
+    assert drawn["agent (2 of 3 arrive)"] == [
+        [2.0, 1.0]
+    ]  # 1 s, 2 s and never; 1 N s, 1 N s and never
     # the greatest reward arrives nowhere: two points
-    assert drawn["relaxed thrust, exact goal (no controller, where found)"] == [[5.0, 8.0], [6.0, 2.0]]
+    assert drawn["relaxed thrust, exact goal (no controller, where found)"] == [
+        [5.0, 8.0],
+        [6.0, 2.0],
+    ]
     assert drawn["LQR, 1 weight"] == [[2.0, 1.0]]
     assert "medians over 3 starts" in axes.get_title(loc="left")
 
@@ -76,23 +96,28 @@ def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
 def test_errors_and_tolerances_share_their_unit() -> None:
     """1 cm from two starts and 9 m from the third; the tolerance is 5 cm, and 5 degrees of none."""
     position, attitude = final_error_curves([entry()]).axes
-    curve, = (x for x in position.get_lines() if x.get_label() == "agent")
+    (curve,) = (x for x in position.get_lines() if x.get_label() == "agent")
     assert sorted(np.asarray(curve.get_xdata())[1:]) == pytest.approx([1.0, 1.0, 900.0])
-    for axes, label in ((position, "position error, mean of the last fifth, cm"),
-                        (attitude, "attitude error, mean of the last fifth, deg")):
+    for axes, label in (
+        (position, "position error, mean of the last fifth, cm"),
+        (attitude, "attitude error, mean of the last fifth, deg"),
+    ):
         assert points(axes)["tolerance"][0][0] == pytest.approx(5.0)
         assert axes.get_xlabel() == label
 
 
 def test_every_contestant_has_its_row_and_colour() -> None:
-    board = {"first": {RETURN: Estimate(80.0, 70.0, 95.0), "latency, ms": Estimate(2.0, 1.0, 4.0)},
-             "second": {RETURN: Estimate(60.0, 50.0, 65.0), "latency, ms": Estimate(20.0, 10.0, 30.0)}}
+    board = {
+        "first": {RETURN: Estimate(80.0, 70.0, 95.0), "latency, ms": Estimate(2.0, 1.0, 4.0)},
+        "second": {RETURN: Estimate(60.0, 50.0, 65.0), "latency, ms": Estimate(20.0, 10.0, 30.0)},
+    }
     shares, latency = shares_and_latency(board).axes
     for axes, key in ((shares, RETURN), (latency, "latency, ms")):
         assert axes.get_xlabel() == key
         marks = [bar.lines[0] for bar in axes.containers]  # type: ignore[attr-defined]
         assert [np.asarray(mark.get_xydata()).tolist() for mark in marks] == [
-            [[row[key].value, -k]] for k, row in enumerate(board.values())]
+            [[row[key].value, -k]] for k, row in enumerate(board.values())
+        ]
         assert [mark.get_color() for mark in marks] == [BLUE, ORANGE]
         bars = [bar.lines[2][0] for bar in axes.containers]  # type: ignore[attr-defined]
         ends = [bar.get_segments()[0][:, 0] for bar in bars]
@@ -102,7 +127,7 @@ def test_every_contestant_has_its_row_and_colour() -> None:
 
 
 def test_without_returns_only_latency_is_drawn() -> None:
-    only, = shares_and_latency({"first": {"latency, ms": Estimate(2.0, 1.0, 4.0)}}).axes
+    (only,) = shares_and_latency({"first": {"latency, ms": Estimate(2.0, 1.0, 4.0)}}).axes
     assert only.get_title(loc="left") == "latency"
 
 
@@ -132,8 +157,10 @@ def test_who_comes_next_has_another_look() -> None:
     again = Contestant("second", NOBODY, "observation", "none")
     found.entries.append(replace(found.entries[0], contestant=again))
     axes, _ = plane(found).axes
-    looks = {str(bar.get_label()): (bar.lines[0].get_color(), bar.lines[0].get_marker())  # type: ignore[attr-defined]
-             for bar in axes.containers}
+    looks = {
+        str(bar.get_label()): (bar.lines[0].get_color(), bar.lines[0].get_marker())  # type: ignore[attr-defined]
+        for bar in axes.containers
+    }
     assert looks == {"agent": (BLUE, "o"), "second": (ORANGE, "s")}
     rings = next(x for x in axes.get_lines() if str(x.get_label()).startswith("best on/off"))
     assert rings.get_markeredgecolor() == RED

@@ -15,9 +15,19 @@ from pydrake.geometry import Rgba
 from rans.model.solids import Solid
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.show.craft import FLOOR, PLUME, Part, craft_parts, frustum, hull_parts, plume_parts, plumes
+from rans.show.craft import (
+    FLOOR,
+    PLUME,
+    Part,
+    craft_parts,
+    frustum,
+    hull_parts,
+    plume_parts,
+    plumes,
+)
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
@@ -80,15 +90,27 @@ def test_a_flyer_has_no_pads() -> None:
 
 def test_a_spacecraft_looks_as_its_file_says() -> None:
     """Solids are in G, whose origin is not the centre of mass; everything else is as it was."""
-    craft = replace(PLATFORM, centre_of_mass=(0.01, 0.02, 0.0), solids=(
-        Solid("box", (0.1, 0.2, 0.3), position=(0.11, 0.02, 0.0), colour="#ff8000"),
-        Solid("cone", (0.1, 0.4), axis=(2.0, 0.0, 0.0)), Solid("mesh", (0.5,), mesh=PYRAMID)))
+    craft = replace(
+        PLATFORM,
+        centre_of_mass=(0.01, 0.02, 0.0),
+        solids=(
+            Solid("box", (0.1, 0.2, 0.3), position=(0.11, 0.02, 0.0), colour="#ff8000"),
+            Solid("cone", (0.1, 0.4), axis=(2.0, 0.0, 0.0)),
+            Solid("mesh", (0.5,), mesh=PYRAMID),
+        ),
+    )
     box, cone, mesh = hull_parts(craft, Rgba(0.1, 0.2, 0.3))
     assert box.shape.size().tolist() == [0.1, 0.2, 0.3]  # type: ignore[attr-defined]
     np.testing.assert_allclose(box.pose.translation(), [0.1, 0.0, 0.0], atol=1e-15)
-    assert [round(255 * x) for x in (box.colour.r(), box.colour.g(), box.colour.b())] == [255, 128, 0]
+    assert [round(255 * x) for x in (box.colour.r(), box.colour.g(), box.colour.b())] == [
+        255,
+        128,
+        0,
+    ]
     tip = cone.pose @ [0.0, 0.0, 0.4]
-    np.testing.assert_allclose(tip, [0.19, -0.02, 0.0], atol=1e-12)  # half its length along x from G
+    np.testing.assert_allclose(
+        tip, [0.19, -0.02, 0.0], atol=1e-12
+    )  # half its length along x from G
     assert (cone.colour.r(), cone.colour.g()) == (0.1, 0.2)
     assert mesh.shape.scale() == 0.5  # type: ignore[attr-defined]
     assert corners(mesh).tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
@@ -97,8 +119,10 @@ def test_a_spacecraft_looks_as_its_file_says() -> None:
 
 
 def test_a_ghost_is_of_one_colour_and_a_little_larger() -> None:
-    ghost, hull = (hull_parts(PLATFORM, Rgba(0.0, 1.0, 0.0, 0.3), scale, one) for scale, one in
-                   ((1.04, True), (1.0, False)))
+    ghost, hull = (
+        hull_parts(PLATFORM, Rgba(0.0, 1.0, 0.0, 0.3), scale, one)
+        for scale, one in ((1.04, True), (1.0, False))
+    )
     assert {part.colour.a() for part in ghost} == {0.3}
     for large, part in zip(ghost, hull, strict=True):
         grown = np.multiply(1.04, part.pose.translation())
@@ -110,7 +134,9 @@ def test_a_frustum_is_closed_and_looks_outwards(sides: int) -> None:
     """Its volume by the divergence theorem is that of a pyramid cut off; every edge has two sides."""
     part = as_part(frustum(0.3, 0.1, 0.6, sides=sides))
     points = corners(part)
-    faces = np.array([[int(value.split("/")[0]) - 1 for value in face] for face in lines(part, "f")])
+    faces = np.array(
+        [[int(value.split("/")[0]) - 1 for value in face] for face in lines(part, "f")]
+    )
     a, b, c = (points[faces[:, k]] for k in range(3))
     volume = np.sum(a * np.cross(b, c)) / 6.0
     area = 0.5 * sides * math.sin(2.0 * math.pi / sides)  # of a polygon in a circle of radius 1

@@ -9,8 +9,10 @@ import pytest
 from rans.show import curve as module
 from rans.show.curve import curve, drawn_beside
 
-ROWS = [{"steps": 100 * k, "seconds": 0.1 * k, "success": 0.2 * k, "return/pose": 3.0 * k}
-        for k in range(1, 5)]
+ROWS = [
+    {"steps": 100 * k, "seconds": 0.1 * k, "success": 0.2 * k, "return/pose": 3.0 * k}
+    for k in range(1, 5)
+]
 
 
 @pytest.mark.parametrize("dies", [False, True])

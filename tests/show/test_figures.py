@@ -27,12 +27,22 @@ from rans.show.svg import data_uri, svg
 from rans.tasks import GoToPose
 from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
 
-ROWS = [{"steps": 1000 * k, "seconds": 0.5 * k, "success": k / 10, "return/position": 2.0 * k,
-         "return/attitude": 3.0 * k} for k in range(11)]
+ROWS = [
+    {
+        "steps": 1000 * k,
+        "seconds": 0.5 * k,
+        "success": k / 10,
+        "return/position": 2.0 * k,
+        "return/attitude": 3.0 * k,
+    }
+    for k in range(11)
+]
 
 
 def panel(figure: Figure, letter: str) -> Axes:
-    return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(f"({letter})"))
+    return next(
+        axes for axes in figure.axes if axes.get_title(loc="left").startswith(f"({letter})")
+    )
 
 
 def line(axes: Axes, label: str) -> np.ndarray:
@@ -41,7 +51,8 @@ def line(axes: Axes, label: str) -> np.ndarray:
 
 
 def spatial_flight() -> Flight:
-    craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 4.0))
+    craft = load_spacecraft("free-flyer")
+    task = GoToPose(spawn_distance=(3.0, 4.0))
 
     class Shut:
         """Opens nothing."""
@@ -59,7 +70,9 @@ def spatial_flight() -> Flight:
 def test_evaluation_figure_has_the_papers_eight_panels() -> None:
     figure = evaluation_figure(two_episodes())
     assert len(figure.axes) == 8
-    assert {axes.get_title(loc="left")[:3] for axes in figure.axes} == {f"({x})" for x in "abcdefgh"}
+    assert {axes.get_title(loc="left")[:3] for axes in figure.axes} == {
+        f"({x})" for x in "abcdefgh"
+    }
 
 
 def test_every_axis_has_its_unit() -> None:
@@ -93,7 +106,10 @@ def test_activations_are_seconds_an_episode() -> None:
     texts = axes.get_legend()
     assert texts is not None
     assert [text.get_text() for text in texts.get_texts()] == [
-        "middle half (whiskers 5 to 95 %)", "median", "mean"]
+        "middle half (whiskers 5 to 95 %)",
+        "median",
+        "mean",
+    ]
 
 
 def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
@@ -116,10 +132,15 @@ def test_errors_of_an_episode_are_multiples_of_their_tolerances() -> None:
 
 
 def test_open_thrusters_stand_in_their_rows_and_times() -> None:
-    image, = panel(episode_figure(two_episodes()), "c").get_images()
+    (image,) = panel(episode_figure(two_episodes()), "c").get_images()
     shown = np.asarray(image.get_array())
     assert np.argwhere(shown).tolist() == [[0, k] for k in range(4)]
-    assert list(image.get_extent()) == [0.0, 5.0, 7.5, -0.5]  # five seconds; the first thruster is on top
+    assert list(image.get_extent()) == [
+        0.0,
+        5.0,
+        7.5,
+        -0.5,
+    ]  # five seconds; the first thruster is on top
 
 
 def test_every_episode_is_drawn_and_rasterised() -> None:
@@ -138,14 +159,18 @@ def test_a_thousand_episodes_stay_small() -> None:
 
 def test_tasks_with_other_errors() -> None:
     task = TrackNothing()
-    figure = evaluation_figure(flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), spin=0.5, task=task))
+    figure = evaluation_figure(
+        flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), spin=0.5, task=task)
+    )
     assert panel(figure, "b").get_ylabel() == "velocity error, cm/s"
     assert panel(figure, "f").get_ylabel() == "spin error, deg/s"
 
 
 def test_errors_of_zero_have_a_place_on_a_logarithmic_axis() -> None:
     """Warnings are errors here, and Matplotlib warns of an axis on which nothing can be drawn."""
-    figure = evaluation_figure(flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), task=TrackNothing()))
+    figure = evaluation_figure(
+        flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), task=TrackNothing())
+    )
     axes = panel(figure, "f")
     [lines] = (drawn for drawn in axes.collections if isinstance(drawn, LineCollection))
     assert {y for segment in lines.get_segments() for y in segment[:, 1]} == {axes.get_ylim()[0]}
@@ -181,7 +206,9 @@ def test_spatial_flights_can_be_drawn() -> None:
 def test_episode_figure_draws_that_episode() -> None:
     figure = episode_figure(two_episodes(), 1)
     path = panel(figure, "a").get_lines()[1].get_xydata()
-    np.testing.assert_allclose(np.asarray(path)[-1], [-0.06, 0.0], atol=1e-12)  # the goal is the origin
+    np.testing.assert_allclose(
+        np.asarray(path)[-1], [-0.06, 0.0], atol=1e-12
+    )  # the goal is the origin
     assert not np.asarray(panel(figure, "c").get_images()[0].get_array()).any()  # it fired nothing
 
 
@@ -213,7 +240,9 @@ def test_a_learning_curve_on_a_telephone() -> None:
         if beside := axes.get_legend():
             assert beside.get_window_extent().x0 >= axes.bbox.x1
         numbers = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
-        inside = sorted((box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1)
+        inside = sorted(
+            (box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1
+        )
         assert len(inside) >= 3
         assert all(left[1] + 4.0 < right[0] for left, right in pairwise(inside))
 

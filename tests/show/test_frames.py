@@ -18,7 +18,8 @@ from rans.show.scene import Motion
 from tests.evaluation.flights import flight_of, two_episodes
 from tests.reference.flights import TRACKING, drifting, lqr_flight
 
-WIDTH, HEIGHT = 480, 420
+WIDTH = 480
+HEIGHT = 420
 
 PLUME = ((180, 255), (90, 190), (0, 60))
 GREEN = ((0, 170), (120, 235), (80, 220))
@@ -70,8 +71,9 @@ def test_plumes_are_seen_while_a_thruster_is_open(tmp_path: Path) -> None:
     assert np.flatnonzero(np.array(orange) > 1e-3).tolist() == [1]
 
 
-@pytest.mark.parametrize(("episode", "instant", "text"), [
-    (0, 2, ["20.0 cm", "6.0 deg"]), (1, 10, ["6.0 cm", "0.0 deg"])])
+@pytest.mark.parametrize(
+    ("episode", "instant", "text"), [(0, 2, ["20.0 cm", "6.0 deg"]), (1, 10, ["6.0 cm", "0.0 deg"])]
+)
 def test_what_is_written_into_a_frame(episode: int, instant: int, text: list[str]) -> None:
     assert Motion.of(two_episodes(), episode).told(instant) == text
 

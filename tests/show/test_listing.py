@@ -18,8 +18,11 @@ from rans.tasks.rewards import Transition
 
 TASKS: list[Task] = [
     rans.GoToPose(fine_weight=0.7, misaligned_weight=20.0, rest_position=0.4, switching_weight=0.3),
-    rans.GoToPosition(rest_spin=0.2, fine_weight=2.0), rans.TrackVelocity(), rans.TrackTwist(),
-    rans.TrackVelocityHeading(thrust_weight=0.0)]
+    rans.GoToPosition(rest_spin=0.2, fine_weight=2.0),
+    rans.TrackVelocity(),
+    rans.TrackTwist(),
+    rans.TrackVelocityHeading(thrust_weight=0.0),
+]
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda one: type(one).__name__)
@@ -41,7 +44,9 @@ def test_formulas_give_the_reward(task: Task) -> None:
                 continue
             said = eval(re.sub(r"(?<=[\d)]) (?=[a-z(])", " * ", formula), {}, names)
             # Formulas are printed with four digits.
-            np.testing.assert_allclose(said, found[term], rtol=2e-3, atol=1e-12, err_msg=f"{term}: {formula}")
+            np.testing.assert_allclose(
+                said, found[term], rtol=2e-3, atol=1e-12, err_msg=f"{term}: {formula}"
+            )
 
 
 def test_a_task_that_symbols_cannot_follow_has_no_formula() -> None:
@@ -60,5 +65,10 @@ def test_ends_and_ranges_by_value() -> None:
     assert ends.rows[0] == ("truncated", "125 control periods of 0.2 s are over, 25 s")
     near = f"position 0.02 m, attitude {math.radians(5):.4g} rad"
     assert ends.rows[2][1] == f"truncated with errors within {near}"
-    conditions = rans.Conditions(rans.BodyConditions(mass=(0.5, 1.5)), rans.ThrusterConditions(latency=0.1))
-    assert conditions_listing(conditions).rows == [("body.mass", "0.5 to 1.5"), ("thrusters.latency", "0.1")]
+    conditions = rans.Conditions(
+        rans.BodyConditions(mass=(0.5, 1.5)), rans.ThrusterConditions(latency=0.1)
+    )
+    assert conditions_listing(conditions).rows == [
+        ("body.mass", "0.5 to 1.5"),
+        ("thrusters.latency", "0.1"),
+    ]

@@ -9,18 +9,24 @@ import pytest
 from rans.show.page import Finding, Page, Section, Table, header, show
 from rans.show.report import validation_section
 
-GOOD, BAD, NOTE = Finding("fine", True), Finding("broken", False), Finding("noted")
+GOOD = Finding("fine", True)
+BAD = Finding("broken", False)
+NOTE = Finding("noted")
 
 
-@pytest.mark.parametrize(("findings", "passed", "verdict", "box"), [
-    ([], None, "Nothing was checked here.", None),
-    ([NOTE], None, "Nothing was checked here.", "verdict"),
-    ([GOOD, NOTE], True, "Everything checked has passed.", "verdict good"),
-    ([GOOD, BAD, NOTE], False, "Something has failed.", "verdict bad"),
-    ([BAD], False, "Something has failed.", "verdict bad"),
-])
-def test_verdict_and_its_box(findings: list[Finding], passed: bool | None, verdict: str,
-                             box: str | None) -> None:
+@pytest.mark.parametrize(
+    ("findings", "passed", "verdict", "box"),
+    [
+        ([], None, "Nothing was checked here.", None),
+        ([NOTE], None, "Nothing was checked here.", "verdict"),
+        ([GOOD, NOTE], True, "Everything checked has passed.", "verdict good"),
+        ([GOOD, BAD, NOTE], False, "Something has failed.", "verdict bad"),
+        ([BAD], False, "Something has failed.", "verdict bad"),
+    ],
+)
+def test_verdict_and_its_box(
+    findings: list[Finding], passed: bool | None, verdict: str, box: str | None
+) -> None:
     page = Page("title", [Section("one", findings=findings)])
     assert (page.passed, page.verdict) == (passed, verdict)
     html = page.html()
@@ -37,10 +43,13 @@ def test_a_conclusion_is_on_top_though_nothing_was_checked() -> None:
 
 
 def test_a_study_that_checked_nothing_passes_nothing() -> None:
-    section = validation_section({"title": "Empty", "checks": [],
-                                  "skipped": [{"name": "kernel", "reason": "No compiler."}]})
+    section = validation_section(
+        {"title": "Empty", "checks": [], "skipped": [{"name": "kernel", "reason": "No compiler."}]}
+    )
     assert [(f.text, f.passed) for f in section.findings] == [
-        ("Empty: 0 of 0 checks within tolerance.", None), ("Not run: kernel. No compiler.", None)]
+        ("Empty: 0 of 0 checks within tolerance.", None),
+        ("Not run: kernel. No compiler.", None),
+    ]
     assert Page("x", [section]).verdict == "Nothing was checked here."
     assert section.tables[0].rows == [["kernel", None, None, None, "not run", "No compiler."]]
 
@@ -52,16 +61,24 @@ def test_headings_are_headings_and_numbers_stand_right() -> None:
 
 
 def test_a_dash_stands_where_its_column_does() -> None:
-    table = Table(("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)])
+    table = Table(
+        ("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)]
+    )
     assert [table.numeric(k) for k in range(3)] == [False, True, True]
-    assert "<td>–</td><td class=\"number\">–</td>" in Page("x", [Section("s", tables=[table])]).html()  # noqa: RUF001
+    assert '<td>–</td><td class="number">–</td>' in Page("x", [Section("s", tables=[table])]).html()  # noqa: RUF001
 
 
 def test_numbers_as_texts() -> None:
     assert [show(x) for x in (1234.5678, float("inf"), None, "text", 7)] == [
-        "1235", "never", "–", "text", "7"]  # noqa: RUF001
+        "1235",
+        "never",
+        "–",  # noqa: RUF001
+        "text",
+        "7",
+    ]
 
 
 def test_how_it_was_made_is_one_line_a_group() -> None:
-    assert header({"seed": 3, "versions": {"torch": "2.9", "gpu": {"name": "none"}}, "layers": [64, 64]}) == {
-        "seed": "3", "versions": "torch 2.9, gpu.name none", "layers": "64, 64"}
+    assert header(
+        {"seed": 3, "versions": {"torch": "2.9", "gpu": {"name": "none"}}, "layers": [64, 64]}
+    ) == {"seed": "3", "versions": "torch 2.9, gpu.name none", "layers": "64, 64"}

@@ -37,7 +37,9 @@ def test_poses_are_the_states() -> None:
     np.testing.assert_array_equal(motion.velocities, rows[:, 7:10])
     for pose, wxyz in zip(motion.poses, rows[:, 3:7], strict=True):
         quaternion = pose.rotation().ToQuaternion().wxyz()
-        assert abs(quaternion @ wxyz) == pytest.approx(1.0, abs=1e-12)  # both signs are one rotation
+        assert abs(quaternion @ wxyz) == pytest.approx(
+            1.0, abs=1e-12
+        )  # both signs are one rotation
     goal = np.array(leaves(flight.goals))[:, 1]
     np.testing.assert_array_equal(motion.goals[0].translation(), goal[:3])
 
@@ -47,7 +49,9 @@ def test_a_planar_pose_turns_about_z() -> None:
     turned = Heading(full(np.pi / 2))
     state = PlanarState(Vec2(full(1.0), full(2.0)), turned, Vec2(full(0.5), full(0.0)), full(0.0))
     goal = map_leaves(lambda x: x[0], state)
-    flight = Flight(PLATFORM, GoToPose(), Timing(episode_steps=1), state, goal, np.zeros((1, 1, 8)), "nobody")
+    flight = Flight(
+        PLATFORM, GoToPose(), Timing(episode_steps=1), state, goal, np.zeros((1, 1, 8)), "nobody"
+    )
     motion = Motion.of(flight, 0)
     np.testing.assert_allclose(motion.poses[0] @ [1.0, 0.0, 0.0], [1.0, 3.0, 0.0], atol=1e-15)
     np.testing.assert_array_equal(motion.velocities[0], [0.5, 0.0, 0.0])
@@ -68,7 +72,9 @@ def test_a_failed_episode_ends_where_it_failed() -> None:
 def test_a_goal_without_a_place_stays_with_the_spacecraft() -> None:
     motion = Motion.of(drifting(TRACKING), 0)
     np.testing.assert_allclose(motion.goal_at(10).translation(), [1.0, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(motion.goal_at(10).rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
+    np.testing.assert_allclose(
+        motion.goal_at(10).rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15
+    )
     np.testing.assert_array_equal(motion.goal_velocities[-1], [0.0, 0.25, 0.0])
     # 2.2 radii of 0.31 m beyond the way, and beyond the arrows of 2 s: 1 m on along x, 0.5 m along y
     np.testing.assert_allclose(motion.box()[1], np.array([2.0, 0.5, 0.0]) + 2.2 * 0.31, atol=1e-12)
@@ -83,23 +89,29 @@ def test_a_floor_has_a_line_every_metre() -> None:
     assert sum(part.name.startswith("line") for part in parts) == 6 + 4
     floor = parts[0]
     assert floor.shape.size().tolist() == [5.0, 3.0, pytest.approx(0.1)]  # type: ignore[attr-defined]
-    assert floor.pose.translation()[2] + 0.05 == pytest.approx(-0.2)  # its surface is the lowest place
+    assert floor.pose.translation()[2] + 0.05 == pytest.approx(
+        -0.2
+    )  # its surface is the lowest place
 
 
 def test_stars_are_far_beyond_all_that_flies() -> None:
-    low, high = np.zeros(3), np.array([3.0, 4.0, 0.0])
-    stars, = ground_parts(low, high, space=True)
+    low = np.zeros(3)
+    high = np.array([3.0, 4.0, 0.0])
+    (stars,) = ground_parts(low, high, space=True)
     np.testing.assert_array_equal(stars.pose.translation(), [1.5, 2.0, 0.0])
     distances = np.linalg.norm(corners(stars), axis=1)
     assert distances.min() > 0.99 * STARS * 5.0
 
 
-@pytest.mark.parametrize(("wanted", "names"), [
-    ({"position"}, {"needle", "head"}),
-    ({"position", "attitude"}, {"ghost", "x axis", "y axis", "z axis"}),
-    ({"velocity", "attitude"}, {"x axis", "y axis", "z axis"}),
-    ({"velocity", "spin"}, set()),
-])
+@pytest.mark.parametrize(
+    ("wanted", "names"),
+    [
+        ({"position"}, {"needle", "head"}),
+        ({"position", "attitude"}, {"ghost", "x axis", "y axis", "z axis"}),
+        ({"velocity", "attitude"}, {"x axis", "y axis", "z axis"}),
+        ({"velocity", "spin"}, set()),
+    ],
+)
 def test_the_goal_shows_what_the_task_wants(wanted: set[str], names: set[str]) -> None:
     """The ghost has many parts."""
     shown = {part.name for part in goal_parts(FLYER, wanted)}
@@ -136,7 +148,9 @@ def test_colours_say_what_is_what() -> None:
     assert {strongest(part) for part in goal_parts(FLYER, {"position"})} == {1}
     assert strongest(goal_parts(FLYER, {"position", "attitude"})[0]) == 1
     assert [strongest(part) for _, part in trail_parts(np.eye(3))] == [2, 2]
-    axes = {part.name: strongest(part) for part in craft_parts(FLYER, Rgba()) if "axis" in part.name}
+    axes = {
+        part.name: strongest(part) for part in craft_parts(FLYER, Rgba()) if "axis" in part.name
+    }
     assert axes == {"x axis": 0, "y axis": 1, "z axis": 2}
     assert {strongest(part) for part in plume_parts(FLYER)} == {0}  # flames
 

@@ -44,7 +44,10 @@ def test_each_panel_is_a_file_of_its_own() -> None:
 
 def test_a_legend_stands_beside_its_curves() -> None:
     curve, legend = (ET.fromstring(text) for text in panels(svg(two_panels())))
-    drawn = [[one for one in root.iter() if "#123456" in one.get("style", "")] for root in (curve, legend)]
+    drawn = [
+        [one for one in root.iter() if "#123456" in one.get("style", "")]
+        for root in (curve, legend)
+    ]
     assert all(drawn)
     assert len(list(legend.iter(PATH))) < len(list(curve.iter(PATH)))
     assert float(legend.get("height", "")[:-2]) < 40.0  # one line of it, no empty axes
@@ -56,11 +59,15 @@ def test_dark_pages_have_light_inks_and_no_ground() -> None:
     assert rule is not None
     assert '[style*="fill: #1f2933"]{fill:#e4e7eb!important}' in rule[1]
     assert 'style="fill: #1f2933"' in text  # there is something that it applies to
-    assert '[style*="stroke: #0072b2"]{stroke:#2a8fd6!important' in rule[1]  # thin lines of it are dim there
+    assert (
+        '[style*="stroke: #0072b2"]{stroke:#2a8fd6!important' in rule[1]
+    )  # thin lines of it are dim there
     assert "fill: #ffffff" not in text
     assert text.count("prefers-color-scheme") == 1
     assert all("prefers-color-scheme" in panel for panel in panels(text))
-    assert ":root{color-scheme:light dark}" in text  # a browser's own ground, of a file opened by itself
+    assert (
+        ":root{color-scheme:light dark}" in text
+    )  # a browser's own ground, of a file opened by itself
 
 
 def test_other_pictures_stay_as_they_are() -> None:
@@ -73,7 +80,9 @@ def test_other_pictures_stay_as_they_are() -> None:
     assert panels(whole) == [whole]
 
 
-PLAIN = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{}</svg>'
+PLAIN = (
+    '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{}</svg>'
+)
 
 
 def test_our_own_pictures_only_draw() -> None:
@@ -81,26 +90,36 @@ def test_our_own_pictures_only_draw() -> None:
     assert panels(only_drawn(text)) == panels(text)
 
 
-@pytest.mark.parametrize(("picture", "sentence"), [
-    ("no picture", "it is no SVG"),
-    ("<html/>", "begins with the element"),
-    (PLAIN.format("<script>alert(1)</script>"), "holds the element '.*script'"),
-    (PLAIN.format('<foreignObject><p xmlns="http://www.w3.org/1999/xhtml"/></foreignObject>'),
-     "foreignObject"),
-    (PLAIN.format('<g><animate attributeName="href" to="javascript:alert(1)"/></g>'), "animate"),
-    (PLAIN.format('<a href="http://example.org"/>'), "the element '.*a'"),
-    (PLAIN.format('<rect onclick="alert(1)"/>'), "onclick"),
-    (PLAIN.format('<rect onLoad="alert(1)"/>'), "onload"),
-    (PLAIN.format('<use xlink:href="http://example.org/a.svg#b"/>'), "fetch something"),
-    (PLAIN.format('<image href="file:///etc/passwd"/>'), "fetch something"),
-    (PLAIN.format('<image href="data:image/svg+xml;base64,AAAA"/>'), "fetch something"),
-    (PLAIN.format('<rect style="fill: url( http://example.org )"/>'), "fetch something"),
-    (PLAIN.format('<rect fill="url(\'http://example.org\')"/>'), "fetch something"),
-    (PLAIN.format("<style>@import 'http://example.org';</style>"), "style could fetch"),
-    (PLAIN.format("<style>*{fill: u\\72l(http://example.org)}</style>"), "style could fetch"),
-    ('<!DOCTYPE svg [<!ENTITY a "aaaa">]>' + PLAIN.format("&a;"), "declares entities"),
-    (PLAIN.format("<g>" * 3000 + "</g>" * 3000), "it is no SVG"),
-])
+@pytest.mark.parametrize(
+    ("picture", "sentence"),
+    [
+        ("no picture", "it is no SVG"),
+        ("<html/>", "begins with the element"),
+        (PLAIN.format("<script>alert(1)</script>"), "holds the element '.*script'"),
+        (
+            PLAIN.format(
+                '<foreignObject><p xmlns="http://www.w3.org/1999/xhtml"/></foreignObject>'
+            ),
+            "foreignObject",
+        ),
+        (
+            PLAIN.format('<g><animate attributeName="href" to="javascript:alert(1)"/></g>'),
+            "animate",
+        ),
+        (PLAIN.format('<a href="http://example.org"/>'), "the element '.*a'"),
+        (PLAIN.format('<rect onclick="alert(1)"/>'), "onclick"),
+        (PLAIN.format('<rect onLoad="alert(1)"/>'), "onload"),
+        (PLAIN.format('<use xlink:href="http://example.org/a.svg#b"/>'), "fetch something"),
+        (PLAIN.format('<image href="file:///etc/passwd"/>'), "fetch something"),
+        (PLAIN.format('<image href="data:image/svg+xml;base64,AAAA"/>'), "fetch something"),
+        (PLAIN.format('<rect style="fill: url( http://example.org )"/>'), "fetch something"),
+        (PLAIN.format("<rect fill=\"url('http://example.org')\"/>"), "fetch something"),
+        (PLAIN.format("<style>@import 'http://example.org';</style>"), "style could fetch"),
+        (PLAIN.format("<style>*{fill: u\\72l(http://example.org)}</style>"), "style could fetch"),
+        ('<!DOCTYPE svg [<!ENTITY a "aaaa">]>' + PLAIN.format("&a;"), "declares entities"),
+        (PLAIN.format("<g>" * 3000 + "</g>" * 3000), "it is no SVG"),
+    ],
+)
 def test_pictures_that_do_more_than_to_draw_are_refused(picture: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         only_drawn(picture)
@@ -108,9 +127,13 @@ def test_pictures_that_do_more_than_to_draw_are_refused(picture: str, sentence: 
 
 def test_nothing_is_left_but_the_drawing() -> None:
     """Instructions to a browser go, and links within the picture stay."""
-    told = ('<?xml version="1.0"?><?xml-stylesheet href="http://example.org/a.css"?><!-- note -->'
-            + PLAIN.format('<metadata><any xmlns="http://example.org"/></metadata><defs><path id="a"/></defs>'
-                           '<use xlink:href="#a" clip-path="url(#b)"/>'))
+    told = (
+        '<?xml version="1.0"?><?xml-stylesheet href="http://example.org/a.css"?><!-- note -->'
+        + PLAIN.format(
+            '<metadata><any xmlns="http://example.org"/></metadata><defs><path id="a"/></defs>'
+            '<use xlink:href="#a" clip-path="url(#b)"/>'
+        )
+    )
     kept = only_drawn(told)
     assert "example.org" not in kept
     assert "note" not in kept

@@ -48,7 +48,8 @@ def test_a_film_of_two_flights(tmp_path: Path) -> None:
     film = Image.open(io.BytesIO((tmp_path / "two.gif").read_bytes()))
     assert (film.size, film.n_frames) == ((320, 120), 11)  # type: ignore[attr-defined]
     assert told == [(k, 11) for k in range(11)]
-    orange, bright = [], []
+    orange = []
+    bright = []
     for k in range(11):
         film.seek(k)
         frame = np.asarray(film.convert("RGB")).astype(int)
@@ -72,9 +73,14 @@ def test_whatever_ends_a_film_leaves_no_half(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("film.avi", r"must end in \.mp4 or \.gif, got .*film\.avi"), ("film", "must end in"),
-    ("there.mp4", "there.mp4 exists already; choose another name")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("film.avi", r"must end in \.mp4 or \.gif, got .*film\.avi"),
+        ("film", "must end in"),
+        ("there.mp4", "there.mp4 exists already; choose another name"),
+    ],
+)
 def test_what_cannot_become_a_film_is_a_sentence(tmp_path: Path, name: str, said: str) -> None:
     (tmp_path / "there.mp4").write_text("mine")
     with pytest.raises(ConfigError, match=said):

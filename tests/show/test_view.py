@@ -60,40 +60,74 @@ probe();
 
 def browse(page: Path) -> str:
     """The page after its scripts have run, without any network."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+    browser = (
+        shutil.which("chromium")
+        or shutil.which("google-chrome")
+        or shutil.which("chromium-browser")
+    )
     if browser is None:
         pytest.skip("needs the browser Chromium: sudo apt-get install -y chromium")
     run = subprocess.run(
-        [browser, "--headless", "--no-sandbox", "--disable-background-networking", "--use-gl=angle",
-         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND",
-         f"--user-data-dir={page.parent / 'profile'}", "--virtual-time-budget=10000", "--window-size=640,480",
-         "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=PATIENCE, check=True)
+        [
+            browser,
+            "--headless",
+            "--no-sandbox",
+            "--disable-background-networking",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={page.parent / 'profile'}",
+            "--virtual-time-budget=10000",
+            "--window-size=640,480",
+            "--dump-dom",
+            page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=True,
+    )
     return run.stdout
 
 
 def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
-    flight, page = lqr_flight(episodes=1), tmp_path / "replay.html"
+    flight = lqr_flight(episodes=1)
+    page = tmp_path / "replay.html"
     view = View()
     assert view.show([flight], "Flight <of> LQR") == ["grey"]
     view.save(page)
     assert page.stat().st_size < 5e6
     page.write_text(page.read_text().replace("</body>", PROBE.replace("TIMES", str(list(TIMES)))))
-    found = json.loads(html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]))
+    found = json.loads(
+        html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1])
+    )
     for time, frame in zip(TIMES, found, strict=True):
-        before, after = int(time / 0.2), -int(-time // 0.2)
+        before = int(time / 0.2)
+        after = -int(-time // 0.2)
         p = np.array(leaves(flight.states.p))[:, :, 0]
         # The browser moves it straight through a period, and counts in float32.
         np.testing.assert_allclose(frame["place"], (p[:, before] + p[:, after]) / 2, atol=1e-5)
         firing = np.flatnonzero(flight.commands[before, 0])
         assert {int(name.split()[1]) for name in frame["plumes"]} == set(firing)
         errors = {name: error[int(time / 0.2), 0] for name, error in flight.errors().items()}
-        place, turn = 100.0 * errors["position"], np.degrees(errors["attitude"])
+        place = 100.0 * errors["position"]
+        turn = np.degrees(errors["attitude"])
         said = [float(word) for word in re.findall(r"([\d.]+) (?:cm|deg)", frame["label"])]
-        assert said == pytest.approx([place, turn], abs=0.51)  # rounded to a whole number from 10 on
+        assert said == pytest.approx(
+            [place, turn], abs=0.51
+        )  # rounded to a whole number from 10 on
         assert frame["label"].startswith("LQR")
         assert (frame["clock"], frame["title"]) == (f"{time:.1f} s of 25 s", "Flight <of> LQR")
-    assert found[0]["legend"] == ["LQR", "goal", "open thruster, as long as its command", "way flown",
-                                  "x axis", "y axis", "z axis"]
+    assert found[0]["legend"] == [
+        "LQR",
+        "goal",
+        "open thruster, as long as its command",
+        "way flown",
+        "x axis",
+        "y axis",
+        "z axis",
+    ]
     trails = [frame["trail"] for frame in found]
     assert trails[0] == 0 < trails[1] < trails[2]
     check_pictures(found)
@@ -125,11 +159,16 @@ probe();
 
 def test_who_watches_sees_what_who_pulls_the_slider_sees(tmp_path: Path) -> None:
     """The way flown and the plumes; Meshcat plays every part by itself."""
-    view, page = View(), tmp_path / "replay.html"
+    view = View()
+    page = tmp_path / "replay.html"
     view.show([lqr_flight(episodes=1)])
     view.save(page)
-    page.write_text(page.read_text().replace("</body>", PLAYED.replace("TIMES", "[2.5, 6.0, 20.1]")))
-    found = json.loads(html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]))
+    page.write_text(
+        page.read_text().replace("</body>", PLAYED.replace("TIMES", "[2.5, 6.0, 20.1]"))
+    )
+    found = json.loads(
+        html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1])
+    )
     for sought, played in found:
         assert sum(name.startswith("trail") for name in sought) > 5
         assert played == sought
@@ -153,13 +192,18 @@ probe();
 
 def test_no_label_hides_another(tmp_path: Path) -> None:
     """Nor the title, nor the bar: of seven craft in a window of 640 pixels, where their places would."""
-    view, flight = View(), lqr_flight(steps=20)
+    view = View()
+    flight = lqr_flight(steps=20)
     planar = lqr_flight(load_spacecraft("floating-platform"), steps=20)
     view.show([flight, drifting(TRACKING), flight, planar])
     page = tmp_path / "many.html"
     view.save(page)
     text = page.read_text()
-    for entry in ('["x","x axis"]', '["z","z axis"]', '["grid","lines 1 m apart"]'):  # in space, in the plane
+    for entry in (
+        '["x","x axis"]',
+        '["z","z axis"]',
+        '["grid","lines 1 m apart"]',
+    ):  # in space, in the plane
         assert entry in text
     page.write_text(text.replace("</body>", LABELS.replace("TIMES", "[0, 2, 4]")))
     for boxes in json.loads(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]):
@@ -170,7 +214,9 @@ def test_no_label_hides_another(tmp_path: Path) -> None:
 
 def check_pictures(found: list[dict[str, Any]]) -> None:
     """The body is where the camera must see it: what is seen there changes as it comes and goes."""
-    colours = np.array([[colour_at(frame["picture"], other["pixel"]) for other in found] for frame in found])
+    colours = np.array(
+        [[colour_at(frame["picture"], other["pixel"]) for other in found] for frame in found]
+    )
     for place in range(len(found)):
         for shown in {0, 1, 2} - {place}:
             assert np.abs(colours[shown, place] - colours[place, place]).max() > 20.0, colours
@@ -179,7 +225,7 @@ def check_pictures(found: list[dict[str, Any]]) -> None:
 def colour_at(picture: str, pixel: tuple[float, float]) -> np.ndarray:
     image = Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))).convert("RGB")
     x, y = (round(share * size) for share, size in zip(pixel, image.size, strict=True))
-    return np.asarray(image)[y - 1:y + 2, x - 1:x + 2].mean(axis=(0, 1))
+    return np.asarray(image)[y - 1 : y + 2, x - 1 : x + 2].mean(axis=(0, 1))
 
 
 def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
@@ -190,8 +236,12 @@ def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
     view.save(tmp_path / "three.html")
     messages = re.findall(r'base64,([^"]*)"', (tmp_path / "three.html").read_text())
     text = b"".join(base64.b64decode(message) for message in messages)
-    for path in (b"/flights/0 LQR/episode 1/craft", b"/flights/1 nobody/episode 0/target velocity",
-                 b"/flights/2 LQR/episode 1/goal", b"/flights/ground"):
+    for path in (
+        b"/flights/0 LQR/episode 1/craft",
+        b"/flights/1 nobody/episode 0/target velocity",
+        b"/flights/2 LQR/episode 1/goal",
+        b"/flights/ground",
+    ):
         assert path in text
     assert b"/flights/0 LQR/episode 0/velocity" not in text
     served = view.serve()
@@ -207,7 +257,9 @@ class Told:
     """What a page is told, as it is told."""
 
     def __init__(self, meshcat: Any) -> None:
-        self.meshcat, self.places, self.colours = meshcat, {}, {}
+        self.meshcat = meshcat
+        self.places = {}
+        self.colours = {}
         self.camera: Any = None
 
     def __getattr__(self, name: str) -> Any:
@@ -225,11 +277,14 @@ class Told:
 
 def test_every_episode_has_a_tile_of_its_own() -> None:
     """A row along x for every agent, the first farthest from the viewer, who stands at negative y."""
-    view, flights = View(), [lqr_flight(steps=20), drifting(TRACKING), lqr_flight(steps=20)]
+    view = View()
+    flights = [lqr_flight(steps=20), drifting(TRACKING), lqr_flight(steps=20)]
     told = view._meshcat = Told(view._meshcat)  # type: ignore[assignment]
     colours = view.show(flights)
-    names = [[f"/flights/{r} {flight.controller}/episode {k}" for k in range(flight.commands.shape[1])]
-             for r, flight in enumerate(flights)]
+    names = [
+        [f"/flights/{r} {flight.controller}/episode {k}" for k in range(flight.commands.shape[1])]
+        for r, flight in enumerate(flights)
+    ]
     rows = [np.array([told.places[name] for name in row]) for row in names]
     np.testing.assert_array_equal(rows[0][0], 0.0)
     first, second = rows[0]
@@ -239,8 +294,13 @@ def test_every_episode_has_a_tile_of_its_own() -> None:
     boxes = []
     for flight, row in zip(flights, rows, strict=True):
         p = np.array(leaves(flight.states.p))[:2]
-        boxes += [(p[:, :, k].min(axis=1) + tile[:2] - flight.craft.radius,
-                   p[:, :, k].max(axis=1) + tile[:2] + flight.craft.radius) for k, tile in enumerate(row)]
+        boxes += [
+            (
+                p[:, :, k].min(axis=1) + tile[:2] - flight.craft.radius,
+                p[:, :, k].max(axis=1) + tile[:2] + flight.craft.radius,
+            )
+            for k, tile in enumerate(row)
+        ]
     for (low, high), (other_low, other_high) in combinations(boxes, 2):
         assert ((high < other_low) | (low > other_high)).any()
     for row, colour in zip(names, colours, strict=True):
@@ -250,7 +310,8 @@ def test_every_episode_has_a_tile_of_its_own() -> None:
 @pytest.mark.parametrize("episodes", [1, 4])
 def test_the_camera_sees_whole_flights_however_many(episodes: int) -> None:
     """Meshcat's camera sees 40 degrees upright here, and 1.6 times as wide as high."""
-    view, flight = View(), lqr_flight(episodes=episodes, steps=25)
+    view = View()
+    flight = lqr_flight(episodes=episodes, steps=25)
     told = view._meshcat = Told(view._meshcat)  # type: ignore[assignment]
     view.show([flight, flight])
     place, target = told.camera
@@ -263,7 +324,8 @@ def test_the_camera_sees_whole_flights_however_many(episodes: int) -> None:
             tile = told.places[f"/flights/{row} LQR/episode {k}"]
             way = np.array(leaves(flight.states.p))[:, :, k].T + tile - place
             depth = -way @ back
-            x, y = way @ right / (1.6 * tangent * depth), way @ np.cross(back, right) / (tangent * depth)
+            x = way @ right / (1.6 * tangent * depth)
+            y = way @ np.cross(back, right) / (tangent * depth)
             edge = max(edge, np.abs([x, y]).max())
     assert 0.3 < edge < 1.0  # near, and with room for what surrounds the centres
 

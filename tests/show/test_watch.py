@@ -18,7 +18,9 @@ class Stop(Exception):
 
 
 def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trainer, shown, pauses = tiny_trainer(tmp_path / "run"), [], []
+    trainer = tiny_trainer(tmp_path / "run")
+    shown = []
+    pauses = []
     monkeypatch.setattr(watch, "open_browser", lambda url: None)
     monkeypatch.setattr(watch.View, "show", lambda view, flights: shown.append(flights[0]))
 
@@ -42,7 +44,9 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
     starts = [[x[0].tolist() for x in leaves(flight.states)] for flight in shown]
     assert starts[0] == starts[1]
     config = trainer.run.config()
-    judged = scenarios(config.settings.for_evaluation(), trainer.run.spacecraft(), EVALUATION_SEED, 4)
+    judged = scenarios(
+        config.settings.for_evaluation(), trainer.run.spacecraft(), EVALUATION_SEED, 4
+    )
     assert starts[0] == [x.tolist() for x in leaves(judged.start)]
     assert (first.commands != second.commands).any()
     assert pauses == [0.5, 0.5, 10.0, 0.5, 0.5, 10.0, 0.5, 0.5, 0.5]

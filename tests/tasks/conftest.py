@@ -27,7 +27,9 @@ def priced(task: Any) -> Any:
     """The task, or every part of it, with whatever is off by default switched on a little."""
     if isinstance(task, SingleTask):
         return replace(task, **{field.name: 0.01 for field in fields(task) if field.default == 0.0})
-    return replace(task, **{name.replace("-", "_"): priced(part) for name, part in task.parts().items()})
+    return replace(
+        task, **{name.replace("-", "_"): priced(part) for name, part in task.parts().items()}
+    )
 
 
 @pytest.fixture(params=spacecraft_names())
@@ -49,4 +51,6 @@ def goals(task: Any, craft: Spacecraft) -> Any:
 def commands(craft: Spacecraft) -> tuple[tuple[np.ndarray, ...], ...]:
     """A command and the one before it."""
     rng = np.random.default_rng(3)
-    return tuple(tuple(rng.integers(0, 2, (len(craft.thrusters), COUNT)).astype(float)) for _ in range(2))
+    return tuple(
+        tuple(rng.integers(0, 2, (len(craft.thrusters), COUNT)).astype(float)) for _ in range(2)
+    )

@@ -87,19 +87,25 @@ def test_batch_is_a_loop(task: Any, states: Any, goals: Any, commands: Any) -> N
 def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> None:
     torch = pytest.importorskip("torch")
     lift: Callable[[Any], Any] = lambda x: torch.from_numpy(np.ascontiguousarray(x))  # noqa: E731
-    state, goal = map_leaves(lift, states), map_leaves(lift, goals)
+    state = map_leaves(lift, states)
+    goal = map_leaves(lift, goals)
     numpy_values = everything(task, states, goals, *commands)
-    torch_values = everything(task, state, goal, *(tuple(map(lift, command)) for command in commands))
+    torch_values = everything(
+        task, state, goal, *(tuple(map(lift, command)) for command in commands)
+    )
     assert numpy_values.keys() == torch_values.keys()
     for name, x in torch_values.items():
         # last digits of two implementations of sine, cosine, exp and atan2
-        np.testing.assert_allclose(x.numpy(), numpy_values[name], rtol=1e-12, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(
+            x.numpy(), numpy_values[name], rtol=1e-12, atol=1e-12, err_msg=name
+        )
 
 
 def test_single_precision_stays_single(task: Any, states: Any, goals: Any, commands: Any) -> None:
     torch = pytest.importorskip("torch")
     lift: Callable[[Any], Any] = lambda x: torch.from_numpy(x.astype(np.float32))  # noqa: E731
-    state, goal = map_leaves(lift, states), map_leaves(lift, goals)
+    state = map_leaves(lift, states)
+    goal = map_leaves(lift, goals)
     both = (tuple(map(lift, command)) for command in commands)
     for name, x in everything(task, state, goal, *both).items():
         assert x.dtype in (torch.float32, torch.bool), name
@@ -108,7 +114,8 @@ def test_single_precision_stays_single(task: Any, states: Any, goals: Any, comma
 def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
     """Value equal to NumPy's, Jacobian finite and equal to central differences."""
     casadi = pytest.importorskip("casadi")
-    state, goal = at(5, states), at(5, goals)
+    state = at(5, states)
+    goal = at(5, goals)
     x = casadi.SX.sym("x", len(leaves(state)))
     residual = casadi.vertcat(*data(task, unflatten(state, casadi.vertsplit(x)), goal))
     traced = casadi.Function("residual", [x], [residual, casadi.jacobian(residual, x)])
@@ -126,8 +133,10 @@ def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
 
 def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: Any) -> None:
     casadi = pytest.importorskip("casadi")
-    state, goal = at(5, states), at(5, goals)
-    here, numbers = np.array(leaves(state)), [[float(c[5]) for c in command] for command in commands]
+    state = at(5, states)
+    goal = at(5, goals)
+    here = np.array(leaves(state))
+    numbers = [[float(c[5]) for c in command] for command in commands]
     x, *pairs = (casadi.SX.sym("x", len(values)) for values in (here, *numbers))
     symbolic = unflatten(state, casadi.vertsplit(x))
     terms = task.reward(Transition(symbolic, goal, *map(casadi.vertsplit, pairs)))
@@ -135,8 +144,9 @@ def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: 
     expected = task.reward(Transition(state, goal, *map(tuple, numbers)))
     assert terms.keys() == expected.keys()
     # last digits of exp and atan2
-    np.testing.assert_allclose(traced(here, *numbers).full()[:, 0], list(expected.values()),
-                               rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(
+        traced(here, *numbers).full()[:, 0], list(expected.values()), rtol=1e-13, atol=1e-14
+    )
 
 
 def test_residual_is_differentiable_at_the_goal(task: Any, goals: Any) -> None:
@@ -192,7 +202,8 @@ def test_reached_means_every_error_within_its_tolerance(task: Any, states: Any, 
     inside = task.reached(states, goals)
     for index in range(COUNT):
         goal = at(index, goals)
-        errors, tolerances = task.errors(at(index, states), goal), drawn(task, goal).tolerances()
+        errors = task.errors(at(index, states), goal)
+        tolerances = drawn(task, goal).tolerances()
         assert inside[index] == all(errors[n] < t for n, t in tolerances.items())
 
 
@@ -216,9 +227,11 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
         mine = np.flatnonzero(task.flag_of(every.goal) == np.full(len(every.start.p.x), part.flag))
         start, goal = (map_leaves(lambda x: x[mine], s) for s in (every.start, every.goal))  # noqa: B023
         if hasattr(part, "spawn_distance"):
-            (low, high), way = part.spawn_distance, np.subtract(goal.p.columns(), start.p.columns())
+            (low, high) = part.spawn_distance
+            way = np.subtract(goal.p.columns(), start.p.columns())
         else:
-            (low, high), way = part.target_speed, np.subtract(goal.v.columns(), start.v.columns())
+            (low, high) = part.target_speed
+            way = np.subtract(goal.v.columns(), start.v.columns())
         distance = np.linalg.norm(way, axis=0)
         # the draw is within [low, high); a direction's length is off by an eps
         assert distance.min() >= low - 1e-14
@@ -230,5 +243,7 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
 
 
 def test_an_unknown_task_is_named() -> None:
-    with pytest.raises(ConfigError, match=r"no task named .go-to-poze. \(did you mean go-to-pose\?\)"):
+    with pytest.raises(
+        ConfigError, match=r"no task named .go-to-poze. \(did you mean go-to-pose\?\)"
+    ):
         TASKS["go-to-poze"]

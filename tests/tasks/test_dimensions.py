@@ -75,8 +75,11 @@ class Wrong(rans.GoToPose):
         return super().reward(transition) | {"height": transition.state.height}
 
 
-FLAT, DEEP = "tests.tasks.test_dimensions:Flat", "tests.tasks.test_dimensions:Deep"
-ANGLE = "works in the plane, but not in space: AttributeError: 'Quat' object has no attribute 'angle'"
+FLAT = "tests.tasks.test_dimensions:Flat"
+DEEP = "tests.tasks.test_dimensions:Deep"
+ANGLE = (
+    "works in the plane, but not in space: AttributeError: 'Quat' object has no attribute 'angle'"
+)
 HEIGHT = "works in space, but not in the plane: AttributeError: 'Vec2' object has no attribute 'z'"
 
 
@@ -85,18 +88,24 @@ def test_every_function_of_a_task_is_tried(kind: type[Task]) -> None:
     task = kind()
     assert dimensions(task) == (2,)
     check_dimension(task, 2)
-    with pytest.raises(ConfigError, match=f"the task {kind.__name__} works in the plane, but not in space"):
+    with pytest.raises(
+        ConfigError, match=f"the task {kind.__name__} works in the plane, but not in space"
+    ):
         check_dimension(task, 3)
 
 
-@pytest.mark.parametrize("use", [
-    lambda: rans.Engine("free-flyer", FLAT, num_envs=2),
-    lambda: gymnasium.make("rans/GoToPose3D-v0", task=Flat()),
-    lambda: gymnasium.make_vec("rans/GoToPose3D-v0", num_envs=2, task=Flat()),
-    lambda: rans.evaluate(f"lqr:{FLAT}-3d", episodes=2),
-    lambda: rans.compare(f"lqr:{FLAT}-3d", episodes=2),
-    lambda: rans.optimal_trajectory(FLAT, "free-flyer"),
-], ids=["Engine", "make", "make_vec", "evaluate", "compare", "optimal"])
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: rans.Engine("free-flyer", FLAT, num_envs=2),
+        lambda: gymnasium.make("rans/GoToPose3D-v0", task=Flat()),
+        lambda: gymnasium.make_vec("rans/GoToPose3D-v0", num_envs=2, task=Flat()),
+        lambda: rans.evaluate(f"lqr:{FLAT}-3d", episodes=2),
+        lambda: rans.compare(f"lqr:{FLAT}-3d", episodes=2),
+        lambda: rans.optimal_trajectory(FLAT, "free-flyer"),
+    ],
+    ids=["Engine", "make", "make_vec", "evaluate", "compare", "optimal"],
+)
 def test_whoever_flies_a_task_of_the_plane_in_space_is_told(use: Callable[[], object]) -> None:
     with pytest.raises(ConfigError, match=ANGLE) as told:
         use()
@@ -118,11 +127,16 @@ def test_code_that_works_nowhere_says_itself_what_is_wrong() -> None:
         env.step(env.action_space.sample())
 
 
-@pytest.mark.parametrize(("name", "shown", "not_shown"), [
-    (FLAT, "Observation in the plane", "Observation in space"),
-    (DEEP, "Observation in space", "Observation in the plane")])
-def test_listed_is_where_it_works(name: str, shown: str, not_shown: str,
-                                  capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("name", "shown", "not_shown"),
+    [
+        (FLAT, "Observation in the plane", "Observation in space"),
+        (DEEP, "Observation in space", "Observation in the plane"),
+    ],
+)
+def test_listed_is_where_it_works(
+    name: str, shown: str, not_shown: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["list", name]) == 0
     said = capsys.readouterr().out
     assert shown in said

@@ -22,11 +22,13 @@ PLANAR = PlanarState(Vec2(0.3, -0.4), Heading(math.pi / 2), Vec2(0.1, 0.2), -0.5
 PLANAR_GOAL = PlanarState(Vec2(0.0, 0.0), Heading(2 * math.pi / 3), Vec2(0.0, 0.0), 0.0)
 """30 degrees further to the left."""
 
-SPATIAL = SpatialState(Vec3(1.0, 2.0, -2.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3),
-                       Vec3(-0.1, 0.4, 0.5))
+SPATIAL = SpatialState(
+    Vec3(1.0, 2.0, -2.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3), Vec3(-0.1, 0.4, 0.5)
+)
 """3 m from the origin, a quarter turn about z: body x is world y."""
-SPATIAL_GOAL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
-                            Vec3(0.0, 0.0, 0.0))
+SPATIAL_GOAL = SpatialState(
+    Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+)
 """A quarter turn about x instead: body y is world z."""
 
 
@@ -40,10 +42,28 @@ def test_spatial_observation() -> None:
     """R = [[0,-1,0],[1,0,0],[0,0,1]], R_goal = [[1,0,0],[0,0,-1],[0,1,0]], so that
     R^T R_goal = [[0,0,-1],[-1,0,0],[0,1,0]]."""
     expected = [
-        0, -1, 0, 1, 0, 0,  # first two rows of R
-        0.1, 0.2, 0.3, -0.1, 0.4, 0.5, 1,
-        -1, -2, 2,
-        0, 0, -1, -1, 0, 0,  # first two rows of R^T R_goal
+        0,
+        -1,
+        0,
+        1,
+        0,
+        0,  # first two rows of R
+        0.1,
+        0.2,
+        0.3,
+        -0.1,
+        0.4,
+        0.5,
+        1,
+        -1,
+        -2,
+        2,
+        0,
+        0,
+        -1,
+        -1,
+        0,
+        0,  # first two rows of R^T R_goal
     ]
     assert observation(GoToPose(), SPATIAL, SPATIAL_GOAL) == pytest.approx(expected, abs=1e-15)
 
@@ -63,8 +83,13 @@ def test_reward() -> None:
     """
     task = GoToPose(thrust_weight=0.02)
     terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0), (0.0,) * 4))
-    expected = {"position": 0.1353353, "attitude": 0.1231447, "approach": 0.3582657,
-                "turn": 0.2961925, "thrust": -0.06}
+    expected = {
+        "position": 0.1353353,
+        "attitude": 0.1231447,
+        "approach": 0.3582657,
+        "turn": 0.2961925,
+        "thrust": -0.06,
+    }
     assert terms == pytest.approx(expected, abs=1e-7)
     far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
     terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,)))
@@ -73,22 +98,46 @@ def test_reward() -> None:
 
 def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
-    task = GoToPose(arrived_weight=6.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_speed=0.2,
-                    arrived_spin=0.3, arrived_squarings=3)
+    task = GoToPose(
+        arrived_weight=6.0,
+        position_tolerance=0.04,
+        attitude_tolerance=0.1,
+        arrived_speed=0.2,
+        arrived_spin=0.3,
+        arrived_squarings=3,
+    )
+
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
         goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
         state = PlanarState(Vec2(0.0, x), Heading(angle), Vec2(v, 0.0), spin)
         return task.reward(Transition(state, goal, (0.0,), (0.0,)))["arrived"]
+
     assert arrived(task, 0.0, 0.0, 0.0, 0.0) == 6.0
-    for side in ((0.04, 0.0, 0.0, 0.0), (0.0, -0.1, 0.0, 0.0), (0.0, 0.0, 0.2, 0.0), (0.0, 0.0, 0.0, -0.3)):
+    for side in (
+        (0.04, 0.0, 0.0, 0.0),
+        (0.0, -0.1, 0.0, 0.0),
+        (0.0, 0.0, 0.2, 0.0),
+        (0.0, 0.0, 0.0, -0.3),
+    ):
         assert arrived(task, *side) == pytest.approx(3.0)
         assert arrived(task, *(2.0 * x for x in side)) == pytest.approx(6.0 / 257.0)  # 2^8 + 1
     assert arrived(task, 0.04, 0.1, 0.2, 0.3) == pytest.approx(1.2)
-    spare = replace(task, arrived_within=0.5)  # half of it at 2 cm instead of 4; rest is asked for as before
-    for side in ((0.02, 0.0, 0.0, 0.0), (0.0, -0.05, 0.0, 0.0), (0.0, 0.0, 0.2, 0.0), (0.0, 0.0, 0.0, -0.3)):
+    spare = replace(
+        task, arrived_within=0.5
+    )  # half of it at 2 cm instead of 4; rest is asked for as before
+    for side in (
+        (0.02, 0.0, 0.0, 0.0),
+        (0.0, -0.05, 0.0, 0.0),
+        (0.0, 0.0, 0.2, 0.0),
+        (0.0, 0.0, 0.0, -0.3),
+    ):
         assert arrived(spare, *side) == pytest.approx(3.0)
-    fine = replace(task, arrived_fine_weight=4.0, fine_position_scale=0.04 / math.log(2.0),
-                   fine_attitude_scale=0.1 / math.log(2.0))
+    fine = replace(
+        task,
+        arrived_fine_weight=4.0,
+        fine_position_scale=0.04 / math.log(2.0),
+        fine_attitude_scale=0.1 / math.log(2.0),
+    )
     # Half of 6 + 4 (1/2 + 1), then half of 6 + 4 (1 + 1).
     assert arrived(fine, 0.04, 0.0, 0.0, 0.0) == pytest.approx(6.0)
     assert arrived(fine, 0.0, 0.0, 0.2, 0.0) == pytest.approx(7.0)
@@ -107,8 +156,13 @@ def test_thrust_costs_those_who_have_arrived() -> None:
 
 def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
     """ln 2 scales of speed: half of 8 beside the 6; the speed is a tenth of what counts as rest."""
-    task = GoToPose(arrived_weight=6.0, arrived_still_weight=8.0, arrived_still_scale=0.01 / math.log(2.0),
-                    arrived_speed=0.1, arrived_squarings=3)
+    task = GoToPose(
+        arrived_weight=6.0,
+        arrived_still_weight=8.0,
+        arrived_still_scale=0.01 / math.log(2.0),
+        arrived_speed=0.1,
+        arrived_squarings=3,
+    )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     for v, expected in ((0.0, 14.0), (0.01, 10.0), (0.2, 6.0 / 257.0)):
         state = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, -v), 0.0)
@@ -116,25 +170,40 @@ def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
         assert terms["arrived"] == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize(("x", "angle", "expected"), [
-    (0.0, 0.0, 0.0), (0.04, 0.0, -4.0), (0.0, -0.1, -4.0), (0.08, 0.0, -4.0), (0.057, 0.0, -8.0),
-    (8.0, 3.0, 0.0),
-])
-def test_who_is_nearly_there_pays_for_not_being_there(x: float, angle: float, expected: float) -> None:
+@pytest.mark.parametrize(
+    ("x", "angle", "expected"),
+    [
+        (0.0, 0.0, 0.0),
+        (0.04, 0.0, -4.0),
+        (0.0, -0.1, -4.0),
+        (0.08, 0.0, -4.0),
+        (0.057, 0.0, -8.0),
+        (8.0, 3.0, 0.0),
+    ],
+)
+def test_who_is_nearly_there_pays_for_not_being_there(
+    x: float, angle: float, expected: float
+) -> None:
     """Half of 8 at 1 and at 2 tolerances, all of it between; x^(2^6) is 1e-10 of it at the root of two."""
-    task = GoToPose(verge_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_squarings=6)
+    task = GoToPose(
+        verge_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_squarings=6
+    )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
     cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"]
     assert cost == pytest.approx(expected, abs=1e-6)
     spare = replace(task, position_tolerance=0.05, attitude_tolerance=0.125, arrived_within=0.8)
-    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"] == pytest.approx(cost, abs=1e-9)
+    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"] == pytest.approx(
+        cost, abs=1e-9
+    )
     assert "verge" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
 
 
 @pytest.mark.parametrize("squarings", [0, 9, 2.5])
 def test_edges_of_no_sharpness(squarings: float) -> None:
-    with pytest.raises(ConfigError, match="arrived_squarings must be a whole number from 1 to 8, got"):
+    with pytest.raises(
+        ConfigError, match="arrived_squarings must be a whole number from 1 to 8, got"
+    ):
         GoToPose(arrived_squarings=squarings)  # type: ignore[arg-type]
 
 
@@ -152,43 +221,91 @@ def test_edges_however_sharp_are_finite_in_single_precision() -> None:
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
-    cost = lambda x, angle: task.reward(Transition(  # noqa: E731
-        PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
-        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (0.0,), (0.0,)))["misaligned"]
+
+    def cost(x: float, angle: float) -> float:
+        return task.reward(
+            Transition(
+                PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
+                PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0),
+                (0.0,),
+                (0.0,),
+            )
+        )["misaligned"]
+
     half = math.log(2.0)
     assert cost(0.0, 0.2 * half) == pytest.approx(-4.0)
     assert cost(0.1 * half, -0.2 * half) == pytest.approx(-2.0)
     assert cost(0.1 * half, 0.0) == 0.0
     assert cost(5.0, math.pi) == pytest.approx(0.0, abs=1e-15)
     # In space 3 m and a third of a turn off; beyond the rests 2 m and 2 rad, ln 2 scales each: -8 / 2 / 2.
-    spatial = GoToPose(misaligned_weight=8.0, fine_position_scale=2.0 / half, fine_attitude_scale=2.0 / half,
-                       rest_position=1.0, rest_attitude=2 * math.pi / 3 - 2.0)
+    spatial = GoToPose(
+        misaligned_weight=8.0,
+        fine_position_scale=2.0 / half,
+        fine_attitude_scale=2.0 / half,
+        rest_position=1.0,
+        rest_attitude=2 * math.pi / 3 - 2.0,
+    )
     terms = spatial.reward(Transition(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,)))
     assert terms["misaligned"] == pytest.approx(-2.0)
     assert "misaligned" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
 
-@pytest.mark.parametrize(("distance", "angle", "expected"), [
-    (0.049, 4.9, True), (0.051, 0.0, False), (0.0, 5.1, False), (0.0, -5.1, False), (0.0, 355.1, True),
-])
+@pytest.mark.parametrize(
+    ("distance", "angle", "expected"),
+    [
+        (0.049, 4.9, True),
+        (0.051, 0.0, False),
+        (0.0, 5.1, False),
+        (0.0, -5.1, False),
+        (0.0, 355.1, True),
+    ],
+)
 def test_reached_within_5_cm_and_5_degrees(distance: float, angle: float, expected: bool) -> None:
     goal = PLANAR_GOAL
-    state = PlanarState(goal.p + Vec2(0.6 * distance, -0.8 * distance),
-                        Heading(goal.attitude.angle + math.radians(angle)), goal.v, goal.w)
+    state = PlanarState(
+        goal.p + Vec2(0.6 * distance, -0.8 * distance),
+        Heading(goal.attitude.angle + math.radians(angle)),
+        goal.v,
+        goal.w,
+    )
     assert bool(GoToPose().reached(state, goal)) is expected
 
 
-@pytest.mark.parametrize(("state", "expected"), [
-    (PlanarState(Vec2(4.8, 6.3), Heading(0.0), Vec2(0.0, 0.0), 0.0), False),  # 7.92 m
-    (PlanarState(Vec2(4.8, 6.5), Heading(0.0), Vec2(0.0, 0.0), 0.0), True),  # 8.08 m
-    (PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 50.0), False),
-    (SpatialState(Vec3(4.0, 4.0, 5.8), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
-                  Vec3(0.0, 0.0, 0.0)), True),  # 8.10 m
-    (SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
-                  Vec3(2.4, 0.0, -3.3)), True),  # 4.08 rad/s
-    (SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
-                  Vec3(2.4, 0.0, -3.1)), False),  # 3.92 rad/s
-])
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        (PlanarState(Vec2(4.8, 6.3), Heading(0.0), Vec2(0.0, 0.0), 0.0), False),  # 7.92 m
+        (PlanarState(Vec2(4.8, 6.5), Heading(0.0), Vec2(0.0, 0.0), 0.0), True),  # 8.08 m
+        (PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 50.0), False),
+        (
+            SpatialState(
+                Vec3(4.0, 4.0, 5.8),
+                Quat(1.0, 0.0, 0.0, 0.0),
+                Vec3(0.0, 0.0, 0.0),
+                Vec3(0.0, 0.0, 0.0),
+            ),
+            True,
+        ),  # 8.10 m
+        (
+            SpatialState(
+                Vec3(0.0, 0.0, 0.0),
+                Quat(1.0, 0.0, 0.0, 0.0),
+                Vec3(0.0, 0.0, 0.0),
+                Vec3(2.4, 0.0, -3.3),
+            ),
+            True,
+        ),  # 4.08 rad/s
+        (
+            SpatialState(
+                Vec3(0.0, 0.0, 0.0),
+                Quat(1.0, 0.0, 0.0, 0.0),
+                Vec3(0.0, 0.0, 0.0),
+                Vec3(2.4, 0.0, -3.1),
+            ),
+            False,
+        ),  # 3.92 rad/s
+    ],
+)
 def test_fails_beyond_8_m_and_in_space_beyond_4_rad_per_s(state: Any, expected: bool) -> None:
     goal = PLANAR_GOAL if isinstance(state, PlanarState) else SPATIAL_GOAL
     assert bool(GoToPose().failed(state, goal)) is expected
@@ -199,5 +316,6 @@ def test_a_full_turn_away_is_no_turn() -> None:
     flipped = SpatialState(SPATIAL.p, Quat(-HALF, 0.0, 0.0, -HALF), SPATIAL.v, SPATIAL.w)
     for a, b, goal in ((PLANAR, turned, PLANAR_GOAL), (SPATIAL, flipped, SPATIAL_GOAL)):
         np.testing.assert_allclose(
-            observation(GoToPose(), a, goal), observation(GoToPose(), b, goal), atol=1e-14)
+            observation(GoToPose(), a, goal), observation(GoToPose(), b, goal), atol=1e-14
+        )
         assert GoToPose().errors(a, goal) == pytest.approx(GoToPose().errors(b, goal), abs=1e-14)

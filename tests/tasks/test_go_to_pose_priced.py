@@ -22,7 +22,9 @@ from tests.crafts import random_states
 TASK = GoToPosePriced(thrust_weight=0.1, spin_weight=0.2, misaligned_weight=1.0, price=(0.5, 8.0))
 
 
-@pytest.mark.parametrize(("knob", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)])
+@pytest.mark.parametrize(
+    ("knob", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)]
+)
 def test_the_price_doubles_by_quarters(knob: float, thrust: float) -> None:
     """From 0.5 to 8 are four doublings; weights of 0.1, 0.2 and 1 keep their proportions."""
     plain = TASK.parts()[f"{knob:g}"].plain()
@@ -45,14 +47,19 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
     assert 0.9 < knob.max() < 1.0
     assert abs(knob.mean() - 0.5) < 0.1
     states = random_states(craft.dimension, 200, seed=1)
-    command, before = np.random.default_rng(3).integers(0, 2, (2, len(craft.thrusters), 200)).astype(float)
+    command, before = (
+        np.random.default_rng(3).integers(0, 2, (2, len(craft.thrusters), 200)).astype(float)
+    )
     terms = TASK.reward(Transition(states, priced.goal, tuple(command), tuple(before)))
     price = np.exp2(4.0 * knob - 1.0)  # from 1/2 to 8
-    np.testing.assert_allclose(terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12)  # rounding
+    np.testing.assert_allclose(
+        terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12
+    )  # rounding
     unpriced: Any = GoToPose().reward(Transition(states, plain.goal, tuple(command), tuple(before)))
     np.testing.assert_array_equal(terms["approach"], unpriced["approach"])
     weighed: Any = GoToPose(spin_weight=0.2, misaligned_weight=1.0).reward(
-        Transition(states, plain.goal, tuple(command), tuple(before)))
+        Transition(states, plain.goal, tuple(command), tuple(before))
+    )
     for name in ("misaligned", "spin"):
         np.testing.assert_allclose(terms[name], price * weighed[name], rtol=1e-12)
     seen = observation(TASK, states, priced.goal)
@@ -78,10 +85,18 @@ def test_positions_that_do_not_exist(name: str) -> None:
         TASK.parts()[name]
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    ({"knob": (0.0, 1.5)}, r"knob must be a range within 0 \(fast\) to 1 \(thrifty\), got \(0\.0, 1\.5\)"),
-    ({"knob": (0.6, 0.5)}, "knob must be a range"), ({"price": (0.0, 1.0)}, "price must be > 0"),
-    ({"price": (1.0, math.inf)}, "price must be finite")])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            {"knob": (0.0, 1.5)},
+            r"knob must be a range within 0 \(fast\) to 1 \(thrifty\), got \(0\.0, 1\.5\)",
+        ),
+        ({"knob": (0.6, 0.5)}, "knob must be a range"),
+        ({"price": (0.0, 1.0)}, "price must be > 0"),
+        ({"price": (1.0, math.inf)}, "price must be finite"),
+    ],
+)
 def test_settings_that_cannot_be(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         GoToPosePriced(**change)
@@ -89,5 +104,7 @@ def test_settings_that_cannot_be(change: dict[str, Any], says: str) -> None:
 
 def test_a_compiler_can_follow_the_price() -> None:
     """Engines compile it; half, twice and eight times at the ends and in the middle of 0.5 to 8."""
-    price = torch.compile(GoToPosePriced(price=(0.5, 8.0)).price_at, backend="eager", fullgraph=True)
+    price = torch.compile(
+        GoToPosePriced(price=(0.5, 8.0)).price_at, backend="eager", fullgraph=True
+    )
     torch.testing.assert_close(price(torch.tensor([0.0, 0.5, 1.0])), torch.tensor([0.5, 2.0, 8.0]))

@@ -40,24 +40,42 @@ def test_evaluations_start_where_they_say(craft: str) -> None:
 def test_a_slow_spin_is_still_enough() -> None:
     """Half of it is paid for a spin of 0.3 less 0.1 rad/s at a scale of 0.2: exp(-1)."""
     task = GoToPosition(stillness_weight=0.5, stillness_scale=0.2, rest_spin=0.1, thrust_weight=0.0)
-    paid = {w: float(task.reward(Transition(planar(0.0, w), planar(0.0), SHUT, SHUT))["stillness"])
-            for w in (0.0, 0.1, -0.1, 0.3)}
-    assert paid == pytest.approx({0.0: 0.5, 0.1: 0.5, -0.1: 0.5, 0.3: 0.5 * math.exp(-1.0)}, rel=1e-14)
+    paid = {
+        w: float(task.reward(Transition(planar(0.0, w), planar(0.0), SHUT, SHUT))["stillness"])
+        for w in (0.0, 0.1, -0.1, 0.3)
+    }
+    assert paid == pytest.approx(
+        {0.0: 0.5, 0.1: 0.5, -0.1: 0.5, 0.3: 0.5 * math.exp(-1.0)}, rel=1e-14
+    )
 
 
 def test_what_it_pays_by_hand() -> None:
     """0.5 m away: exp(-0.5 / 0.25), half of exp(-0.5 / 1.5), and a quarter of exp(-0.5 / 0.1)."""
     task = GoToPosition(fine_weight=0.25, fine_scale=0.1)
     terms = task.reward(Transition(planar(0.5), planar(0.0), SHUT, SHUT))
-    assert {name: float(x) for name, x in terms.items()} == pytest.approx({
-        "position": math.exp(-2.0), "approach": 0.5 * math.exp(-1.0 / 3.0), "stillness": 0.5,
-        "fine": 0.25 * math.exp(-5.0), "thrust": 0.0}, rel=1e-14)
+    assert {name: float(x) for name, x in terms.items()} == pytest.approx(
+        {
+            "position": math.exp(-2.0),
+            "approach": 0.5 * math.exp(-1.0 / 3.0),
+            "stillness": 0.5,
+            "fine": 0.25 * math.exp(-5.0),
+            "thrust": 0.0,
+        },
+        rel=1e-14,
+    )
 
 
-@pytest.mark.parametrize(("state", "fails"), [
-    (planar(7.9), False), (planar(8.1), True), (planar(0.0, 99.0), False),
-    (spatial(8.1), True), (spatial(0.0, 3.9), False), (spatial(0.0, -4.1), True),
-])
+@pytest.mark.parametrize(
+    ("state", "fails"),
+    [
+        (planar(7.9), False),
+        (planar(8.1), True),
+        (planar(0.0, 99.0), False),
+        (spatial(8.1), True),
+        (spatial(0.0, 3.9), False),
+        (spatial(0.0, -4.1), True),
+    ],
+)
 def test_when_it_has_failed(state: Any, fails: bool) -> None:
     goal: Any = planar(0.0) if isinstance(state, PlanarState) else spatial(0.0)
     assert bool(GoToPosition().failed(state, goal)) is fails

@@ -19,8 +19,13 @@ from tests.crafts import random_states
 
 COUNT = 500
 TASK = MultiTask(go_to_pose=GoToPose(switching_weight=0.1, evaluation_distance=(2.0, 2.5)))
-FLAGS = {"go-to-position": 0, "go-to-pose": 1, "track-velocity": 2, "track-twist": 3,
-         "track-velocity-heading": 4}
+FLAGS = {
+    "go-to-position": 0,
+    "go-to-pose": 1,
+    "track-velocity": 2,
+    "track-twist": 3,
+    "track-velocity-heading": 4,
+}
 
 
 def goals(task: MultiTask, craft: Spacecraft, seed: int, count: int) -> Any:
@@ -37,29 +42,42 @@ def drawn(name: str, *trees: Any, count: int = COUNT) -> list[Any]:
 @pytest.mark.parametrize("name", FLAGS)
 def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> None:
     part: Any = TASK.parts()[name]
-    state, goal = random_states(shipped.dimension, COUNT, seed=1), goals(TASK, shipped, 2, COUNT)
-    rng, width = np.random.default_rng(3), len(shipped.thrusters)
+    state = random_states(shipped.dimension, COUNT, seed=1)
+    goal = goals(TASK, shipped, 2, COUNT)
+    rng = np.random.default_rng(3)
+    width = len(shipped.thrusters)
     commands = tuple(tuple(rng.integers(0, 2, (width, COUNT)).astype(float)) for _ in range(2))
     mine = goal.notes[0] == FLAGS[name]
     its_state, its_goal = drawn(name, state, goal)
     its_commands = [tuple(c[mine] for c in command) for command in commands]
-    for column, own in zip(observation(TASK, state, goal), observation(part, its_state, its_goal),
-                           strict=True):
+    for column, own in zip(
+        observation(TASK, state, goal), observation(part, its_state, its_goal), strict=True
+    ):
         np.testing.assert_array_equal(column[mine], own)
     for ours, own in (
         (TASK.errors(state, goal), part.errors(its_state, its_goal)),
-        (TASK.reward(Transition(state, goal, *commands)),
-         part.reward(Transition(its_state, its_goal, *its_commands))),
+        (
+            TASK.reward(Transition(state, goal, *commands)),
+            part.reward(Transition(its_state, its_goal, *its_commands)),
+        ),
     ):
         assert own.keys() < ours.keys()
         for key, value in ours.items():
-            np.testing.assert_array_equal(value[mine], own.get(key, np.zeros(mine.sum())), err_msg=key)
+            np.testing.assert_array_equal(
+                value[mine], own.get(key, np.zeros(mine.sum())), err_msg=key
+            )
     np.testing.assert_array_equal(TASK.failed(state, goal)[mine], part.failed(its_state, its_goal))
-    np.testing.assert_array_equal(TASK.reached(state, goal)[mine], part.reached(its_state, its_goal))
+    np.testing.assert_array_equal(
+        TASK.reached(state, goal)[mine], part.reached(its_state, its_goal)
+    )
 
 
-@pytest.mark.parametrize("names", [tuple(FLAGS), ("track-twist", "go-to-pose"), ("track-velocity",)])
-def test_every_task_of_the_list_is_drawn_equally_often(names: tuple[str, ...], shipped: Spacecraft) -> None:
+@pytest.mark.parametrize(
+    "names", [tuple(FLAGS), ("track-twist", "go-to-pose"), ("track-velocity",)]
+)
+def test_every_task_of_the_list_is_drawn_equally_often(
+    names: tuple[str, ...], shipped: Spacecraft
+) -> None:
     flags = goals(MultiTask(tasks=names), shipped, 5, 6000).notes[0]
     values, counts = np.unique(flags, return_counts=True)
     assert set(values) == {FLAGS[name] for name in names}
@@ -86,7 +104,9 @@ def test_parts_carry_their_settings_and_their_evaluation() -> None:
 
 @pytest.mark.parametrize("names", [(), ("go-to-pose", "go-to-pose"), ("go-to-pose", "multi-task")])
 def test_wrong_lists(names: tuple[str, ...]) -> None:
-    with pytest.raises(ConfigError, match=r"tasks must be different ones of go-to-position, .*, got"):
+    with pytest.raises(
+        ConfigError, match=r"tasks must be different ones of go-to-position, .*, got"
+    ):
         MultiTask(tasks=names)
 
 

@@ -18,8 +18,9 @@ from rans.tasks.rewards import Prices, Transition, nearness
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
-SPATIAL = SpatialState(Vec3(7.0, -9.0, 1.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.2, 0.6, -0.9),
-                       Vec3(-0.2, 0.3, 0.6))
+SPATIAL = SpatialState(
+    Vec3(7.0, -9.0, 1.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.2, 0.6, -0.9), Vec3(-0.2, 0.3, 0.6)
+)
 """At 1.1 m/s and 0.7 rad/s."""
 WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 """Three valves are open; of the two open before one has shut, and two of the three have opened."""
@@ -36,18 +37,34 @@ def test_prices(state: Any, speed: float, spin: float) -> None:
 def test_a_price_of_zero_is_no_term(name: str) -> None:
     free = {f"{other}_weight": 0.0 for other in ("thrust", "switching", "speed", "spin")}
     assert Prices(**free).prices(Transition(PLANAR, PLANAR, *WORK)) == {}
-    assert Prices(**free | {f"{name}_weight": 0.5}).prices(Transition(PLANAR, PLANAR, *WORK)).keys() == {name}
+    assert Prices(**free | {f"{name}_weight": 0.5}).prices(
+        Transition(PLANAR, PLANAR, *WORK)
+    ).keys() == {name}
 
 
-@pytest.mark.parametrize("kind", [kind for kind in TASKS.values()
-                                  if issubclass(kind, SingleTask) and kind is not GoToPosePriced])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        kind
+        for kind in TASKS.values()
+        if issubclass(kind, SingleTask) and kind is not GoToPosePriced
+    ],
+)
 def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
     """Unless it is told to charge for more; and no weight may be negative."""
-    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {"thrust", "switching", "speed"}
+    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {
+        "thrust",
+        "switching",
+        "speed",
+    }
     assert charged == {"thrust"}
-    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(Transition(PLANAR, PLANAR, *WORK))
+    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(
+        Transition(PLANAR, PLANAR, *WORK)
+    )
     assert (dearer["thrust"], dearer["switching"]) == (-1.5, -0.75)
-    with pytest.raises(ConfigError, match=r"switching_weight must be finite and not negative, got -0\.1"):
+    with pytest.raises(
+        ConfigError, match=r"switching_weight must be finite and not negative, got -0\.1"
+    ):
         kind(switching_weight=-0.1)
 
 
@@ -57,13 +74,26 @@ def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
     commands[0, 0, 3] = commands[1, 0, 3] = commands[1, 0, 6] = 1.0
     still = np.zeros((5, 2))
     states = PlanarState(Vec2(still, still), Heading(still), Vec2(still, still), still)
-    goals = PlanarState(Vec2(still[0], still[0]), Heading(still[0]), Vec2(still[0], still[0]), still[0])
+    goals = PlanarState(
+        Vec2(still[0], still[0]), Heading(still[0]), Vec2(still[0], still[0]), still[0]
+    )
     task = GoToPose(switching_weight=0.5, thrust_weight=0.25)
-    flight = Flight(load_spacecraft("floating-platform-shared"), task, Timing(episode_steps=4), states,
-                    goals, commands, "by hand")
-    np.testing.assert_array_equal(flight.rewards()["switching"].T, [[-0.5, -0.5, -1.0, 0.0], [0.0] * 4])
+    flight = Flight(
+        load_spacecraft("floating-platform-shared"),
+        task,
+        Timing(episode_steps=4),
+        states,
+        goals,
+        commands,
+        "by hand",
+    )
+    np.testing.assert_array_equal(
+        flight.rewards()["switching"].T, [[-0.5, -0.5, -1.0, 0.0], [0.0] * 4]
+    )
     # What is counted are commands: the platform shares one thruster's worth among the open ones.
-    np.testing.assert_array_equal(flight.rewards()["thrust"].T, [[-0.25, -0.5, 0.0, 0.0], [0.0] * 4])
+    np.testing.assert_array_equal(
+        flight.rewards()["thrust"].T, [[-0.25, -0.5, 0.0, 0.0], [0.0] * 4]
+    )
 
 
 def test_nothing_is_nearer_than_a_rest() -> None:
@@ -72,14 +102,20 @@ def test_nothing_is_nearer_than_a_rest() -> None:
     np.testing.assert_allclose(nearness(error, 1.0, rest=0.5), [1.0, 1.0, 1.0, 0.5], rtol=1e-15)
 
 
-@pytest.mark.parametrize(("name", "fine"), [
-    ("go-to-position", {"fine"}), ("go-to-pose", {"fine position", "fine attitude"})])
+@pytest.mark.parametrize(
+    ("name", "fine"),
+    [("go-to-position", {"fine"}), ("go-to-pose", {"fine position", "fine attitude"})],
+)
 def test_an_agent_at_rest_gains_nothing_by_coming_closer(name: str, fine: set[str]) -> None:
     """At 7 mm and 0.01 rad within rests of 8 mm and 0.02 rad every term is as at the goal."""
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     near = PlanarState(Vec2(0.0, -7e-3), Heading(0.01), Vec2(0.0, 0.0), 0.0)
-    rests = {"rest_position": 8e-3, "rest_spin" if name == "go-to-position" else "rest_attitude": 0.02}
-    task, plain = TASKS[name](fine_weight=0.5, **rests), TASKS[name]()
+    rests = {
+        "rest_position": 8e-3,
+        "rest_spin" if name == "go-to-position" else "rest_attitude": 0.02,
+    }
+    task = TASKS[name](fine_weight=0.5, **rests)
+    plain = TASKS[name]()
     assert task.reward(Transition(near, goal, *WORK)) == task.reward(Transition(goal, goal, *WORK))
     close, there = (plain.reward(Transition(state, goal, *WORK)) for state in (near, goal))
     assert close["position"] < there["position"]

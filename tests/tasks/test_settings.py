@@ -36,27 +36,49 @@ def test_a_truth_value_may_be_either(spins: bool) -> None:
     check_settings(Choice(spins))
 
 
-@pytest.mark.parametrize("change", [
-    {}, {"scale": 1e-300}, {"scale": 3}, {"price_weight": 2.0}, {"rest_angle": 0.1},
-    {"spawn_distance": (0.0, 0.0)}, {"spawn_distance": (2.0, 2.0)},
-    {"fail_distance": math.nextafter(4.5, 5.0)},
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"scale": 1e-300},
+        {"scale": 3},
+        {"price_weight": 2.0},
+        {"rest_angle": 0.1},
+        {"spawn_distance": (0.0, 0.0)},
+        {"spawn_distance": (2.0, 2.0)},
+        {"fail_distance": math.nextafter(4.5, 5.0)},
+    ],
+)
 def test_what_works(change: dict[str, Any]) -> None:
     check_settings(replace(Settings(), **change))
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    ({"scale": 0.0}, r"scale must be > 0, got 0\.0; only weights and rests may be zero"),
-    ({"scale": -1.0}, r"scale must be finite and not negative, got -1\.0"),
-    ({"scale": math.nan}, "scale must be finite"), ({"scale": math.inf}, "scale must be finite"),
-    ({"scale": "1"}, "scale must be finite"), ({"price_weight": -0.1}, "price_weight must be finite and not"),
-    ({"rest_angle": -0.1}, "rest_angle must be finite and not negative"),
-    ({"spawn_distance": (-1.0, 2.0)}, r"spawn_distance must be finite and not negative, got \(-1\.0, 2\.0\)"),
-    ({"spawn_distance": (2.0, 1.0)}, r"spawn_distance must be a range \(low, high\), got \(2\.0, 1\.0\)"),
-    ({"spawn_distance": (1.0, math.nan)}, "spawn_distance must be finite"),
-    ({"fail_distance": 4.5}, r"must exceed the farthest start, 4\.5 m, got 4\.5: episodes would"),
-    ({"fail_distance": 0.1}, r"the farthest start, 4\.5 m, got 0\.1"),
-])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"scale": 0.0}, r"scale must be > 0, got 0\.0; only weights and rests may be zero"),
+        ({"scale": -1.0}, r"scale must be finite and not negative, got -1\.0"),
+        ({"scale": math.nan}, "scale must be finite"),
+        ({"scale": math.inf}, "scale must be finite"),
+        ({"scale": "1"}, "scale must be finite"),
+        ({"price_weight": -0.1}, "price_weight must be finite and not"),
+        ({"rest_angle": -0.1}, "rest_angle must be finite and not negative"),
+        (
+            {"spawn_distance": (-1.0, 2.0)},
+            r"spawn_distance must be finite and not negative, got \(-1\.0, 2\.0\)",
+        ),
+        (
+            {"spawn_distance": (2.0, 1.0)},
+            r"spawn_distance must be a range \(low, high\), got \(2\.0, 1\.0\)",
+        ),
+        ({"spawn_distance": (1.0, math.nan)}, "spawn_distance must be finite"),
+        (
+            {"fail_distance": 4.5},
+            r"must exceed the farthest start, 4\.5 m, got 4\.5: episodes would",
+        ),
+        ({"fail_distance": 0.1}, r"the farthest start, 4\.5 m, got 0\.1"),
+    ],
+)
 def test_what_does_not(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         check_settings(replace(Settings(), **change))
@@ -75,11 +97,17 @@ def test_numbers_by_name() -> None:
         seen[name] = numbers
         return numbers[0] + 100.0
 
-    one, two = Settings(), Settings(scale=2.0, spawn_distance=(1.0, 4.0))
+    one = Settings()
+    two = Settings(scale=2.0, spawn_distance=(1.0, 4.0))
     mapped = map_settings(note, one, two)
-    assert seen == {"scale": (1.0, 2.0), "price_weight": (0.0, 0.0), "rest_angle": (0.0, 0.0),
-                    "spawn_distance.0": (0.0, 1.0), "spawn_distance.1": (4.5, 4.0),
-                    "fail_distance": (4.6, 4.6)}
+    assert seen == {
+        "scale": (1.0, 2.0),
+        "price_weight": (0.0, 0.0),
+        "rest_angle": (0.0, 0.0),
+        "spawn_distance.0": (0.0, 1.0),
+        "spawn_distance.1": (4.5, 4.0),
+        "fail_distance": (4.6, 4.6),
+    }
     assert mapped == Settings(101.0, 100.0, 100.0, (100.0, 104.5), 104.6)
     assert one == Settings()
 
@@ -90,7 +118,9 @@ def test_numbers_of_tasks_within_a_task() -> None:
     same = map_settings(lambda name, number: names.append(name) or number, tasks)
     assert same == tasks
     assert {"go_to_pose.thrust_weight", "track_twist.target_speed.1"} <= set(names)
-    assert not [name for name in names if name.startswith((".", "tasks"))]  # names of tasks are no numbers
+    assert not [
+        name for name in names if name.startswith((".", "tasks"))
+    ]  # names of tasks are no numbers
 
 
 def test_what_a_map_makes_is_checked_where_that_is_asked() -> None:

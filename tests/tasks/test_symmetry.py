@@ -19,9 +19,14 @@ from tests.tasks.conftest import COUNT
 
 def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, commands: Any) -> None:
     """Errors, reward and failure are the same when start and goal are turned and shifted together."""
-    moved_states, moved_goals = moved(states), moved(goals)
+    moved_states = moved(states)
+    moved_goals = moved(goals)
     here, there = (
-        {"failed": task.failed(s, g), **task.errors(s, g), **task.reward(Transition(s, g, *commands))}
+        {
+            "failed": task.failed(s, g),
+            **task.errors(s, g),
+            **task.reward(Transition(s, g, *commands)),
+        }
         for s, g in ((states, goals), (moved_states, moved_goals))
     )
     for name, x in here.items():
@@ -35,7 +40,9 @@ def moved(state: Any) -> Any:
     if isinstance(state, PlanarState):
         turn = Rotation.from_rotvec([0, 0, 2.1]).as_matrix()[:2, :2]
         p, v = (Vec2(*(turn @ np.stack(x.columns()))) for x in (state.p, state.v))
-        return replace(state, p=p + Vec2(3.0, -5.0), attitude=Heading(state.attitude.angle + 2.1), v=v)
+        return replace(
+            state, p=p + Vec2(3.0, -5.0), attitude=Heading(state.attitude.angle + 2.1), v=v
+        )
     turn = Rotation.from_rotvec([0.4, -1.2, 0.8])
     p, v = (Vec3(*turn.apply(np.stack(x.columns(), axis=1)).T) for x in (state.p, state.v))
     w, x, y, z = leaves(state.attitude)
@@ -46,13 +53,18 @@ def moved(state: Any) -> Any:
 def test_the_plane_is_a_slice_of_space(task: Any) -> None:
     """A planar motion written as a spatial one has the same errors and reward."""
     flat = random_states(2, COUNT, seed=7)
-    drawn_goal, goal = flat_goals(task), random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)
+    drawn_goal = flat_goals(task)
+    goal = random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)
     goal = unflatten(drawn_goal, (*leaves(goal), *leaves(drawn_goal)[6:]))
-    opened, shut = (np.ones(COUNT),) * 8, (np.zeros(COUNT),) * 8
+    opened = (np.ones(COUNT),) * 8
+    shut = (np.zeros(COUNT),) * 8
     pairs = (
         (task.errors(flat, goal), task.errors(embedded(flat), embedded(goal))),
-        (task.reward(Transition(flat, goal, opened, shut)),
-         task.reward(Transition(embedded(flat), embedded(goal), opened, shut))))
+        (
+            task.reward(Transition(flat, goal, opened, shut)),
+            task.reward(Transition(embedded(flat), embedded(goal), opened, shut)),
+        ),
+    )
     for plane, space in pairs:
         assert plane.keys() == space.keys()
         for key, value in plane.items():
@@ -65,7 +77,12 @@ def flat_goals(task: Any) -> Any:
 
 
 def embedded(flat: Any) -> Any:
-    zero, half = np.zeros(COUNT), flat.attitude.angle / 2
+    zero = np.zeros(COUNT)
+    half = flat.attitude.angle / 2
     return SpatialState(
-        Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
-        Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w), flat.notes)
+        Vec3(flat.p.x, flat.p.y, zero),
+        Quat(np.cos(half), zero, zero, np.sin(half)),
+        Vec3(flat.v.x, flat.v.y, zero),
+        Vec3(zero, zero, flat.w),
+        flat.notes,
+    )

@@ -24,60 +24,92 @@ PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(math.pi / 2), Vec2(0.1, 0.2), -0.5
 PLANAR_GOAL = PlanarState(Vec2(0.0, 0.0), Heading(2 * math.pi / 3), Vec2(0.4, -0.2), 0.25)
 """0.5 m/s away (3-4-5), 30 degrees to the left, 0.75 rad/s faster."""
 
-SPATIAL = SpatialState(Vec3(9.0, 9.0, 9.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3),
-                       Vec3(-0.1, 0.4, 0.5))
+SPATIAL = SpatialState(
+    Vec3(9.0, 9.0, 9.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3), Vec3(-0.1, 0.4, 0.5)
+)
 """A quarter turn about z."""
-SPATIAL_GOAL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.2, 0.0, 0.1),
-                            Vec3(0.1, 0.5, 0.3))
+SPATIAL_GOAL = SpatialState(
+    Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.2, 0.0, 0.1), Vec3(0.1, 0.5, 0.3)
+)
 """0.3 m/s away (1-2-2), a quarter turn about x instead, 0.3 rad/s away (2-1-2)."""
 
 
-@pytest.mark.parametrize(("task", "data"), [
-    (TrackVelocity(), [2, 0.3, -0.4, 0, 0]),
-    (TrackTwist(), [3, 0.3, -0.4, 0.75, 0]),
-    (TrackVelocityHeading(), [4, 0.3, -0.4, math.sqrt(3) / 2, 0.5]),
-])
+@pytest.mark.parametrize(
+    ("task", "data"),
+    [
+        (TrackVelocity(), [2, 0.3, -0.4, 0, 0]),
+        (TrackTwist(), [3, 0.3, -0.4, 0.75, 0]),
+        (TrackVelocityHeading(), [4, 0.3, -0.4, math.sqrt(3) / 2, 0.5]),
+    ],
+)
 def test_planar_observation(task: Any, data: list[float]) -> None:
     """cos, sin heading, v, w, then flag and task data (paper, Table 1)."""
     body = [0, 1, 0.1, 0.2, -0.5]
     assert observation(task, PLANAR, PLANAR_GOAL) == pytest.approx([*body, *data], abs=1e-15)
 
 
-@pytest.mark.parametrize(("task", "data"), [
-    (TrackVelocity(), [2, 0.1, -0.2, -0.2, 0, 0, 0, 0, 0, 0]),
-    (TrackTwist(), [3, 0.1, -0.2, -0.2, 0.2, 0.1, -0.2, 0, 0, 0]),
-    # R^T R_goal = [[0,-1,0],[1,0,0],[0,0,1]]^T [[1,0,0],[0,0,-1],[0,1,0]], its first two rows
-    (TrackVelocityHeading(), [4, 0.1, -0.2, -0.2, 0, 0, -1, -1, 0, 0]),
-])
+@pytest.mark.parametrize(
+    ("task", "data"),
+    [
+        (TrackVelocity(), [2, 0.1, -0.2, -0.2, 0, 0, 0, 0, 0, 0]),
+        (TrackTwist(), [3, 0.1, -0.2, -0.2, 0.2, 0.1, -0.2, 0, 0, 0]),
+        # R^T R_goal = [[0,-1,0],[1,0,0],[0,0,1]]^T [[1,0,0],[0,0,-1],[0,1,0]], its first two rows
+        (TrackVelocityHeading(), [4, 0.1, -0.2, -0.2, 0, 0, -1, -1, 0, 0]),
+    ],
+)
 def test_spatial_observation(task: Any, data: list[float]) -> None:
     body = [0, -1, 0, 1, 0, 0, 0.1, 0.2, 0.3, -0.1, 0.4, 0.5]
     assert observation(task, SPATIAL, SPATIAL_GOAL) == pytest.approx([*body, *data], abs=1e-15)
 
 
-@pytest.mark.parametrize(("task", "planar", "spatial"), [
-    (TrackVelocity(), {"velocity": 0.5, "spin": 0.5}, {"velocity": 0.3, "spin": math.sqrt(0.42)}),
-    (TrackTwist(), {"velocity": 0.5, "spin": 0.75}, {"velocity": 0.3, "spin": 0.3}),
-    # the trace of R^T R_goal is 0 = 1 + 2 cos(angle): a third of a turn
-    (TrackVelocityHeading(), {"velocity": 0.5, "attitude": math.pi / 6},
-     {"velocity": 0.3, "attitude": 2 * math.pi / 3}),
-])
+@pytest.mark.parametrize(
+    ("task", "planar", "spatial"),
+    [
+        (
+            TrackVelocity(),
+            {"velocity": 0.5, "spin": 0.5},
+            {"velocity": 0.3, "spin": math.sqrt(0.42)},
+        ),
+        (TrackTwist(), {"velocity": 0.5, "spin": 0.75}, {"velocity": 0.3, "spin": 0.3}),
+        # the trace of R^T R_goal is 0 = 1 + 2 cos(angle): a third of a turn
+        (
+            TrackVelocityHeading(),
+            {"velocity": 0.5, "attitude": math.pi / 6},
+            {"velocity": 0.3, "attitude": 2 * math.pi / 3},
+        ),
+    ],
+)
 def test_errors(task: Any, planar: dict[str, float], spatial: dict[str, float]) -> None:
     assert task.errors(PLANAR, PLANAR_GOAL) == pytest.approx(planar)
     assert task.errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(spatial)
 
 
-@pytest.mark.parametrize(("task", "expected"), [
-    # exp(-0.5 / 0.25) = 0.1353353, exp(-0.5 / 0.1) = 0.0067379, both for velocity; 2 * 0.1353353
-    (TrackVelocity(fine_scale=0.1, fine_weight=1.0, stillness_weight=2.0, thrust_weight=0.1),
-     {"velocity": 0.1353353, "fine": 0.0067379, "stillness": 0.2706706, "thrust": -0.2}),
-    # exp(-0.75 / 0.25) = 0.0497871
-    (TrackTwist(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
-     {"velocity": 0.1353353, "rotation": 0.0497871, "fine": 0.0067379, "thrust": -0.2}),
-    # exp(-(pi / 6) / 0.25) = 0.1231447, exp(-pi / 6) / 2 = 0.2961925
-    (TrackVelocityHeading(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
-     {"velocity": 0.1353353, "attitude": 0.1231447, "fine": 0.0067379, "turn": 0.2961925,
-      "thrust": -0.2}),
-])
+@pytest.mark.parametrize(
+    ("task", "expected"),
+    [
+        # exp(-0.5 / 0.25) = 0.1353353, exp(-0.5 / 0.1) = 0.0067379, both for velocity; 2 * 0.1353353
+        (
+            TrackVelocity(fine_scale=0.1, fine_weight=1.0, stillness_weight=2.0, thrust_weight=0.1),
+            {"velocity": 0.1353353, "fine": 0.0067379, "stillness": 0.2706706, "thrust": -0.2},
+        ),
+        # exp(-0.75 / 0.25) = 0.0497871
+        (
+            TrackTwist(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
+            {"velocity": 0.1353353, "rotation": 0.0497871, "fine": 0.0067379, "thrust": -0.2},
+        ),
+        # exp(-(pi / 6) / 0.25) = 0.1231447, exp(-pi / 6) / 2 = 0.2961925
+        (
+            TrackVelocityHeading(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
+            {
+                "velocity": 0.1353353,
+                "attitude": 0.1231447,
+                "fine": 0.0067379,
+                "turn": 0.2961925,
+                "thrust": -0.2,
+            },
+        ),
+    ],
+)
 def test_reward(task: Any, expected: dict[str, float]) -> None:
     terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     assert terms == pytest.approx(expected, abs=1e-7)
@@ -95,7 +127,10 @@ def test_fails_beyond_6_rad_per_s_wherever_it_is(task: Any) -> None:
     for spin, expected in ((5.9, False), (-6.1, True)):
         state = PlanarState(Vec2(1e6, 0.0), Heading(0.0), Vec2(30.0, 0.0), spin)
         assert bool(task.failed(state, PLANAR_GOAL)) is expected
-    for spin, expected in ((Vec3(3.0, -3.0, 4.0), False), (Vec3(4.0, -3.0, 4.0), True)):  # 5.83, 6.40
+    for spin, expected in (
+        (Vec3(3.0, -3.0, 4.0), False),
+        (Vec3(4.0, -3.0, 4.0), True),
+    ):  # 5.83, 6.40
         state = SpatialState(SPATIAL.p, SPATIAL.attitude, SPATIAL.v, spin)
         assert bool(task.failed(state, SPATIAL_GOAL)) is expected
 
@@ -144,7 +179,9 @@ def test_settings_are_checked(task: type) -> None:
 @pytest.mark.parametrize(("craft", "mean"), [("floating-platform", 0.081), ("free-flyer", 0.127)])
 def test_the_nearest_spin_within_reach_is_as_far_as_the_task_says(craft: str, mean: float) -> None:
     """The free flyer's nozzles turn it about z and the two diagonals between x and y."""
-    spin = np.stack(scenarios(TrackTwist(), load_spacecraft(craft), seed=1, count=20_000).goal.spin())
+    spin = np.stack(
+        scenarios(TrackTwist(), load_spacecraft(craft), seed=1, count=20_000).goal.spin()
+    )
     if len(spin) == 3:
         spin = np.stack([(spin[0] + spin[1]) * HALF, (spin[0] - spin[1]) * HALF, spin[2]])
     left = np.linalg.norm(spin - 0.3032 * np.round(spin / 0.3032), axis=0)
@@ -152,14 +189,28 @@ def test_the_nearest_spin_within_reach_is_as_far_as_the_task_says(craft: str, me
     assert left.max() <= 0.3032 / 2 * math.sqrt(len(spin))
 
 
-@pytest.mark.parametrize(("task", "weight"), [
-    # Half of each tolerance; one of them met exactly halves it; both, leave a third; twice one, 2^8 to 1.
-    (TrackTwist(within_weight=6.0, velocity_tolerance=1.0, spin_tolerance=1.5), 6.0 / (1 + 2 / 256)),
-    (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=75.0), 3.0),
-    (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=0.75), 2.0),
-    (TrackVelocityHeading(within_weight=6.0, velocity_tolerance=0.25, attitude_tolerance=5.0), 6.0 / 257),
-    (TrackVelocity(within_weight=6.0, velocity_tolerance=0.5), 3.0),  # which has none for the spin
-])
+@pytest.mark.parametrize(
+    ("task", "weight"),
+    [
+        # Half of each tolerance; one of them met exactly halves it; both, leave a third; twice one, 2^8 to 1.
+        (
+            TrackTwist(within_weight=6.0, velocity_tolerance=1.0, spin_tolerance=1.5),
+            6.0 / (1 + 2 / 256),
+        ),
+        (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=75.0), 3.0),
+        (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=0.75), 2.0),
+        (
+            TrackVelocityHeading(
+                within_weight=6.0, velocity_tolerance=0.25, attitude_tolerance=5.0
+            ),
+            6.0 / 257,
+        ),
+        (
+            TrackVelocity(within_weight=6.0, velocity_tolerance=0.5),
+            3.0,
+        ),  # which has none for the spin
+    ],
+)
 def test_being_within_all_tolerances_is_worth_its_weight(task: Any, weight: float) -> None:
     terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (0.0,), (0.0,)))
     assert terms["within"] == pytest.approx(weight, rel=1e-9)

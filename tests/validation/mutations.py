@@ -34,7 +34,8 @@ from tests.crafts import nasty_planar, nasty_spatial
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 
-PLANE, SPACE = nasty_planar(), nasty_spatial()
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
 SHARING = replace(PLANE, thrust_sharing="split")
 
 
@@ -67,7 +68,9 @@ def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyP
         forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])
         shift = np.cross(craft.centre_of_mass, forces)
         extra = shift if craft.dimension == 3 else shift[:, 2:]
-        return tuple(map(tuple, np.array(true(craft)) + np.pad(extra, ((0, 0), (craft.dimension, 0)))))
+        return tuple(
+            map(tuple, np.array(true(craft)) + np.pad(extra, ((0, 0), (craft.dimension, 0))))
+        )
 
     monkeypatch.setattr(Spacecraft, "wrench_map", property(about_frame))
 
@@ -84,6 +87,7 @@ def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
     """Change what resists the wrench."""
+
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = Body.of
 
@@ -108,17 +112,22 @@ def products_of_the_other_sign(inertia: tuple[float, ...]) -> tuple[float, ...]:
 
 def about_the_frame_not_the_centre_of_mass(inertia: tuple[float, ...]) -> tuple[float, ...]:
     """Steiner's term added once too often."""
-    c, m = np.array(SPACE.centre_of_mass), SPACE.mass
+    c = np.array(SPACE.centre_of_mass)
+    m = SPACE.mass
     full = m * (c @ c * np.eye(3) - np.outer(c, c))
     return tuple(x + extra for x, extra in zip(inertia, full[np.triu_indices(3)], strict=True))
 
 
 def step(change: Callable[[Any, Any, Any, Any], Any]) -> Patch:
     """Change a step in space, given the true one."""
+
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = rans.model.dynamics._advance_spatial
-        monkeypatch.setattr(rans.model.dynamics, "_advance_spatial",
-                            lambda state, load, h: change(state, load, h, true))
+        monkeypatch.setattr(
+            rans.model.dynamics,
+            "_advance_spatial",
+            lambda state, load, h: change(state, load, h, true),
+        )
 
     return patch
 
@@ -136,14 +145,19 @@ def disturbance_in_body(state: Any, load: Any, h: Any, true: Any) -> Any:
     """A disturbance stays put in the world; taken for a wrench in B it would turn with the craft."""
     if load.disturbance is None:
         return true(state, load, h)
-    both = Wrench(load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque)
+    both = Wrench(
+        load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque
+    )
     return true(state, replace(load, thrust=both, disturbance=None), h)
 
 
 def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics._advance_planar
-    monkeypatch.setattr(rans.model.dynamics, "_advance_planar",
-                        lambda state, load, *rest: true(state, replace(load, disturbance=None), *rest))
+    monkeypatch.setattr(
+        rans.model.dynamics,
+        "_advance_planar",
+        lambda state, load, *rest: true(state, replace(load, disturbance=None), *rest),
+    )
 
 
 def spin_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
@@ -192,7 +206,9 @@ def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(rans.model.dynamics.RULES, rans.model.dynamics.NODES, rans.model.dynamics.RULES[2])
+    monkeypatch.setitem(
+        rans.model.dynamics.RULES, rans.model.dynamics.NODES, rans.model.dynamics.RULES[2]
+    )
 
 
 def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,12 +224,15 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def late_in(module: Any, only_full: bool = False) -> Patch:
     """Commands act one period late in a layer's flights only, or only where most thrusters fire."""
+
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = module.rollout
 
         def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
             shifted = np.concatenate([commands[:1], commands[:-1]])
-            return true(craft, start, commands if only_full and commands.mean() < 0.2 else shifted, *rest)
+            return true(
+                craft, start, commands if only_full and commands.mean() < 0.2 else shifted, *rest
+            )
 
         monkeypatch.setattr(module, "rollout", late)
 
@@ -222,15 +241,21 @@ def late_in(module: Any, only_full: bool = False) -> Patch:
 
 def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """Order four instead of six: with validation's substeps as exact as anything that Drake sees."""
-    rules, nodes = rans.model.dynamics.RULES, rans.model.dynamics._SPATIAL_NODES
+    rules = rans.model.dynamics.RULES
+    nodes = rans.model.dynamics._SPATIAL_NODES
     monkeypatch.setitem(rules, nodes, rules[2])
 
 
 def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the engine's craft is heavier, by a millionth."""
     true = validation.engines.Engine
-    monkeypatch.setattr(validation.engines, "Engine", lambda craft, *rest, **more: true(
-        replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more))
+    monkeypatch.setattr(
+        validation.engines,
+        "Engine",
+        lambda craft, *rest, **more: true(
+            replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more
+        ),
+    )
 
 
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,9 +274,12 @@ def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def changed(owner: Any, name: str, change: Callable[..., Any]) -> Patch:
     """A function of ours that is called with the true one before its own arguments."""
+
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = getattr(owner, name)
-        monkeypatch.setattr(owner, name, lambda *arguments, **named: change(true, *arguments, **named))
+        monkeypatch.setattr(
+            owner, name, lambda *arguments, **named: change(true, *arguments, **named)
+        )
 
     patch.__name__ = change.__name__
     return patch
@@ -282,7 +310,9 @@ def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any
     return true(world, replace(episode, clock=episode.clock // 2 * 2), *rest)
 
 
-def noise_of_all_quantities_alike(true: Any, states: Any, sensors: Any, random: Any, *rest: Any) -> Any:
+def noise_of_all_quantities_alike(
+    true: Any, states: Any, sensors: Any, random: Any, *rest: Any
+) -> Any:
     first = random(rans.model.sensors.PER_STEP)
     return true(states, sensors, lambda _: copy.copy(first), *rest)
 
@@ -297,13 +327,16 @@ def a_period_less_late(true: Any, states: Any, *rest: Any) -> Any:
     return true((states[0], states[0], *states[1:-1]) if len(states) > 1 else states, *rest)
 
 
-def truth_after_a_dropout(true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any) -> Any:
+def truth_after_a_dropout(
+    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
+) -> Any:
     """What stands is the state before, and not what was told of it."""
     return true(states, sensors, random, last and states[0], time)
 
 
-def sensors_that_stop_at_another_moment(true: Any, states: Any, sensors: Any, random: Any, last: Any,
-                                        time: Any) -> Any:
+def sensors_that_stop_at_another_moment(
+    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
+) -> Any:
     """Time counts from zero at every third of it."""
     return true(states, sensors, random, last, time % 3.0)
 
@@ -321,11 +354,15 @@ def a_period_late(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
     return true(world, replace(episode, clock=max(episode.clock - 1, 0)), *rest)
 
 
-def valves_that_need_not_stay(true: Any, hold: Any, command: Any, before: Any, period: float) -> Any:
+def valves_that_need_not_stay(
+    true: Any, hold: Any, command: Any, before: Any, period: float
+) -> Any:
     return true(hold, command, before, 2.0 * period)
 
 
-def reward_of_the_state_before(true: Any, state: Any, goal: Any, command: Any, previous: Any) -> Any:
+def reward_of_the_state_before(
+    true: Any, state: Any, goal: Any, command: Any, previous: Any
+) -> Any:
     return true(state, goal, previous, previous)
 
 

@@ -21,7 +21,8 @@ def test_a_random_stiff_craft_is_accurate(number: int) -> None:
 def test_one_step_would_not_do() -> None:
     """So the comparison sees what it looks for: craft 11 under bang-bang control takes four."""
     craft, period = random_craft(11)
-    starts, pilot = scenarios(GoToPose(), craft, 11, 1), Restless(craft, 11, share=0.0)
+    starts = scenarios(GoToPose(), craft, 11, 1)
+    pilot = Restless(craft, 11, share=0.0)
     flight = fly(craft, GoToPose(), pilot, starts, Timing(period, 1, 78))
     assert gap(flight.states, integrated(flight))["attitude"] > BOUND
 

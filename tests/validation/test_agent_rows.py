@@ -21,7 +21,9 @@ def test_shares_of_good_episodes_are_floors_and_all_else_are_ceilings() -> None:
     shares = r"[PO]T\d|reach|settled|held"
     for row in ROWS:
         for goal in row.goals:
-            found = {bool(re.match(shares, name)) and name != "settling time" for name in goal.metrics}
+            found = {
+                bool(re.match(shares, name)) and name != "settling time" for name in goal.metrics
+            }
             assert found == {goal.at_least}, (row.title, goal)
 
 
@@ -35,15 +37,24 @@ def test_every_goal_has_a_target_a_figure_or_takes_it_from_the_optimum() -> None
 
 def test_targets_from_certificates() -> None:
     """A tenth more than 5.33 s, and twice 2.03 N s; one of eight valves open one period in five is 2.5 %."""
-    targets = {goal.metrics[0]: goal.targets[0] for row in ROWS for goal in row.goals
-               if row.agent in ("go-to-pose-2d-fast", "go-to-pose-2d-thrifty")}
-    assert targets == pytest.approx({"settled": 100.0, "settling time": 5.863, "impulse": 4.06,
-                                     "duty at rest": 100 / 8 / 5})
+    targets = {
+        goal.metrics[0]: goal.targets[0]
+        for row in ROWS
+        for goal in row.goals
+        if row.agent in ("go-to-pose-2d-fast", "go-to-pose-2d-thrifty")
+    }
+    assert targets == pytest.approx(
+        {"settled": 100.0, "settling time": 5.863, "impulse": 4.06, "duty at rest": 100 / 8 / 5}
+    )
 
 
-@pytest.mark.parametrize(("row", "command"), [
-    (Row("", "a", ()), "rans evaluate pretrained:a"),
-    (Row("", "a", (), "paper"), "rans evaluate pretrained:a --protocol paper"),
-    (Row("", "a", (), path="circle"), "rans follow pretrained:a --path circle")])
+@pytest.mark.parametrize(
+    ("row", "command"),
+    [
+        (Row("", "a", ()), "rans evaluate pretrained:a"),
+        (Row("", "a", (), "paper"), "rans evaluate pretrained:a --protocol paper"),
+        (Row("", "a", (), path="circle"), "rans follow pretrained:a --path circle"),
+    ],
+)
 def test_commands_that_repeat_a_row(row: Row, command: str) -> None:
     assert row.command == command

@@ -20,12 +20,21 @@ PAGE = "before\n<!-- table: python -m validation.agents -->\nold\n<!-- end of ta
 
 
 def line(at_least: bool, *runs: tuple[float, ...]) -> Line:
-    return Line("row", "what", "%", "-", (90.0, 80.0), at_least,
-                {f"seed{k}": values for k, values in enumerate(runs)}, "rans evaluate x")
+    return Line(
+        "row",
+        "what",
+        "%",
+        "-",
+        (90.0, 80.0),
+        at_least,
+        {f"seed{k}": values for k, values in enumerate(runs)},
+        "rans evaluate x",
+    )
 
 
 def test_the_worst_training_counts_figure_by_figure() -> None:
-    good, bad = line(True, (95.0, 81.0), (91.0, 99.0)), line(True, (95.0, 79.0), (91.0, 99.0))
+    good = line(True, (95.0, 81.0), (91.0, 99.0))
+    bad = line(True, (95.0, 79.0), (91.0, 99.0))
     assert (good.worst, good.passed) == ((91.0, 81.0), True)
     assert (bad.worst, bad.passed) == ((91.0, 79.0), False)
     assert line(False, (10.0, 79.0), (89.0, 20.0)).passed
@@ -38,19 +47,29 @@ def test_a_folder_of_runs_becomes_a_table(tmp_path: Path, monkeypatch: pytest.Mo
     """Agents that know nothing, of two tasks, and a path: the rows of other tasks are left out."""
     paths = [row for row in ROWS if row.path]
     monkeypatch.setattr(agents, "ROWS", [row for row in ROWS if row not in paths[1:]])
-    for name, task, settings in (("go-to-position-3d-seed0", "go-to-position", GoToPosition()),
-                                 ("track-velocity-2d-seed0", "track-velocity", TrackVelocity()),
-                                 ("track-velocity-2d-seed1", "track-velocity", TrackVelocity())):
+    for name, task, settings in (
+        ("go-to-position-3d-seed0", "go-to-position", GoToPosition()),
+        ("track-velocity-2d-seed0", "track-velocity", TrackVelocity()),
+        ("track-velocity-2d-seed1", "track-velocity", TrackVelocity()),
+    ):
         craft = "free-flyer" if "3d" in name else "floating-platform"
-        config = replace(CONFIG, task=task, settings=settings, spacecraft=craft, seed=int(name[-1]),
-                         timing=Timing(episode_steps=30))
+        config = replace(
+            CONFIG,
+            task=task,
+            settings=settings,
+            spacecraft=craft,
+            seed=int(name[-1]),
+            timing=Timing(episode_steps=30),
+        )
         trainer = tiny_trainer(tmp_path / "runs" / name, config)
         trainer.save()
     (tmp_path / "agents.md").write_text(PAGE)
     lines = Agents(tmp_path / "runs", episodes=8, starts=1, docs=tmp_path).run()
     assert [line.row.partition(",")[0] for line in lines] == [
-        *["6DoF go to position"] * 3, *["3DoF track velocity"] * 2,
-        "3DoF follow the circle at 0.25 m/s"]
+        *["6DoF go to position"] * 3,
+        *["3DoF track velocity"] * 2,
+        "3DoF follow the circle at 0.25 m/s",
+    ]
     assert set(lines[3].runs) == {"track-velocity-2d-seed0", "track-velocity-2d-seed1"}
     assert not any(line.passed for line in lines)
     read = json.loads((tmp_path / "validation" / "agents.json").read_text("utf-8"))
@@ -59,8 +78,10 @@ def test_a_folder_of_runs_becomes_a_table(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_row_says_where_episodes_start(tmp_path: Path) -> None:
-    trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, task="go-to-position", settings=GoToPosition(),
-                                                     spacecraft="free-flyer"))
+    trainer = tiny_trainer(
+        tmp_path / "run",
+        replace(CONFIG, task="go-to-position", settings=GoToPosition(), spacecraft="free-flyer"),
+    )
     trainer.save()
     row = next(row for row in ROWS if row.agent == "go-to-position-3d")
     _, (_, task, *_) = conditions_of(row, tmp_path / "run")
@@ -69,10 +90,20 @@ def test_the_row_says_where_episodes_start(tmp_path: Path) -> None:
 
 def test_shares_of_episodes_are_percent(tmp_path: Path) -> None:
     """From 2 mm no thruster leaves 5 cm in 0.2 s: all of the episodes hold, 100 %."""
-    config = replace(CONFIG, task="go-to-position", settings=GoToPosition(), timing=Timing(episode_steps=1),
-                     episode_steps=8)
+    config = replace(
+        CONFIG,
+        task="go-to-position",
+        settings=GoToPosition(),
+        timing=Timing(episode_steps=1),
+        episode_steps=8,
+    )
     tiny_trainer(tmp_path / "agent-seed0", config).save()
-    row = Row("row", "agent", (Goal(("held 5 cm",), "%", (99.5,), at_least=True),), distance=(0.001, 0.002))
+    row = Row(
+        "row",
+        "agent",
+        (Goal(("held 5 cm",), "%", (99.5,), at_least=True),),
+        distance=(0.001, 0.002),
+    )
     (line,) = Agents(tmp_path, episodes=4, starts=1)._lines(row)
     assert (line.worst, line.passed) == ((100.0,), True)
 
@@ -80,7 +111,9 @@ def test_shares_of_episodes_are_percent(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_one_sentence(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "track-velocity-3d-seed0", CONFIG)
     trainer.save()
-    with pytest.raises(ConfigError, match="nothing is known of velocity error after 5 s: the run is of ano"):
+    with pytest.raises(
+        ConfigError, match="nothing is known of velocity error after 5 s: the run is of ano"
+    ):
         Agents(tmp_path, episodes=2, starts=1).run()
 
 
@@ -98,10 +131,17 @@ def test_settling_times_are_medians_and_all_else_means() -> None:
 
 
 def test_a_target_may_be_what_time_optimal_trajectories_reach_less_some_slack(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """90 and 70 % of the optimum's first two starts, less 2: the agent's mean over the same two is judged."""
-    row = Row("row", "agent", (Goal(("PT5", "PT2"), "%", at_least=True, slack=2.0),
-                               Goal(("PT5",), "%", (50.0,), at_least=True)))
+    row = Row(
+        "row",
+        "agent",
+        (
+            Goal(("PT5", "PT2"), "%", at_least=True, slack=2.0),
+            Goal(("PT5",), "%", (50.0,), at_least=True),
+        ),
+    )
     judged = Agents(Path("runs"), episodes=3, starts=2)
     measured = {"PT5": np.array([88.0, 90.0, 2.0]), "PT2": np.array([67.0, 67.0, 99.0])}
     optimum = {"PT5": np.array([85.0, 95.0]), "PT2": np.array([60.0, 80.0])}
@@ -118,13 +158,19 @@ def test_a_target_may_be_what_time_optimal_trajectories_reach_less_some_slack(
 
 
 @pytest.mark.parametrize(("value", "code", "verdict"), [(95.0, 0, "met"), (85.0, 1, "missed")])
-def test_the_command_says_whether_targets_are_met(value: float, code: int, verdict: str,
-                                                  monkeypatch: pytest.MonkeyPatch,
-                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_whether_targets_are_met(
+    value: float,
+    code: int,
+    verdict: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """One missed target is enough."""
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("sys.argv", ["agents", "runs"])
-    monkeypatch.setattr(Agents, "run", lambda _: [line(True, (91.0, 99.0)), line(True, (value, 80.0))])
+    monkeypatch.setattr(
+        Agents, "run", lambda _: [line(True, (91.0, 99.0)), line(True, (value, 80.0))]
+    )
     assert agents.main() == code
     last = capsys.readouterr().out.splitlines()[-2]
     assert f"{value:g} / 80 % (of 1)" in last

@@ -12,7 +12,9 @@ from validation.assurances import Assurances, _campaigns
 
 def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
     page = tmp_path / "assurance.md"
-    page.write_text("<!-- table: python -m validation.assurances -->\n<!-- end of table -->\n", "utf-8")
+    page.write_text(
+        "<!-- table: python -m validation.assurances -->\n<!-- end of table -->\n", "utf-8"
+    )
     study = Assurances(("go-to-pose-2d-thrifty",), 300, replay=False, docs=tmp_path)
     assert study.run() == 0
     file = tmp_path / "validation" / "assurance" / "go-to-pose-2d-thrifty.json"
@@ -21,7 +23,9 @@ def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
     failed = first["bounds"]["any"]["failures"]
     assert f"| 300 | {failed} | " in page.read_text("utf-8")
     study.run()
-    assert json.loads(file.read_text("utf-8"))["campaign"] == first["campaign"]  # its seconds too: not flown
+    assert (
+        json.loads(file.read_text("utf-8"))["campaign"] == first["campaign"]
+    )  # its seconds too: not flown
 
 
 def test_who_is_flown_in_what() -> None:

@@ -40,8 +40,11 @@ def test_no_random_flight_is_below_its_bounds(rows: list[dict[str, float]]) -> N
 def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """The cap that once forgot the thrusters that turn."""
     of = hull.Reach.of.__func__  # type: ignore[attr-defined]
-    monkeypatch.setattr(hull.Reach, "of", lambda *given: replace(found := of(hull.Reach, *given),
-                                                                 most=float(found.thrust.max())))
+    monkeypatch.setattr(
+        hull.Reach,
+        "of",
+        lambda *given: replace(found := of(hull.Reach, *given), most=float(found.thrust.max())),
+    )
     report = Bounds(10, seed=35).run()
     assert [check.passed for check in report.checks] == [True, False, True]
     assert "seeds [" in report.checks[1].reason
@@ -50,13 +53,15 @@ def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) 
 def test_a_lattice_is_as_large_as_planned() -> None:
     """The plan is what the certificate then builds; larger ones are left out, and counted."""
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    lattice, loose = Lattice(lopsided(), 0.2), GoalSet()
+    lattice = Lattice(lopsided(), 0.2)
+    loose = GoalSet()
     built = Relaxation(lattice, rest, rest, loose, 7, None)._after.size
     assert points(lopsided(), rest, rest, loose, 7) == built
 
 
-def test_a_lattice_too_large_is_left_out_and_counted(rows: list[dict[str, float]],
-                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lattice_too_large_is_left_out_and_counted(
+    rows: list[dict[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(bounds, "_MOST_POINTS", 1000)
     report = Bounds(40, seed=100).run()
     assert report.passed
@@ -72,8 +77,10 @@ def test_random_craft_are_of_every_kind() -> None:
     assert {craft.thrust_sharing for craft in some} == {"none", "split"}
     equal = [len({t.force for t in craft.thrusters}) == 1 for craft in some]
     assert 10 < sum(equal) < 70
-    central = [any(np.allclose(np.cross(t.position, t.direction), 0.0) for t in craft.thrusters)
-               for craft in some]
+    central = [
+        any(np.allclose(np.cross(t.position, t.direction), 0.0) for t in craft.thrusters)
+        for craft in some
+    ]
     assert sum(central) > 20
 
 
@@ -88,17 +95,21 @@ def test_what_no_flight_has_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> No
     """Without a certificate there is no check of certificates, and a study of nothing is refused."""
     monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 0.5, "least thrust-time": 1.0})
     report = Bounds(3).run()
-    assert [check.name for check in report.checks] == ["least time: flights below",
-                                                       "least thrust-time: flights below"]
+    assert [check.name for check in report.checks] == [
+        "least time: flights below",
+        "least thrust-time: flights below",
+    ]
     assert [(s.name, s.reason) for s in report.skipped] == [
-        ("dual of the certificate", "None of these flights has one.")]
+        ("dual of the certificate", "None of these flights has one.")
+    ]
     with pytest.raises(ConfigError, match="--craft must be >= 1, got 0"):
         Bounds(0).run()
 
 
 @pytest.mark.parametrize("share", [1.0 + 1e-8, np.inf, np.nan])
-def test_the_command_names_what_flew_below_its_bound(share: float, monkeypatch: pytest.MonkeyPatch,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_names_what_flew_below_its_bound(
+    share: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of seeds 5, 6 and 7 the second; a hundred-millionth is more than rounding."""
     monkeypatch.setattr(bounds, "beaten", lambda seed: {"least time": share if seed == 6 else 1.0})
     monkeypatch.setattr("sys.argv", ["bounds", "--craft", "3", "--seed", "5"])
@@ -114,7 +125,8 @@ def test_the_command_names_what_flew_below_its_bound(share: float, monkeypatch: 
 
 def test_flights_that_spin_too_fast_to_be_exact_are_left_out() -> None:
     """In space from 3 rad/s on, of which eight steps a period are not exact; in the plane any step is."""
-    fastest, lost = {2: 0.0, 3: 0.0}, {2: 0, 3: 0}
+    fastest = {2: 0.0, 3: 0.0}
+    lost = {2: 0, 3: 0}
     for seed in range(150):
         random = np.random.default_rng(seed)
         craft = random_craft(random)
@@ -122,7 +134,9 @@ def test_flights_that_spin_too_fast_to_be_exact_are_left_out() -> None:
         if flown is None:
             lost[craft.dimension] += 1
         else:
-            fastest[craft.dimension] = max(fastest[craft.dimension], float(np.linalg.norm(flown[1].spin())))
+            fastest[craft.dimension] = max(
+                fastest[craft.dimension], float(np.linalg.norm(flown[1].spin()))
+            )
     assert 1.5 < fastest[3] < 3.0 < fastest[2]
     assert lost[3] > 10 > lost[2] == 0
 

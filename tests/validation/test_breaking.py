@@ -76,19 +76,25 @@ def _says(text: str, code: int) -> Callable[[], int]:
 
 
 ENDINGS: dict[str, tuple[Callable[[], int], str, list[str]]] = {
-    "raises": (_raises, "traceback", ["traceback"]), "sleeps": (_sleeps, "hang", ["hang"]),
-    "waits": (_waits, "interrupted", []), "dies": (_dies, "died", ["died"]),
-    "odd code": (lambda: 7, "died", ["died"]), "sentence": (_says("rans: no.", 2), "refused", []),
+    "raises": (_raises, "traceback", ["traceback"]),
+    "sleeps": (_sleeps, "hang", ["hang"]),
+    "waits": (_waits, "interrupted", []),
+    "dies": (_dies, "died", ["died"]),
+    "odd code": (lambda: 7, "died", ["died"]),
+    "sentence": (_says("rans: no.", 2), "refused", []),
     "silence": (_says("", 2), "refused", ["refused without a word"]),
     "escapes": (_says("\x1b[31m", 2), "refused", ["escape codes"]),
-    "endless": (_says("x" * 40_000, 2), "refused", ["endless error"]), "fine": (lambda: 0, "done", []),
+    "endless": (_says("x" * 40_000, 2), "refused", ["endless error"]),
+    "fine": (lambda: 0, "done", []),
     "exits": (lambda: sys.exit(2), "refused", ["refused without a word"]),
     "memory": (lambda: len(bytearray(2**36)), "traceback", ["traceback"]),
 }
 
 
 @pytest.mark.parametrize("name", ENDINGS)
-def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_way_to_end_is_seen(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run, ending, faults = ENDINGS[name]
     monkeypatch.setattr(trial, "main", run)
     monkeypatch.setattr(trial, "LEAVE", 0.3)
@@ -96,7 +102,9 @@ def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest
     assert (found.ended, found.faults) == (ending, faults)
 
 
-@pytest.mark.parametrize("line", ["list", "evaluate nobody", "train --seed x", "list --help", "report x/y"])
+@pytest.mark.parametrize(
+    "line", ["list", "evaluate nobody", "train --seed x", "list --help", "report x/y"]
+)
 def test_a_fork_says_what_a_process_started_from_nothing_says(line: str, tmp_path: Path) -> None:
     command = line.split()
     fork, fresh = (ran(command, tmp_path, fresh=how) for how in (None, ""))
@@ -106,15 +114,19 @@ def test_a_fork_says_what_a_process_started_from_nothing_says(line: str, tmp_pat
 
 
 def test_limits_and_what_is_asked_for_reach_a_process_started_from_nothing(tmp_path: Path) -> None:
-    seen = ("import os, resource, sys; print(os.getcwd(), resource.getrlimit(resource.RLIMIT_AS)[0], "
-            "sys.stdin.read(), 'torch' in sys.modules, sys.argv[1:])")
+    seen = (
+        "import os, resource, sys; print(os.getcwd(), resource.getrlimit(resource.RLIMIT_AS)[0], "
+        "sys.stdin.read(), 'torch' in sys.modules, sys.argv[1:])"
+    )
     told = ran(("list", "--json"), tmp_path, fresh=seen)
     assert told.out.startswith(f"{tmp_path} {8 * 2**30}  False ['list', '--json']\n{{")
     assert told.ended == "done"
     assert ran(("list",), tmp_path, fresh="raise SystemExit(7)").ended == "died"
 
 
-def test_one_started_from_nothing_that_hangs_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_started_from_nothing_that_hangs_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(trial, "LEAVE", 0.3)
     deaf = "import signal, time; signal.signal(2, signal.SIG_IGN); time.sleep(60)"
     assert ran(("list",), tmp_path, patience=1.0, fresh=deaf).ended == "hang"
@@ -134,12 +146,15 @@ def test_a_share_is_started_from_nothing(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(campaign, "ran", noted)
     for share, least, most in ((0.0, 0, 0), (0.2, 4, 16), (1.0, 40, 40)):
         trial = Breaking(fresh=share)._trial("files", tmp_path)
-        found = [trial(number, _new(tmp_path / f"{share}-{number}"))[0][0].fresh for number in range(40)]
+        found = [
+            trial(number, _new(tmp_path / f"{share}-{number}"))[0][0].fresh for number in range(40)
+        ]
         assert least <= sum(found) <= most
 
 
-def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-                                   tmp_path: Path) -> None:
+def test_a_fault_fails_and_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     broken = Outcome(("list", "odd.toml"), "traceback", 0.1, "", "Traceback")
     monkeypatch.setattr(campaign, "ran", lambda *_, **__: broken)
     assert Breaking(files=1, lines=0, folders=0, kills=0, disks=0, steps=0).run() == 1
@@ -150,18 +165,26 @@ def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 
 
 @pytest.mark.parametrize("run", [steps.steps, steps.compiled_steps])
-def test_numbers_that_are_silently_none_are_counted(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_that_are_silently_none_are_counted(
+    run: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One in an observation, one in a reward, one in a term; a state that is lost and told is not silent."""
+
     class Sick:
         def __init__(self, craft: Any, _: Any, num_envs: int, *__: Any, **___: Any) -> None:
-            self.craft, self.num_envs = craft, num_envs
+            self.craft = craft
+            self.num_envs = num_envs
 
         def step(self, action: torch.Tensor) -> Any:
-            observation, final = torch.zeros(8, 10), torch.zeros(8, 10)
-            reward, terms = torch.zeros(8), torch.zeros(3, 8)
+            observation = torch.zeros(8, 10)
+            final = torch.zeros(8, 10)
+            reward = torch.zeros(8)
+            terms = torch.zeros(3, 8)
             observation[3, 9] = reward[1] = terms[2, 5] = final[2] = final[6] = torch.nan
             ended = torch.arange(8) == 2
-            return Step(observation, reward, ended, torch.zeros(8, dtype=torch.bool), final, ended, terms)
+            return Step(
+                observation, reward, ended, torch.zeros(8, dtype=torch.bool), final, ended, terms
+            )
 
     monkeypatch.setattr(steps, "Engine", Sick)
     found = run(8 * 64)
@@ -173,15 +196,19 @@ def test_cases_follow_from_their_number(tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()
     (run / "metrics.jsonl").write_text('{"steps": 1}\n' * 9)
-    for k, make in enumerate((file_case, lambda n, f: line_case(n, f, run),
-                              lambda n, f: folder_case(n, f, [run, run]))):
-        once, again = tmp_path / f"{k}a", tmp_path / f"{k}b"
+    for k, make in enumerate(
+        (file_case, lambda n, f: line_case(n, f, run), lambda n, f: folder_case(n, f, [run, run]))
+    ):
+        once = tmp_path / f"{k}a"
+        again = tmp_path / f"{k}b"
         for folder in (once, again):
             folder.mkdir()
         assert make(7, once) == make(7, again)
         assert [x.name for x in sorted(once.iterdir())] == [x.name for x in sorted(again.iterdir())]
     assert {line_case(n, _new(tmp_path / f"l{n}"), run)[0][0] for n in range(len(COMMANDS))} <= {
-        *COMMANDS, *line_case.__globals__["_WORDS"]}
+        *COMMANDS,
+        *line_case.__globals__["_WORDS"],
+    }
 
 
 def _new(folder: Path) -> Path:
@@ -190,8 +217,14 @@ def _new(folder: Path) -> Path:
 
 
 def test_commands_that_take_conditions_get_them() -> None:
-    asked = [("evaluate", "run"), ("evaluate", "run", "--conditions", "lab"), ("train", "--resume", "run"),
-             ("report", "run"), (), ("no such",)]
+    asked = [
+        ("evaluate", "run"),
+        ("evaluate", "run", "--conditions", "lab"),
+        ("train", "--resume", "run"),
+        ("report", "run"),
+        (),
+        ("no such",),
+    ]
     assert under("harsh", asked) == [("evaluate", "run", "--conditions", "harsh"), *asked[1:]]
     assert under("", asked) == asked
 
@@ -208,14 +241,26 @@ def test_every_craft_meets_all_conditions(monkeypatch: pytest.MonkeyPatch) -> No
     met: list[tuple[str, str | None]] = []
 
     class Noted:
-        def __init__(self, craft: Any, _: Any, num_envs: int, *__: Any, conditions: Any, **___: Any) -> None:
-            self.craft, self.num_envs = craft, num_envs
+        def __init__(
+            self, craft: Any, _: Any, num_envs: int, *__: Any, conditions: Any, **___: Any
+        ) -> None:
+            self.craft = craft
+            self.num_envs = num_envs
             met.append((craft.name, conditions and conditions.description))
 
         def step(self, action: torch.Tensor) -> Any:
             assert action.shape == (4, len(self.craft.thrusters))
-            zeros, never = torch.zeros(4), torch.zeros(4, dtype=torch.bool)
-            return Step(torch.zeros(4, 10), zeros, never, never, torch.zeros(4, 10), never, torch.zeros(3, 4))
+            zeros = torch.zeros(4)
+            never = torch.zeros(4, dtype=torch.bool)
+            return Step(
+                torch.zeros(4, 10),
+                zeros,
+                never,
+                never,
+                torch.zeros(4, 10),
+                never,
+                torch.zeros(3, 4),
+            )
 
     monkeypatch.setattr(steps, "Engine", Noted)
     monkeypatch.setattr(steps, "_BATCH", 4)
@@ -224,7 +269,8 @@ def test_every_craft_meets_all_conditions(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_damage_damages() -> None:
-    text, chance = spacecraft_text("floating-platform"), random.Random(1)
+    text = spacecraft_text("floating-platform")
+    chance = random.Random(1)
     changed = [damaged_text(text, chance) for _ in range(50)]
     assert sum(one != text for one in changed) > 40
     assert len(set(changed)) > 40
@@ -250,19 +296,28 @@ def test_bodies_are_as_extreme_and_each_another() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft '.*' can hardly be controlled")
-@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer", "floating-platform-shared", "atmos"])
+@pytest.mark.parametrize(
+    "craft", ["floating-platform", "free-flyer", "floating-platform-shared", "atmos"]
+)
 @pytest.mark.parametrize("period", [1e-3, 0.2, 5.0])
 def test_no_world_of_extreme_bodies_is_refused(craft: str, period: float) -> None:
     """Else a campaign would look for one without an end."""
     known = load_spacecraft(craft)
     for seed in range(5):
         extreme_ones = steps.bodies(known, 500, seed, period)
-        assert Engine(known, "go-to-pose", 500, Timing(period, substeps=1), body=extreme_ones).num_envs == 500
+        assert (
+            Engine(known, "go-to-pose", 500, Timing(period, substeps=1), body=extreme_ones).num_envs
+            == 500
+        )
 
 
 def test_another_agent_is_seen(tmp_path: Path) -> None:
     """By its rows, and by any bit of its weights."""
     whole = training.Left({"a": 1}, b"12", [{"steps": 1}])
-    for other in (whole._replace(numbers=b"13"), whole._replace(rows=[]), whole._replace(header={})):
+    for other in (
+        whole._replace(numbers=b"13"),
+        whole._replace(rows=[]),
+        whole._replace(header={}),
+    ):
         assert other != whole
     assert not training._ended(tmp_path, [], whole).equal  # nothing is left there

@@ -57,19 +57,39 @@ def test_table_shows_every_check_and_its_verdict() -> None:
 
 
 def test_report_as_json_says_what_was_not_run_and_holds_the_points_of_figures() -> None:
-    found = Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."), Skipped("graph", "No GPU.")),
-                  (Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0)),)).to_json()
-    assert found["skipped"] == [{"name": "kernel", "reason": "No compiler."},
-                                {"name": "graph", "reason": "No GPU."}]
-    assert found["curves"] == [{"figure": "figure", "name": "ours", "x": (1.0, 2.0), "y": (3.0, 4.0)}]
-    assert found["checks"] == [{"name": "way flown", "value": 0.0, "tolerance": 1e-3, "unit": "m",
-                                "reason": "A millimetre is what a ruler shows.", "worst": "", "layer": "",
-                                "passed": True}]
+    found = Study(
+        "some",
+        (check(0.0),),
+        {},
+        (Skipped("kernel", "No compiler."), Skipped("graph", "No GPU.")),
+        (Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0)),),
+    ).to_json()
+    assert found["skipped"] == [
+        {"name": "kernel", "reason": "No compiler."},
+        {"name": "graph", "reason": "No GPU."},
+    ]
+    assert found["curves"] == [
+        {"figure": "figure", "name": "ours", "x": (1.0, 2.0), "y": (3.0, 4.0)}
+    ]
+    assert found["checks"] == [
+        {
+            "name": "way flown",
+            "value": 0.0,
+            "tolerance": 1e-3,
+            "unit": "m",
+            "reason": "A millimetre is what a ruler shows.",
+            "worst": "",
+            "layer": "",
+            "passed": True,
+        }
+    ]
 
 
 def test_table_says_what_was_not_run() -> None:
     console = Console(width=100)
     with console.capture() as capture:
-        console.print(Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),)).table())
-    line, = (line for line in capture.get().splitlines() if "kernel" in line)
+        console.print(
+            Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),)).table()
+        )
+    (line,) = (line for line in capture.get().splitlines() if "kernel" in line)
     assert "not run" in line

@@ -23,19 +23,26 @@ def test_the_closed_loop_is_the_same_in_both_engines() -> None:
     assert {check.name: (check.tolerance, check.unit) for check in checks} == {
         "closed loop, LQR: solved": (pytest.approx(49.0, abs=0.05), "%"),
         "closed loop, LQR: position error": (pytest.approx(0.1), "cm"),
-        "closed loop, LQR: attitude error": (pytest.approx(0.1), "deg")}
+        "closed loop, LQR: attitude error": (pytest.approx(0.1), "deg"),
+    }
 
 
 def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drake flies a craft of twice the mass with the same controller."""
     true = closed_loop.fly_in_drake
-    monkeypatch.setattr(closed_loop, "fly_in_drake",
-                        lambda craft, *rest: true(replace(craft, mass=2.0 * craft.mass), *rest))
-    assert not all(check.passed for check in closed_loop_checks(PLATFORM, 1, 4) if isinstance(check, Check))
+    monkeypatch.setattr(
+        closed_loop,
+        "fly_in_drake",
+        lambda craft, *rest: true(replace(craft, mass=2.0 * craft.mass), *rest),
+    )
+    assert not all(
+        check.passed for check in closed_loop_checks(PLATFORM, 1, 4) if isinstance(check, Check)
+    )
 
 
 def test_it_starts_where_agents_are_evaluated(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, true = [], closed_loop.scenarios
+    asked = []
+    true = closed_loop.scenarios
 
     def scenarios(task: object, *rest: Any) -> Any:
         asked.append((task, *rest))
@@ -52,4 +59,6 @@ def test_a_craft_that_no_regulator_steers_is_skipped(monkeypatch: pytest.MonkeyP
         raise ConfigError("LQR: it cannot be steered.")
 
     monkeypatch.setattr(rans.optimal.control.lqr, "LQR", refuse)
-    assert closed_loop_checks(PLATFORM, 1, 1) == [Skipped("closed loop", "LQR: it cannot be steered.")]
+    assert closed_loop_checks(PLATFORM, 1, 1) == [
+        Skipped("closed loop", "LQR: it cannot be steered.")
+    ]

@@ -27,7 +27,8 @@ CRAFT = load_spacecraft("floating-platform")
 
 def test_groups_are_what_is_in_the_conditions() -> None:
     """By hand, of a mixture: what only the other conditions have is a group too."""
-    body, late = BodyConditions(mass=(0.8, 1.2)), ThrusterConditions(latency=0.1, thrust=0.9)
+    body = BodyConditions(mass=(0.8, 1.2))
+    late = ThrusterConditions(latency=0.1, thrust=0.9)
     mixed = Conditions(body, weight=2.0, others=(Conditions(thrusters=late),))
     found = effect_groups(mixed)
     assert list(found) == ["body", "thrust and supply", "late and gradual valves", "all together"]
@@ -48,15 +49,29 @@ def test_groups_leave_nothing_out() -> None:
 def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench_of
     for module in (rans.model.dynamics, rans.model.valves):
-        monkeypatch.setattr(module, "wrench_of", lambda craft, shares, body: true(
-            craft, shares, replace(body, centre=tuple(-x for x in body.centre))))
-    checks = [c for c in condition_checks(CRAFT, load_conditions("roboran"), 1, 2) if isinstance(c, Check)]
+        monkeypatch.setattr(
+            module,
+            "wrench_of",
+            lambda craft, shares, body: true(
+                craft, shares, replace(body, centre=tuple(-x for x in body.centre))
+            ),
+        )
+    checks = [
+        c for c in condition_checks(CRAFT, load_conditions("roboran"), 1, 2) if isinstance(c, Check)
+    ]
     failed = {check.name for check in checks if not check.passed}
-    assert failed == {f"{group}: {what}" for group in ("body", "all together")
-                      for what in ("motion", "told")}
+    assert failed == {
+        f"{group}: {what}" for group in ("body", "all together") for what in ("motion", "told")
+    }
 
 
 def test_valves_that_cannot_are_refused() -> None:
     with pytest.raises(ConfigError, match="least_on up to 0"):
-        next(condition_checks(load_spacecraft("atmos"), Conditions(
-            thrusters=ThrusterConditions(least_on=0.4), faults=FaultConditions()), 0, 2))
+        next(
+            condition_checks(
+                load_spacecraft("atmos"),
+                Conditions(thrusters=ThrusterConditions(least_on=0.4), faults=FaultConditions()),
+                0,
+                2,
+            )
+        )

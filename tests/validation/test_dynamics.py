@@ -23,7 +23,8 @@ from validation.dynamics import (
     wrench_checks,
 )
 
-PLANE, SPACE = nasty_planar(), nasty_spatial()
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
 both = pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
 
 
@@ -37,7 +38,8 @@ def judge(monkeypatch: pytest.MonkeyPatch, name: str, error: np.ndarray) -> None
 def test_the_worst_thruster_is_named(craft: Spacecraft, monkeypatch: pytest.MonkeyPatch) -> None:
     """A newton too much for thruster 2 along x, half a newton metre for thruster 3 about the last axis."""
     error = np.zeros((len(craft.thrusters), 3 if craft is PLANE else 6))
-    error[2, 0], error[3, -1] = 1.0, 0.5
+    error[2, 0] = 1.0
+    error[3, -1] = 0.5
     judge(monkeypatch, "thruster_wrenches", error)
     force, torque = thruster_checks(craft)
     assert (force.value, force.worst, force.unit) == (pytest.approx(1.0), "thruster 2", "N")
@@ -58,17 +60,25 @@ def test_only_the_largest_thruster_loosens_the_bound() -> None:
     """1e-12 up to 1 N, however many thrusters there are; 4e-12 for one of 4 N."""
     weak = replace(PLANE, thrusters=tuple(replace(t, force=0.4) for t in PLANE.thrusters))
     strong = replace(weak, thrusters=(replace(weak.thrusters[0], force=4.0), *weak.thrusters[1:]))
-    assert [thruster_checks(craft)[0].tolerance for craft in (weak, strong)] == [1e-12, pytest.approx(4e-12)]
+    assert [thruster_checks(craft)[0].tolerance for craft in (weak, strong)] == [
+        1e-12,
+        pytest.approx(4e-12),
+    ]
 
 
 @both
-def test_mass_and_inertia_are_compared_by_their_own_size(craft: Spacecraft,
-                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mass_and_inertia_are_compared_by_their_own_size(
+    craft: Spacecraft, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A millionth of the mass, of the largest moment, and a coupling of a micrometre's worth of mass."""
     size = craft.dimension
     largest = craft.inertia[2][2] if size == 2 else np.abs(np.array(craft.inertia)).max()
-    for row, column, error in ((0, 0, craft.mass), (size, size, largest), (0, size, craft.mass),
-                               (size, 0, craft.mass)):
+    for row, column, error in (
+        (0, 0, craft.mass),
+        (size, size, largest),
+        (0, size, craft.mass),
+        (size, 0, craft.mass),
+    ):
         off = np.zeros((craft.degrees_of_freedom,) * 2)
         off[row, column] = 1e-6 * error
         with monkeypatch.context() as patched:
@@ -83,25 +93,42 @@ def test_accelerations_are_compared_by_the_largest_or_by_what_cancels() -> None:
     drake = np.array([[6.0, 8.0], [3.0, 0.0]])
     ours = drake + np.array([[0.0, 0.0], [3.0, -4.0]])
     first = _acceleration_check("linear", ours, drake, 0.0, "Because.")
-    assert (first.name, first.value, first.worst) == ("accelerations: linear", pytest.approx(0.5), "state 1")
+    assert (first.name, first.value, first.worst) == (
+        "accelerations: linear",
+        pytest.approx(0.5),
+        "state 1",
+    )
     assert _acceleration_check("linear", ours, drake, 20.0, "").value == pytest.approx(0.25)
 
 
 @both
-def test_disturbances_are_as_strong_as_said(craft: Spacecraft, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disturbances_are_as_strong_as_said(
+    craft: Spacecraft, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Up to 0.5 N and 0.1 N m per axis, either way."""
     given: list[np.ndarray] = []
 
     class Pushed(Plant):
-        def advance(self, states: Any, commands: Any, duration: float, disturbances: Any = None,
-                    nozzles: Any = None, earlier: Any = (), failure: Any = None) -> Any:
+        def advance(
+            self,
+            states: Any,
+            commands: Any,
+            duration: float,
+            disturbances: Any = None,
+            nozzles: Any = None,
+            earlier: Any = (),
+            failure: Any = None,
+        ) -> Any:
             given.append(disturbances)
-            return super().advance(states, commands, duration, disturbances, nozzles, earlier, failure)
+            return super().advance(
+                states, commands, duration, disturbances, nozzles, earlier, failure
+            )
 
     monkeypatch.setattr(dynamics, "Plant", Pushed)
     checks: list[Check] = disturbance_checks(craft, 1, 60)
     assert all(check.passed for check in checks)
-    forces, torques = given[0][:, :craft.dimension], given[0][:, craft.dimension:]
+    forces = given[0][:, : craft.dimension]
+    torques = given[0][:, craft.dimension :]
     for part, most in ((forces, 0.5), (torques, 0.1)):
         assert 0.9 * most < part.max() <= most  # the largest of 60 is short of it by a sixtieth
         assert -most <= part.min() < -0.9 * most
@@ -110,4 +137,7 @@ def test_disturbances_are_as_strong_as_said(craft: Spacecraft, monkeypatch: pyte
 def test_the_inertia_as_a_matrix() -> None:
     assert tensor(Body(1.0, (2.0,))).tolist() == [[2.0]]
     assert tensor(Body(1.0, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))).tolist() == [
-        [1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
+        [1.0, 2.0, 3.0],
+        [2.0, 4.0, 5.0],
+        [3.0, 5.0, 6.0],
+    ]

@@ -14,7 +14,8 @@ from validation.estimates import Estimates
 def test_filters_know_more_than_readings(craft: str) -> None:
     """Noise of 0 to 0.03 m/s, drawn evenly: 0.03 / sqrt(3) in the mean. Of 64 flights a tenth is chance."""
     asked = Estimates(craft, 64)
-    noise, lab = asked.errors("noise"), asked.errors("lab")
+    noise = asked.errors("noise")
+    lab = asked.errors("lab")
     assert noise["reading"][0] == pytest.approx(0.03 / 3**0.5, rel=0.15)
     assert 5.0 * noise["drift 0.001"][0] < noise["reading"][0]
     # A filter that believes in the designed craft is led astray, one that looks for what pushes is not.
@@ -27,8 +28,9 @@ def test_filters_know_more_than_readings(craft: str) -> None:
     assert often["drift 0.1, responses too"][1] < 0.6 * often["drift 0.1, steady too"][1]
 
 
-def test_it_prints_a_table_for_each_world(monkeypatch: pytest.MonkeyPatch,
-                                          capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_prints_a_table_for_each_world(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(estimates, "_STEPS", 2)
     monkeypatch.setattr(estimates, "_SETTLED", 0)
     assert Estimates("free-flyer", 4).run() == 0

@@ -31,8 +31,14 @@ def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -
     found = flown(network, setup, Conditions(faults=PAIRS), 24, 7, "cpu")
     policy = read_policy(pretrained_folder("go-to-pose-2d-fast") / "policy.zip", *setup[:2]).network
     starts = scenarios(setup.task, setup.craft, 7, 24)
-    flight = fly(*setup[:2], Agent(policy, "agent"), starts, setup.timing,
-                 conditions=Conditions(faults=PAIRS), draws=draws(7, 24))
+    flight = fly(
+        *setup[:2],
+        Agent(policy, "agent"),
+        starts,
+        setup.timing,
+        conditions=Conditions(faults=PAIRS),
+        draws=draws(7, 24),
+    )
     # float32 beside float64: commands near a tie differ, and a flight on the edge then.
     assert (found.held != solved(flight)).sum() <= 1
     both = np.minimum(found.settled, 30.0), np.minimum(settling_times(flight), 30.0)
@@ -58,15 +64,23 @@ def test_rows_are_every_class_that_the_craft_has() -> None:
     assert [row.name for row in found if "," not in row.name] == ["none"]
     at_once = [row.name for row in found if row.at_start]
     assert [name.replace(", ", " ").replace("recoverable ", "") for name in at_once[1:]] == [
-        "one dead (8)", "one stuck-open (8)", "one weak (8)", "two dead (16)", "two stuck-open (16)",
-        "two weak (28)", "two dead un(12)", "two stuck-open un(12)"]
+        "one dead (8)",
+        "one stuck-open (8)",
+        "one weak (8)",
+        "two dead (16)",
+        "two stuck-open (16)",
+        "two weak (28)",
+        "two dead un(12)",
+        "two stuck-open un(12)",
+    ]
     assert {row.faults.time for row in found} == {0.0, (0.0, 15.0), (0.0, 25.0)}
 
 
 def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(faults=PAIRS), 32, 7, "cpu")
-    least, sound = bounds(setup, PAIRS, 32, 7), bounds(setup, FaultConditions(), 32, 7)
+    least = bounds(setup, PAIRS, 32, 7)
+    sound = bounds(setup, FaultConditions(), 32, 7)
     assert (least <= found.settled).all()
     assert (least >= sound - 1e-12).all()
     assert least.mean() > 1.02 * sound.mean()
@@ -79,7 +93,8 @@ def test_certified_times_are_between_the_bound_and_what_settles() -> None:
     network, setup = loaded(AGENT, "cpu")
     near = setup._replace(task=GoToPose(spawn_distance=(0.3, 0.3)))
     dead = replace(PAIRS, kinds=("dead",))
-    proof, found = certified(near, dead, 1, 7), flown(network, near, Conditions(faults=dead), 1, 7, "cpu")
+    proof = certified(near, dead, 1, 7)
+    found = flown(network, near, Conditions(faults=dead), 1, 7, "cpu")
     assert (bounds(near, dead, 1, 7) <= proof).all()
     assert (proof <= found.settled).all()
     assert 0.5 < proof[0] < 2.0

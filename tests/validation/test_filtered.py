@@ -20,8 +20,10 @@ AGENT = "pretrained:go-to-pose-3d"
 
 
 def test_gains_become_those_of_the_algebraic_riccati_equation() -> None:
-    drift, h = 0.01, 0.2
-    moves, wander = np.array([[1.0, h], [0.0, 1.0]]), np.diag([drift * (0.5 * h) ** 2, drift])
+    drift = 0.01
+    h = 0.2
+    moves = np.array([[1.0, h], [0.0, 1.0]])
+    wander = np.diag([drift * (0.5 * h) ** 2, drift])
     doubt = solve_discrete_are(moves.T, np.eye(2), wander, np.eye(2))
     expected = doubt @ np.linalg.inv(doubt + np.eye(2))
     np.testing.assert_allclose(gains(h, drift)[-1], expected, atol=1e-9)
@@ -36,14 +38,18 @@ def test_without_wandering_a_reading_counts_as_all_before_it() -> None:
 def test_in_a_perfect_world_it_changes_nothing() -> None:
     run = contestant(AGENT)
     craft, task, timing, _ = setup = run.judged
-    timing, starts = replace(timing, episode_steps=30), scenarios(task, craft, 5, 8)
-    plain, behind = (fly(craft, task, one, starts, timing).commands
-                     for one in (run.controller, Filtered(run.controller, setup)))
+    timing = replace(timing, episode_steps=30)
+    starts = scenarios(task, craft, 5, 8)
+    plain, behind = (
+        fly(craft, task, one, starts, timing).commands
+        for one in (run.controller, Filtered(run.controller, setup))
+    )
     np.testing.assert_array_equal(plain, behind)
 
 
 def test_attitudes_are_corrected_along_the_shortest_turn() -> None:
     """Half of a turn of 0.2 rad, told as either of the quaternions that mean it."""
+
     def state(attitude: Quat) -> SpatialState:
         none = Vec3(*np.zeros((3, 1)))
         return SpatialState(p=none, attitude=attitude, v=none, w=none)
@@ -52,10 +58,15 @@ def test_attitudes_are_corrected_along_the_shortest_turn() -> None:
         x, y, z, w = sign * turn.as_quat()
         return Quat(*(np.array([part]) for part in (w, x, y, z)))
 
-    first, turn = Rotation.from_rotvec([0.3, -0.2, 0.5]), Rotation.from_rotvec([0.0, 0.2, 0.0])
+    first = Rotation.from_rotvec([0.3, -0.2, 0.5])
+    turn = Rotation.from_rotvec([0.0, 0.2, 0.0])
     for sign in (1.0, -1.0):
-        found = corrected(state(quat(first)), state(quat(first * turn, sign)), np.diag([0.5, 0.5])).attitude
-        reached = Rotation.from_quat([float(part[0]) for part in (found.x, found.y, found.z, found.w)])
+        found = corrected(
+            state(quat(first)), state(quat(first * turn, sign)), np.diag([0.5, 0.5])
+        ).attitude
+        reached = Rotation.from_quat(
+            [float(part[0]) for part in (found.x, found.y, found.z, found.w)]
+        )
         # Half of the vector part is half of the angle but for a hundredth of it.
         np.testing.assert_allclose((first.inv() * reached).as_rotvec(), [0.0, 0.1, 0.0], atol=1e-3)
 

@@ -14,7 +14,10 @@ def test_the_table_goes_between_its_marks() -> None:
     page = with_table(PAGE, "a command", ("one", "two"), [("1", "2"), ("3", "4")], "Where from.")
     table = "| one | two |\n| --- | --- |\n| 1 | 2 |\n| 3 | 4 |\n\nWhere from.\n"
     assert page == f"before\n<!-- table: a command -->\n{table}<!-- end of table -->\nafter\n"
-    assert with_table(page, "a command", ("one", "two"), [("1", "2"), ("3", "4")], "Where from.") == page
+    assert (
+        with_table(page, "a command", ("one", "two"), [("1", "2"), ("3", "4")], "Where from.")
+        == page
+    )
 
 
 @pytest.mark.parametrize("page", ["no marks", PAGE.replace("a command", "another"), PAGE[:40]])

@@ -28,19 +28,31 @@ def answer(lower: float, upper: float, seconds: float = 2.0) -> Certificate:
     return Certificate(lower, upper, None, lower, 7, seconds)
 
 
-@pytest.mark.parametrize(("quantity", "horizon", "target"), [
-    ("time", 10.0, 0.02), ("settling", 10.0, 0.02), ("fuel", 10.0, 0.04), ("fuel", 20.0, 0.1)])
+@pytest.mark.parametrize(
+    ("quantity", "horizon", "target"),
+    [("time", 10.0, 0.02), ("settling", 10.0, 0.02), ("fuel", 10.0, 0.04), ("fuel", 20.0, 0.1)],
+)
 def test_gaps_against_what_is_promised(quantity: Any, horizon: float, target: float) -> None:
     """Gaps of 0, 3 % and 0: 1 % in the mean, one of three open."""
     found = report(quantity, horizon, [answer(2.0, 2.0), answer(1.0, 1.03), answer(3.0, 3.0, 5.0)])
     mean, unproven = found.checks
     assert (mean.value, mean.tolerance) == (pytest.approx(0.01), target)
-    assert (unproven.value, unproven.tolerance, unproven.passed) == (pytest.approx(1 / 3), 0.5, True)
-    assert found.settings == {"seconds per start": 3.0, "mean certified bound": pytest.approx(2.0),
-                              "mean of the best found": pytest.approx(2.01)}
+    assert (unproven.value, unproven.tolerance, unproven.passed) == (
+        pytest.approx(1 / 3),
+        0.5,
+        True,
+    )
+    assert found.settings == {
+        "seconds per start": 3.0,
+        "mean certified bound": pytest.approx(2.0),
+        "mean of the best found": pytest.approx(2.01),
+    }
     assert report(quantity, horizon, [answer(1.0, math.inf)]).passed is False
     # A tenth of a per mille is a gap, rounding is none.
-    assert report(quantity, horizon, [answer(1.0, 1.0001), answer(1.0, 1.0 + 1e-12)]).checks[1].value == 0.5
+    assert (
+        report(quantity, horizon, [answer(1.0, 1.0001), answer(1.0, 1.0 + 1e-12)]).checks[1].value
+        == 0.5
+    )
     assert report(quantity, horizon, [answer(1.0, 1.01)] * 2 + [answer(1.0, 1.0)]).passed is False
 
 
@@ -58,7 +70,9 @@ def test_a_line_of_the_certificates() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_one_start_is_as_good_as_every_firing_sequence(seed: int) -> None:
     """All 2^10 of a craft of five thrusters in two periods: some arrive, none after one."""
-    craft, loose, names = lopsided(), GoalSet(), ("position", "velocity", "heading", "spin")
+    craft = lopsided()
+    loose = GoalSet()
+    names = ("position", "velocity", "heading", "spin")
     start, goal, flown = instance(craft, 2, seed)
     assert not fly_everything(craft, start, 1).arrived(goal, loose, names).any()
     arrived = flown.arrived(goal, loose, names)
@@ -78,7 +92,8 @@ class Jobs:
     @contextlib.contextmanager
     def submitted(self, function: Any, jobs: Any, workers: Any, *_: Any) -> Iterator[list[Any]]:
         assert function is certificate
-        self.asked, self.workers = list(jobs), workers
+        self.asked = list(jobs)
+        self.workers = workers
         yield [self for _ in self.asked]
 
     def result(self) -> Certificate:
@@ -92,7 +107,9 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> Jobs:
     return made
 
 
-def test_every_start_of_the_evaluation_is_asked_once(jobs: Jobs, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_start_of_the_evaluation_is_asked_once(
+    jobs: Jobs, capsys: pytest.CaptureFixture[str]
+) -> None:
     """8.6 s are 43 periods of 0.2 s, although 8.6 / 0.2 is a little less in floating point."""
     study = Optimality("time", starts=3, horizon=8.6, seconds=7.0, workers=5).run()
     craft = load_spacecraft("floating-platform")
@@ -101,7 +118,8 @@ def test_every_start_of_the_evaluation_is_asked_once(jobs: Jobs, capsys: pytest.
     assert [job[5].start.p.x for job in jobs.asked] == every.start.p.x.tolist()
     headings: Any = every.goal.attitude
     assert [job[5].goal.attitude.angle for job in jobs.asked] == pytest.approx(
-        np.broadcast_to(headings.angle, 3).tolist(), abs=0.0)
+        np.broadcast_to(headings.angle, 3).tolist(), abs=0.0
+    )
     assert jobs.workers == 5
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "least time"
@@ -116,8 +134,9 @@ def test_a_horizon_is_at_least_a_period(jobs: Jobs) -> None:
     assert jobs.asked[0][2:4] == ("fuel", 1)
 
 
-def test_the_command_says_whether_promises_are_kept(jobs: Jobs, monkeypatch: pytest.MonkeyPatch,
-                                                    capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_whether_promises_are_kept(
+    jobs: Jobs, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("sys.argv", ["optimality", "--starts", "1"])
     assert ended("optimality", optimality.main) == 1  # a quarter is more than the 4 % promised
     shown = capsys.readouterr().out
@@ -127,8 +146,9 @@ def test_the_command_says_whether_promises_are_kept(jobs: Jobs, monkeypatch: pyt
     assert ended("optimality", optimality.main) == 0
 
 
-def test_no_start_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
-                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_start_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("sys.argv", ["optimality", "--starts", "0"])
     assert ended("optimality", optimality.main) == 2
     assert capsys.readouterr().err == "optimality: starts must be >= 1, got 0.\n"

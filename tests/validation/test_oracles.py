@@ -21,13 +21,19 @@ def test_fresnel_without_push_is_a_straight_line() -> None:
     start = random_states(2, 5, 1)
     end = spinning_up(start, np.zeros(5, dtype=complex), np.full(5, -0.7), 3.0)
     assert np.allclose(end.p.x, start.p.x + 3.0 * start.v.x, atol=1e-14)
-    assert np.allclose(end.attitude.angle, start.attitude.angle + 3.0 * start.w - 0.35 * 9.0, atol=1e-14)
+    assert np.allclose(
+        end.attitude.angle, start.attitude.angle + 3.0 * start.w - 0.35 * 9.0, atol=1e-14
+    )
 
 
 def test_fresnel_with_hardly_any_spin_up_is_a_parabola() -> None:
     """From rest at heading 90 degrees, 0.2 m/s^2 forward for 2 s: 0.4 m along y, 0.4 m/s."""
-    start = PlanarState(Vec2(np.zeros(1), np.zeros(1)), Heading(np.array([math.pi / 2])),
-                        Vec2(np.zeros(1), np.zeros(1)), np.zeros(1))
+    start = PlanarState(
+        Vec2(np.zeros(1), np.zeros(1)),
+        Heading(np.array([math.pi / 2])),
+        Vec2(np.zeros(1), np.zeros(1)),
+        np.zeros(1),
+    )
     end = spinning_up(start, np.array([0.2 + 0.0j]), np.array([1e-4]), 2.0)
     # The heading changes by 2e-4 rad, which is 1e-4 of the way; half of it bends the path.
     assert end.p.y[0] == pytest.approx(0.4, abs=1e-7)
@@ -37,7 +43,8 @@ def test_fresnel_with_hardly_any_spin_up_is_a_parabola() -> None:
 
 @pytest.mark.parametrize(("least", "largest"), [(0.9, 0.3), (0.2, 0.9)], ids=["inner", "outer"])
 def test_the_top_keeps_energy_and_momentum_and_starts_where_it_should(least, largest) -> None:
-    moments, time = np.array([0.2, 0.3, 0.5]), np.linspace(0.0, 20.0, 50)
+    moments = np.array([0.2, 0.3, 0.5])
+    time = np.linspace(0.0, 20.0, 50)
     track = tumbling(moments, np.full(50, least), np.full(50, largest), time)  # type: ignore[arg-type]
     assert track[:, 0] == pytest.approx([least, 0.0, largest], abs=1e-15)
     for weights in (moments, moments**2):  # twice the energy, the momentum's square
@@ -67,15 +74,20 @@ def test_the_numerical_oracle_in_space_agrees_with_the_top() -> None:
     moments = np.array([0.2, 0.3, 0.45])
     craft = replace(load_spacecraft("free-flyer"), inertia=tuple(map(tuple, np.diag(moments))))
     states = random_states(3, 5, 4)
-    least, largest = np.array([0.9, 0.2, 0.5, 0.7]), np.array([0.3, 0.9, 0.5, 0.1])
+    least = np.array([0.9, 0.2, 0.5, 0.7])
+    largest = np.array([0.3, 0.9, 0.5, 0.1])
     start = replace(states, w=Vec3(least, 0.0 * least, largest))
     found = oracles._solve_spatial(craft, start, np.zeros((4, 3)), np.zeros((4, 3)), 2.0)
     expected = tumbling(moments, least, largest, 2.0)
     assert np.array(found.w.columns()) == pytest.approx(expected, abs=1e-11)
-    for way, speed, place in zip(found.p.columns(), start.v.columns(), start.p.columns(), strict=True):
+    for way, speed, place in zip(
+        found.p.columns(), start.v.columns(), start.p.columns(), strict=True
+    ):
         assert way == pytest.approx(place + 2.0 * speed, abs=1e-12)
-    before, after = (state.attitude.rotate(Vec3(*(moments[:, None] * state.w.columns()))).columns()
-                     for state in (start, found))
+    before, after = (
+        state.attitude.rotate(Vec3(*(moments[:, None] * state.w.columns()))).columns()
+        for state in (start, found)
+    )
     assert np.array(after) == pytest.approx(np.array(before), abs=1e-11)
 
 

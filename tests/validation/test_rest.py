@@ -24,12 +24,23 @@ PLATFORM = load_spacecraft("floating-platform")
 def spelt(*flights: str) -> torch.Tensor:
     """Commands of two thrusters: a letter a step, o none, a the first, b the second, x both."""
     steps = {"o": (0, 0), "a": (1, 0), "b": (0, 1), "x": (1, 1)}
-    return torch.tensor([[steps[letter] for letter in flight] for flight in flights]).bool().transpose(0, 1)
+    return (
+        torch.tensor([[steps[letter] for letter in flight] for flight in flights])
+        .bool()
+        .transpose(0, 1)
+    )
 
 
 def test_a_cycle_is_what_repeats_and_moves() -> None:
-    flights = ("aoaoaoaoao", "abbabbabba", "oooooooooo", "aaaaaaaaaa", "aoaoaoaoaa", "aooobaooob",
-               "oooooooooa")
+    flights = (
+        "aoaoaoaoao",
+        "abbabbabba",
+        "oooooooooo",
+        "aaaaaaaaaa",
+        "aoaoaoaoaa",
+        "aooobaooob",
+        "oooooooooa",
+    )
     assert cycles(spelt(*flights)).tolist() == [2, 3, 0, 0, 0, 5, 0]
 
 
@@ -61,7 +72,9 @@ def test_commands_are_those_of_evaluations() -> None:
     network, setup = loaded("pretrained:go-to-pose-2d", "cpu")
     found = last_commands(network, setup, 16, 7, "cpu").numpy()
     policy = read_policy(pretrained_folder("go-to-pose-2d") / "policy.zip", *setup[:2]).network
-    flight = fly(*setup[:2], Agent(policy, "agent"), scenarios(setup.task, setup.craft, 7, 16), setup.timing)
+    flight = fly(
+        *setup[:2], Agent(policy, "agent"), scenarios(setup.task, setup.craft, 7, 16), setup.timing
+    )
     expected = flight.commands[-25:] > 0  # of 125 steps
     assert found.shape == expected.shape
     assert (found != expected).mean() < 0.05

@@ -55,8 +55,17 @@ def test_rows_are_what_they_are_called() -> None:
 
 def test_what_is_said_by_hand() -> None:
     none = np.zeros(4)
-    said = _said(Found(np.array([True, True, False, True]), np.array([1.0, 2.0, np.inf, 4.0]),
-                       np.array([0.0, 0.1, 0.2, 0.1]), none, none, none, none))
+    said = _said(
+        Found(
+            np.array([True, True, False, True]),
+            np.array([1.0, 2.0, np.inf, 4.0]),
+            np.array([0.0, 0.1, 0.2, 0.1]),
+            none,
+            none,
+            none,
+            none,
+        )
+    )
     assert said["held"]["value"] == 75.0
     assert said["settling time"] == 3.0
     assert said["duty at rest"] == pytest.approx(10.0)

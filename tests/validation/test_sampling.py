@@ -34,7 +34,9 @@ SPHERE = ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
 
 def planar(x: Any, angle: Any = 0.0, vx: Any = 0.0, w: Any = 0.0) -> PlanarState:
     """Of arrays, along x."""
-    x, angle, vx, w = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in (x, angle, vx, w)))
+    x, angle, vx, w = np.broadcast_arrays(
+        *(np.asarray(value, dtype=float) for value in (x, angle, vx, w))
+    )
     nothing = np.zeros(x.shape)
     return PlanarState(Vec2(x, nothing), Heading(angle), Vec2(vx, nothing), w)
 
@@ -58,17 +60,25 @@ def test_gaps_in_the_plane() -> None:
     b = PlanarState(Vec2(4.0, 5.0), Heading(math.radians(-179)), Vec2(0.5, -0.25), -0.1)
     found = gaps(a, b)
     assert {name: float(value) for name, value in found.items()} == pytest.approx(
-        {"position": 5.0, "attitude": math.radians(2), "velocity": 0.25, "spin": 0.4})
+        {"position": 5.0, "attitude": math.radians(2), "velocity": 0.25, "spin": 0.4}
+    )
 
 
 def test_gaps_in_space() -> None:
     """Quaternions of either sign are the same attitude; 60 degrees about y are 60 degrees."""
     half = math.radians(30)
-    a = SpatialState(Vec3(1.0, 2.0, 3.0), Quat(-1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(1.0, 0.0, 0.0))
-    b = SpatialState(Vec3(3.0, 3.0, 1.0), Quat(math.cos(half), 0.0, math.sin(half), 0.0), Vec3(0.0, 0.0, 7.0),
-                     Vec3(1.0, 0.6, 0.8))
+    a = SpatialState(
+        Vec3(1.0, 2.0, 3.0), Quat(-1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(1.0, 0.0, 0.0)
+    )
+    b = SpatialState(
+        Vec3(3.0, 3.0, 1.0),
+        Quat(math.cos(half), 0.0, math.sin(half), 0.0),
+        Vec3(0.0, 0.0, 7.0),
+        Vec3(1.0, 0.6, 0.8),
+    )
     assert {name: float(value) for name, value in gaps(a, b).items()} == pytest.approx(
-        {"position": 3.0, "attitude": math.radians(60), "velocity": 7.0, "spin": 1.0})
+        {"position": 3.0, "attitude": math.radians(60), "velocity": 7.0, "spin": 1.0}
+    )
 
 
 def test_the_worst_is_named() -> None:
@@ -79,7 +89,8 @@ def test_the_worst_is_named() -> None:
     assert (position.worst, position.passed) == ("state 2", False)
     assert [check.unit for check in others] == ["rad", "m/s", "rad/s"]
     flown = np.zeros((5, 3))
-    flown[3, 0], flown[4, 2] = 2.0, 1.0
+    flown[3, 0] = 2.0
+    flown[4, 2] = 1.0
     position, *_ = gap_checks("layer", planar(flown), planar(np.zeros((5, 3))), 1.0, "")
     assert position.worst == "flight 0, period 3"
 
@@ -98,12 +109,17 @@ def test_random_states_fill_their_ranges() -> None:
     """Of a thousand the largest are within some percent of the bounds, and signs are even."""
     for dimension in (2, 3):
         states = random_states(dimension, 3, 1000)  # type: ignore[arg-type]
-        for size, most in ((states.p.norm(), 5.0), (states.v.norm(), 1.0),
-                           (np.linalg.norm(np.array(states.spin()), axis=0), 1.0)):
+        for size, most in (
+            (states.p.norm(), 5.0),
+            (states.v.norm(), 1.0),
+            (np.linalg.norm(np.array(states.spin()), axis=0), 1.0),
+        ):
             assert 0.95 * most < size.max() <= most
             assert size.min() < 0.05 * most
         assert 400 < (np.array(states.spin())[0] > 0).sum() < 600  # 6 standard deviations of 500
-        assert states.attitude.to(random_states(dimension, 4, 1000).attitude).magnitude().max() > 3.0
+        assert (
+            states.attitude.to(random_states(dimension, 4, 1000).attitude).magnitude().max() > 3.0
+        )
 
 
 def test_commands_of_a_gentle_craft_are_on_off_and_between() -> None:
@@ -140,8 +156,9 @@ def test_at_the_goal_a_restless_controller_is_wrong_one_time_in_twenty() -> None
 
 @pytest.mark.parametrize(("share", "least", "most"), [(0.5, 0.02, 0.4), (0.0, 0.3, 0.7)])
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=["plane", "space"])
-def test_a_restless_controller_stays_near_the_goal(craft: Spacecraft, share: float, least: float,
-                                                   most: float) -> None:
+def test_a_restless_controller_stays_near_the_goal(
+    craft: Spacecraft, share: float, least: float, most: float
+) -> None:
     """As the layers ask that fly it: all its flights stay within 10 m, and it never falls silent."""
     starts = scenarios(GoToPose(), craft, 1, 4)
     flight = fly(craft, GoToPose(), Restless(craft, 1, share), starts, Timing())

@@ -14,7 +14,9 @@ from rans.scenario import SELECTION_SEED
 from validation.seeds import Seeds, _on_gpu, judged
 
 
-def test_trains_from_every_seed_and_judges_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_trains_from_every_seed_and_judges_each(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     options = "--device", "cpu", "--total-timesteps", "20000"
     asked = Seeds("go-to-position", options, (3,), at_once=1, starts=4, flights=4, output=tmp_path)
     assert asked.run() == 0
@@ -28,10 +30,18 @@ def test_trains_from_every_seed_and_judges_each(tmp_path: Path, capsys: pytest.C
     assert "go-to-position-seed3" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("given", "count", "shown"), [
-    (None, 2, ["0", "1", "0"]), ("5,7", 2, ["5", "7", "5"]), ("3", 1, ["3"] * 3), (None, 0, [None] * 3)])
-def test_trainings_take_the_gpus_by_turns(given: str | None, count: int, shown: list[str | None],
-                                          monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("given", "count", "shown"),
+    [
+        (None, 2, ["0", "1", "0"]),
+        ("5,7", 2, ["5", "7", "5"]),
+        ("3", 1, ["3"] * 3),
+        (None, 0, [None] * 3),
+    ],
+)
+def test_trainings_take_the_gpus_by_turns(
+    given: str | None, count: int, shown: list[str | None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     if given is not None:
         monkeypatch.setenv("CUDA_VISIBLE_DEVICES", given)

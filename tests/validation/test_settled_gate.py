@@ -56,10 +56,16 @@ def test_starts_are_the_benchmarks_own_of_a_seed() -> None:
     begun: Any = starts([0, 3]).start
     for k, seed in enumerate((0, 3)):
         rng = np.random.default_rng(seed)
-        axis, size, spin = rng.normal(size=3), rng.uniform(0.0, 0.3), rng.uniform(-0.05, 0.05, 3)
+        axis = rng.normal(size=3)
+        size = rng.uniform(0.0, 0.3)
+        spin = rng.uniform(-0.05, 0.05, 3)
         angle = 4 * np.arctan(size)
-        expected = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_quat(scalar_first=True)
-        np.testing.assert_allclose([x[k] for x in (begun.attitude.w, *_vector(begun.attitude))], expected)
+        expected = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_quat(
+            scalar_first=True
+        )
+        np.testing.assert_allclose(
+            [x[k] for x in (begun.attitude.w, *_vector(begun.attitude))], expected
+        )
         np.testing.assert_allclose([x[k] for x in begun.w.columns()], spin)
 
 
@@ -80,7 +86,9 @@ class Recorded:
     name = "recorded"
 
     def __init__(self, controller: Any) -> None:
-        self._controller, self.states, self.told = controller, [], []
+        self._controller = controller
+        self.states = []
+        self.told = []
 
     def reset(self, count: int) -> None:
         self._controller.reset(count)
@@ -103,20 +111,30 @@ def test_bodies_turn_as_eulers_equations_say(monkeypatch: pytest.MonkeyPatch) ->
     settled(watch, faults, begun)
     for (before, after), told in zip(pairwise(watch.states), watch.told, strict=False):
         for k in (0, 5):
-            torque = 0.2 * np.clip(faults.gain[k] * (told[k, ::2] - told[k, 1::2]) + faults.bias[k], -1, 1)
+            torque = 0.2 * np.clip(
+                faults.gain[k] * (told[k, ::2] - told[k, 1::2]) + faults.bias[k], -1, 1
+            )
             moments = np.array(MOMENTS) * faults.inertia[k]
 
-            def rate(_: float, w: np.ndarray, torque: Any = torque, moments: Any = moments) -> np.ndarray:
+            def rate(
+                _: float, w: np.ndarray, torque: Any = torque, moments: Any = moments
+            ) -> np.ndarray:
                 return (torque - np.cross(w, moments * w)) / moments
 
             spin = [x[k] for x in before.w.columns()]
-            moved = solve_ivp(rate, (0.0, 0.5), spin, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+            moved = solve_ivp(rate, (0.0, 0.5), spin, method="DOP853", rtol=1e-12, atol=1e-14).y[
+                :, -1
+            ]
             np.testing.assert_allclose([x[k] for x in after.w.columns()], moved, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("knows", "published"), [
-    ("nothing", (0, 0, 0, 0)), ("gain", (1, 1, 0, 0)), ("gain and bias", (1, 1, 1, 0))])
-def test_oracles_settle_where_they_do_in_the_benchmark(knows: str, published: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(
+    ("knows", "published"),
+    [("nothing", (0, 0, 0, 0)), ("gain", (1, 1, 0, 0)), ("gain and bias", (1, 1, 1, 0))],
+)
+def test_oracles_settle_where_they_do_in_the_benchmark(
+    knows: str, published: tuple[int, ...]
+) -> None:
     """Of the first eight faults and a start; of all 500, with all known, 95.8 % settle there and here."""
     each = [held_out(kind, 8) for kind in CLASSES]
     faults = Faults(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
@@ -133,15 +151,18 @@ def test_drake_turns_them_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     flights = [Recorded(Oracle(faults, "", knows_bias=True)) for _ in range(2)]
     for watch, move in zip(flights, (fly, fly_in_drake), strict=True):
         settled(watch, faults, begun, move)
-    ours, drakes = (np.array([leaves(state)[3:7] + leaves(state)[10:13] for state in watch.states])
-                    for watch in flights)
+    ours, drakes = (
+        np.array([leaves(state)[3:7] + leaves(state)[10:13] for state in watch.states])
+        for watch in flights
+    )
     np.testing.assert_allclose(drakes, ours, rtol=0, atol=1e-9)
 
 
 def test_turns_are_rotation_vectors() -> None:
     begun: Any = starts(range(5))
-    expected = Rotation.from_quat(np.array([begun.start.attitude.w, *_vector(begun.start.attitude)]).T,
-                                  scalar_first=True).as_rotvec()
+    expected = Rotation.from_quat(
+        np.array([begun.start.attitude.w, *_vector(begun.start.attitude)]).T, scalar_first=True
+    ).as_rotvec()
     np.testing.assert_allclose(turns(begun.start, begun.goal).T, expected, atol=1e-12)
     flipped = map_leaves(lambda x: -x, begun.start.attitude)
     again: Any = begun.start.__class__(begun.start.p, flipped, begun.start.v, begun.start.w)
@@ -152,10 +173,14 @@ def test_an_axis_moves_as_a_body_that_turns_about_it_alone(monkeypatch: pytest.M
     """20 s about the second axis from 0.4 rad, in space by the equations of every flight."""
     short(monkeypatch, 40)
     faults = Faults(np.array([1.3]), np.array([[1.0, -1.4, 1.0]]), np.array([[0.0, 0.15, 0.0]]))
-    zero, one = np.zeros(1), np.ones(1)
+    zero = np.zeros(1)
+    one = np.ones(1)
     still: Any = starts([0]).goal
-    begun = replace(still, attitude=Quat(np.cos(0.2) * one, zero, np.sin(0.2) * one, zero),
-                    w=Vec3(zero, 0.03 * one, zero))
+    begun = replace(
+        still,
+        attitude=Quat(np.cos(0.2) * one, zero, np.sin(0.2) * one, zero),
+        w=Vec3(zero, 0.03 * one, zero),
+    )
     watch = Recorded(Wavering())
     settled(watch, faults, Scenario(begun, still))
     axes = Axes(*torch.tensor([[1.3 * MOMENTS[1]], [-1.4], [0.15]], dtype=torch.float64))
@@ -182,10 +207,12 @@ class Wavering:
 def test_our_entry_sees_each_axis_alone() -> None:
     """What happens to the first axis changes what it is told, and nothing for the others."""
     torch.manual_seed(0)
-    agent, begun = Agent(), starts(range(4))
+    agent = Agent()
+    begun = starts(range(4))
     told = []
     for push in (0.0, 0.3):
-        one, now = ThreeAxes(agent), begun.start
+        one = ThreeAxes(agent)
+        now = begun.start
         one.reset(4)
         first = one.act(now, begun.goal, np.zeros((4, 0)))
         np.testing.assert_allclose(first, [[0.2, 0.0] * 3] * 4, rtol=1e-6)
@@ -209,4 +236,7 @@ def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(found) == ["proportional-derivative", "gain oracle", "gain and bias oracle"]
     assert all(tuple(row) == CLASSES for row in found.values())
     assert found["gain oracle"]["sign"].value == 0.0  # 10 s are too short to turn
-    assert json.loads((tmp_path / "found.json").read_text())["settled"]["gain oracle"]["sign"]["value"] == 0.0
+    assert (
+        json.loads((tmp_path / "found.json").read_text())["settled"]["gain oracle"]["sign"]["value"]
+        == 0.0
+    )

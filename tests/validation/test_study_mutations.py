@@ -36,7 +36,7 @@ def failures(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     """Layer and check of everything that is found, in order."""
     scope = Scope(craft, seed=1, states=8, flights=1)
     # What whole flights find is planted in the plane only, and they take their time in space.
-    for name in LAYERS if craft is not SPACE else list(LAYERS)[:list(LAYERS).index("flights")]:
+    for name in LAYERS if craft is not SPACE else list(LAYERS)[: list(LAYERS).index("flights")]:
         look = LAYERS[name]
         yield from ((name, c.name) for c in look(scope) if isinstance(c, Check) and not c.passed)
 
@@ -47,7 +47,9 @@ SHARED_LAYERS = ("draws", "readings", "onsets", "tasks")
 def found_in_what_is_shared(scope: Scope) -> Iterator[tuple[str, Check]]:
     """Layer and check of everything that is found in what Drake is given by our code, in order."""
     for layer in SHARED_LAYERS:
-        yield from ((layer, c) for c in LAYERS[layer](scope) if isinstance(c, Check) and not c.passed)
+        yield from (
+            (layer, c) for c in LAYERS[layer](scope) if isinstance(c, Check) and not c.passed
+        )
 
 
 def name(value: Any) -> str:
@@ -61,8 +63,9 @@ def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkey
 
 
 @pytest.mark.parametrize(("craft", "patch", "layer"), SHARED, ids=name)
-def test_found_although_drake_shares_it(craft: Spacecraft, patch: Patch, layer: str,
-                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_found_although_drake_shares_it(
+    craft: Spacecraft, patch: Patch, layer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     patch(monkeypatch)
     scope = Scope(craft, seed=1, states=8, flights=1)
     assert next(found_in_what_is_shared(scope), ("nowhere", None))[0] == layer
@@ -73,7 +76,9 @@ def test_found_although_drake_shares_it(craft: Spacecraft, patch: Patch, layer: 
 @pytest.mark.parametrize("craft", ["atmos", "free-flyer-shared", "one thruster"])
 def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) -> None:
     alone = replace(PLANE, thrusters=PLANE.thrusters[:1])
-    scope = Scope(alone if craft == "one thruster" else load_spacecraft(craft), seed, states=8, flights=1)
+    scope = Scope(
+        alone if craft == "one thruster" else load_spacecraft(craft), seed, states=8, flights=1
+    )
     assert list(found_in_what_is_shared(scope)) == []
 
 
@@ -82,14 +87,23 @@ def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     assert list(failures(craft)) == []
 
 
-@pytest.mark.parametrize("change", [
-    {"mass": SPACE.mass * (1 + 1e-9)},
-    {"centre_of_mass": (SPACE.centre_of_mass[0] + 1e-6, *SPACE.centre_of_mass[1:])},
-    {"thrusters": (replace(SPACE.thrusters[0], force=SPACE.thrusters[0].force * (1 + 1e-9)),
-                   *SPACE.thrusters[1:])},
-], ids=["mass", "centre of mass", "force"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"mass": SPACE.mass * (1 + 1e-9)},
+        {"centre_of_mass": (SPACE.centre_of_mass[0] + 1e-6, *SPACE.centre_of_mass[1:])},
+        {
+            "thrusters": (
+                replace(SPACE.thrusters[0], force=SPACE.thrusters[0].force * (1 + 1e-9)),
+                *SPACE.thrusters[1:],
+            )
+        },
+    ],
+    ids=["mass", "centre of mass", "force"],
+)
 def test_a_millionth_is_enough(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Drake flies a spacecraft that differs from ours by next to nothing."""
+
     def other(craft: Spacecraft, *arguments: Any) -> Plant:
         return Plant(replace(craft, **change), *arguments)
 

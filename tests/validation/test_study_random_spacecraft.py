@@ -38,8 +38,11 @@ def assert_trusted(craft: Spacecraft, seed: int) -> None:
 
 def any_spacecraft(dimension: Literal[2, 3], examples: int) -> Callable[[], None]:
     # A failure is not explained, which takes longer than to find it.
-    @settings(max_examples=examples, suppress_health_check=[HealthCheck.too_slow],
-              phases=[Phase.generate, Phase.shrink])
+    @settings(
+        max_examples=examples,
+        suppress_health_check=[HealthCheck.too_slow],
+        phases=[Phase.generate, Phase.shrink],
+    )
     @given(craft=spacecraft(dimension), seed=st.integers(0, 2**32 - 1))
     def check(craft: Spacecraft, seed: int) -> None:
         assert_trusted(craft, seed)
@@ -52,7 +55,9 @@ def test_any_spacecraft(dimension: Literal[2, 3], examples: int) -> None:
     any_spacecraft(dimension, examples)()
 
 
-@pytest.mark.filterwarnings("ignore:spacecraft 'random'")  # shrunk to one thruster, it cannot be controlled
+@pytest.mark.filterwarnings(
+    "ignore:spacecraft 'random'"
+)  # shrunk to one thruster, it cannot be controlled
 def test_a_failure_shrinks_to_a_file_that_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drake's forces are doubled: the simplest spacecraft that notices has a single thruster."""
     true = Plant.thruster_wrenches
@@ -72,4 +77,6 @@ def test_the_file_is_the_spacecraft(craft: Spacecraft) -> None:
     assert replace(again, thrusters=craft.thrusters) == craft
     for ours, theirs in zip(craft.thrusters, again.thrusters, strict=True):
         assert replace(theirs, direction=ours.direction) == ours
-        assert theirs.direction == pytest.approx(ours.direction, rel=1e-15)  # made a unit vector again
+        assert theirs.direction == pytest.approx(
+            ours.direction, rel=1e-15
+        )  # made a unit vector again

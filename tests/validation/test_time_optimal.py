@@ -21,7 +21,9 @@ def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
     bound = 100.0 * (1 - fastest / 50.0) + 1.0  # 5 cm before the end it is within 5 cm already: 1 %
     assert found["PT5"].shape == (2,)
     assert (found["PT5"] < bound).all()
-    assert (found["PT1"] > 85.0).all()  # the prototype's agent is at 78.8 % of a supply eight times weaker
+    assert (
+        found["PT1"] > 85.0
+    ).all()  # the prototype's agent is at 78.8 % of a supply eight times weaker
     assert (np.diff([found["PT1"], found["PT2"], found["PT5"]], axis=0) >= 0).all()
     assert (found["position error"] < 0.01).all()  # cm: it rests where the optimiser put it
 
@@ -31,5 +33,7 @@ def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.Monkey
     found = [SimpleNamespace(solved=k in (0, 3), status=f"Status_{k}") for k in range(4)]
     monkeypatch.setattr(validation.time_optimal, "solve_all", lambda *_: [found])
     _, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "paper")
-    with pytest.raises(SolverFailed, match=r"the starts \[1, 2\] of seed 9; the first ended with Status_1"):
+    with pytest.raises(
+        SolverFailed, match=r"the starts \[1, 2\] of seed 9; the first ended with Status_1"
+    ):
         time_optimal(craft, task, timing, 9, 4)

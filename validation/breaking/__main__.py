@@ -25,7 +25,14 @@ import tyro
 
 from rans.files import environment, write_json
 from rans.terminal import Terminal, table
-from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage, under
+from validation.breaking.cases import (
+    Prepare,
+    file_case,
+    folder_case,
+    line_case,
+    runs_to_damage,
+    under,
+)
 from validation.breaking.steps import Flown, compiled_steps, steps
 from validation.breaking.training import Left, full_disk, killed, whole
 from validation.breaking.trial import Outcome, ran
@@ -33,9 +40,18 @@ from validation.command import ended
 
 _MANY = 10
 """More cases than this, and what most commands load is loaded once, before."""
-_HEAVY = ("pydrake.multibody.plant", "rans.evaluation.compare.run", "rans.evaluation.fly.judge",
-          "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr",
-          "rans.reference.plant", "scipy.optimize", "matplotlib.backends.backend_svg")
+_HEAVY = (
+    "pydrake.multibody.plant",
+    "rans.evaluation.compare.run",
+    "rans.evaluation.fly.judge",
+    "rans.show.report",
+    "rans.show.view",
+    "rans.deploy.export",
+    "rans.optimal.control.lqr",
+    "rans.reference.plant",
+    "scipy.optimize",
+    "matplotlib.backends.backend_svg",
+)
 Trial = Callable[[int, Path], tuple[list[Outcome], list[str]]]
 """A case of a number, in an empty folder, to outcomes and what else is wrong."""
 _KINDS = "files", "lines", "folders", "kills", "disks"
@@ -60,8 +76,12 @@ class Tally:
             self.endings[one.ended] = self.endings.get(one.ended, 0) + 1
         self.faults += [
             {"case": number, "command": list(one.command), "fault": fault, "said": one.err[-2000:]}
-            for one in outcomes for fault in one.faults]
-        self.faults += [{"case": number, "command": [], "fault": fault, "said": ""} for fault in more]
+            for one in outcomes
+            for fault in one.faults
+        ]
+        self.faults += [
+            {"case": number, "command": [], "fault": fault, "said": ""} for fault in more
+        ]
 
 
 @dataclass(frozen=True)
@@ -112,14 +132,33 @@ class Breaking:
                 if getattr(self, name):
                     tallies[name] = self._tally(name, folder)
                     self._write(tallies)
-        found = {"steps": steps(self.steps, self.first, self.conditions),
-                 "compiled": compiled_steps(self.compiled, self.first, self.conditions)}
+        found = {
+            "steps": steps(self.steps, self.first, self.conditions),
+            "compiled": compiled_steps(self.compiled, self.first, self.conditions),
+        }
         faults = self._write(found | tallies)
         terminal = Terminal(room=110)
-        rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
-                 str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
-        rows += [(name, f"{x.steps:,}", f"{x.craft:,} craft, {x.refused} refused, {x.lost:,} states lost",
-                  f"{x.silent:,}", f"{x.seconds:.0f}") for name, x in found.items() if x.steps]
+        rows = [
+            (
+                name,
+                str(x.tried),
+                ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
+                str(len(x.faults)),
+                f"{x.seconds:.0f}",
+            )
+            for name, x in tallies.items()
+        ]
+        rows += [
+            (
+                name,
+                f"{x.steps:,}",
+                f"{x.craft:,} craft, {x.refused} refused, {x.lost:,} states lost",
+                f"{x.silent:,}",
+                f"{x.seconds:.0f}",
+            )
+            for name, x in found.items()
+            if x.steps
+        ]
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
         terminal.print(table("Breaking", headings, rows))
         return 1 if faults else 0
@@ -128,13 +167,21 @@ class Breaking:
         """Keep what was found so far; how many faults that is."""
         faults = sum(len(x.faults) if isinstance(x, Tally) else x.silent for x in found.values())
         if self.output is not None:
-            write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
-                                     "conditions": self.conditions,
-                                     **{name: asdict(x) for name, x in found.items()}})
+            write_json(
+                self.output,
+                {
+                    "environment": environment(),
+                    "faults": faults,
+                    "first": self.first,
+                    "conditions": self.conditions,
+                    **{name: asdict(x) for name, x in found.items()},
+                },
+            )
         return faults
 
     def _tally(self, name: str, folder: Path) -> Tally:
-        tally, started = Tally(), time.monotonic()
+        tally = Tally()
+        started = time.monotonic()
         trial = self._trial(name, folder)
         for number in range(self.first, self.first + getattr(self, name)):
             with _emptied(folder / "case") as case:
@@ -151,7 +198,9 @@ class Breaking:
         worlds = self.conditions or ("",)
         if name in ("kills", "disks"):
             return _trainings(name, folder / name, worlds)
-        prepares = {world: _prepare(name, folder / name / str(k), world) for k, world in enumerate(worlds)}
+        prepares = {
+            world: _prepare(name, folder / name / str(k), world) for k, world in enumerate(worlds)
+        }
 
         def commands(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
             world = _world(number, worlds)
@@ -165,7 +214,9 @@ class Breaking:
         with _emptied(folder / "case") as case:
             outcomes, more = self._trial(name, folder)(number, case)
             for one in outcomes:
-                _say(f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s")
+                _say(
+                    f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s"
+                )
         return 1 if more or any(one.faults for one in outcomes) else 0
 
 
@@ -188,8 +239,11 @@ def _trainings(name: str, folder: Path, worlds: Sequence[str]) -> Trial:
     def disturbed(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
         world = _world(number, worlds)
         left, seconds = expected[world]
-        end = (killed(number, case, left, world, seconds=seconds) if name == "kills" else
-               full_disk(number, case, left, world))
+        end = (
+            killed(number, case, left, world, seconds=seconds)
+            if name == "kills"
+            else full_disk(number, case, left, world)
+        )
         return end.outcomes, [] if end.equal else ["another agent"]
 
     return disturbed

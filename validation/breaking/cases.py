@@ -23,9 +23,16 @@ from rans.tasks import TASKS, GoToPose
 from validation.breaking.damage import damaged_bytes, damaged_text
 from validation.breaking.trial import Command, apart
 
-TINY = TrainConfig("go-to-pose", GoToPose(), "floating-platform",
-                   PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16)),
-                   Timing(episode_steps=20), total_timesteps=1024, report_interval=2, solved_share=None)
+TINY = TrainConfig(
+    "go-to-pose",
+    GoToPose(),
+    "floating-platform",
+    PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16)),
+    Timing(episode_steps=20),
+    total_timesteps=1024,
+    report_interval=2,
+    solved_share=None,
+)
 """A training of a second."""
 _HISTORY = dataclasses.replace(TINY.ppo, memory="history", history=2, averages=(0.5,))
 Prepare = Callable[[int, Path], Sequence[Command]]
@@ -36,14 +43,22 @@ def tiny(conditions: str = "") -> TrainConfig:
     """`TINY`; under conditions of this name, with a memory and a critic that is told of them."""
     if not conditions:
         return TINY
-    return dataclasses.replace(TINY, conditions=load_conditions(conditions),
-                               ppo=dataclasses.replace(_HISTORY, privileged_critic=True))
+    return dataclasses.replace(
+        TINY,
+        conditions=load_conditions(conditions),
+        ppo=dataclasses.replace(_HISTORY, privileged_critic=True),
+    )
 
 
 def under(conditions: str, commands: Sequence[Command]) -> Sequence[Command]:
     """The same commands under conditions of this name, where they take any and have none."""
+
     def changed(words: Command) -> Command:
-        name = words[0] if words and words[0] in importlib.import_module("rans.cli").COMMANDS else "list"
+        name = (
+            words[0]
+            if words and words[0] in importlib.import_module("rans.cli").COMMANDS
+            else "list"
+        )
         takes = "conditions" in (option for option, _ in _options(_described(name)))
         if not takes or {"--resume", "--conditions"} & set(words):
             return words
@@ -62,7 +77,9 @@ def trained(folder: Path, config: TrainConfig = TINY) -> None:
 
 def _shipped(kind: str) -> list[str]:
     folder = resources.files("rans") / "data" / kind
-    return [file.read_text("utf-8") for file in sorted(folder.iterdir(), key=lambda file: file.name)]
+    return [
+        file.read_text("utf-8") for file in sorted(folder.iterdir(), key=lambda file: file.name)
+    ]
 
 
 def file_case(number: int, folder: Path) -> Sequence[Command]:
@@ -73,15 +90,31 @@ def file_case(number: int, folder: Path) -> Sequence[Command]:
         text = json.dumps(to_table(TINY))
         if chance.random() < 0.3:
             settings = TASKS["multi-task"]()
-            text = json.dumps(to_table(dataclasses.replace(TINY, task="multi-task", settings=settings)))
+            text = json.dumps(
+                to_table(dataclasses.replace(TINY, task="multi-task", settings=settings))
+            )
         _write(folder / "config.json", damaged_text(text, chance), chance)
         return [("train", "--config", "config.json", "--run", "run", "--total-timesteps", "512")]
     _write(folder / "odd.toml", damaged_text(chance.choice(_shipped(kind)), chance), chance)
     if kind == "conditions":
-        return [("evaluate", "pretrained:go-to-pose-2d-fast", "--episodes", "2", "--conditions", "odd.toml")]
+        return [
+            (
+                "evaluate",
+                "pretrained:go-to-pose-2d-fast",
+                "--episodes",
+                "2",
+                "--conditions",
+                "odd.toml",
+            )
+        ]
     task = chance.choice(["go-to-pose", "track-velocity"])
-    return [("list", "odd.toml"), *(
-        ("evaluate", f"lqr:{task}-{dimension}d@odd.toml", "--episodes", "2") for dimension in (2, 3))]
+    return [
+        ("list", "odd.toml"),
+        *(
+            ("evaluate", f"lqr:{task}-{dimension}d@odd.toml", "--episodes", "2")
+            for dimension in (2, 3)
+        ),
+    ]
 
 
 def _write(file: Path, text: str, chance: random.Random) -> None:
@@ -89,18 +122,85 @@ def _write(file: Path, text: str, chance: random.Random) -> None:
     file.write_bytes(damaged_bytes(content, chance) if chance.random() < 0.15 else content)
 
 
-_WORDS = ("", "-", "--", "x", "../..", "/dev/null", "/dev/zero", "/dev/full", ".", "run", "run/policy.zip",
-          "no/such", "run/config.json", "💥", "\x1b[31m", "[/red]", "a' * 500", "go-to-pose",
-          "go-to-pose-2d", "lqr", "lab", "mpc", "lqr:go-to-pose-2d",
-          "lqr:go-to-pose-2d@run/spacecraft.toml", "pretrained:go-to-pose-2d-fast", "free-flyer",
-          "pretrained:nobody", "sb3:run/policy.zip", "sb3:run/config.json", "onnx:run/policy.zip",
-          "python:os:getcwd", "python:this:s", "floating-platform", "none", "None", "odd.toml",
-          "$HOME", "~", "*", "a\nb", "multi-task-2d#nobody", "pretrained:multi-task-2d#go-to-pose", "run#x",
-          ":", "::", "@", "#", "=", "ppo.n_steps=", "ppo=1", "=1", "seed=[1]", "settings.thrust_weight=-1",
-          "timing.control_period=1e-300", "ppo.layers=[]", "spacecraft=[]", "task=null", "curriculum=[{}]",
-          "conditions.body=1", "device=tpu")
-_NUMBERS = ("0", "1", "2", "-1", "3", "1e3", "nan", "inf", "-inf", "1.5", "9' * 3", "2147483648", "0x10",
-            "1e-320", "one")
+_WORDS = (
+    "",
+    "-",
+    "--",
+    "x",
+    "../..",
+    "/dev/null",
+    "/dev/zero",
+    "/dev/full",
+    ".",
+    "run",
+    "run/policy.zip",
+    "no/such",
+    "run/config.json",
+    "💥",
+    "\x1b[31m",
+    "[/red]",
+    "a' * 500",
+    "go-to-pose",
+    "go-to-pose-2d",
+    "lqr",
+    "lab",
+    "mpc",
+    "lqr:go-to-pose-2d",
+    "lqr:go-to-pose-2d@run/spacecraft.toml",
+    "pretrained:go-to-pose-2d-fast",
+    "free-flyer",
+    "pretrained:nobody",
+    "sb3:run/policy.zip",
+    "sb3:run/config.json",
+    "onnx:run/policy.zip",
+    "python:os:getcwd",
+    "python:this:s",
+    "floating-platform",
+    "none",
+    "None",
+    "odd.toml",
+    "$HOME",
+    "~",
+    "*",
+    "a\nb",
+    "multi-task-2d#nobody",
+    "pretrained:multi-task-2d#go-to-pose",
+    "run#x",
+    ":",
+    "::",
+    "@",
+    "#",
+    "=",
+    "ppo.n_steps=",
+    "ppo=1",
+    "=1",
+    "seed=[1]",
+    "settings.thrust_weight=-1",
+    "timing.control_period=1e-300",
+    "ppo.layers=[]",
+    "spacecraft=[]",
+    "task=null",
+    "curriculum=[{}]",
+    "conditions.body=1",
+    "device=tpu",
+)
+_NUMBERS = (
+    "0",
+    "1",
+    "2",
+    "-1",
+    "3",
+    "1e3",
+    "nan",
+    "inf",
+    "-inf",
+    "1.5",
+    "9' * 3",
+    "2147483648",
+    "0x10",
+    "1e-320",
+    "one",
+)
 _NEVER = {"peers", "peer_folder", "view"}
 """Options that install packages or show something until they are stopped."""
 
@@ -166,11 +266,17 @@ def _leaves(kind: Any) -> Iterator[Any]:
 def _suited(field: str) -> Sequence[str]:
     """What the option is for."""
     shipped = tuple(f"pretrained:{name}" for name in pretrained_names())
-    return {"task": tuple(TASKS) * 20, "controller": ("lqr", "switching") * 20, "contestant": shipped * 4,
-            "contestants": ("run", "lqr:go-to-pose-2d", "pretrained:go-to-pose-2d-fast") * 20,
-            "run_folder": ("run",) * 20, "spacecraft": ("floating-platform", "free-flyer") * 10,
-            "output": ("out", "run", "run/policy.zip", "/proc/x") * 5, "device": ("cpu",) * 30,
-            "conditions": ("lab", "perfect", "harsh") * 8}.get(field, ())
+    return {
+        "task": tuple(TASKS) * 20,
+        "controller": ("lqr", "switching") * 20,
+        "contestant": shipped * 4,
+        "contestants": ("run", "lqr:go-to-pose-2d", "pretrained:go-to-pose-2d-fast") * 20,
+        "run_folder": ("run",) * 20,
+        "spacecraft": ("floating-platform", "free-flyer") * 10,
+        "output": ("out", "run", "run/policy.zip", "/proc/x") * 5,
+        "device": ("cpu",) * 30,
+        "conditions": ("lab", "perfect", "harsh") * 8,
+    }.get(field, ())
 
 
 def _within_reason(words: Sequence[str]) -> Command:
@@ -190,17 +296,32 @@ def folder_case(number: int, folder: Path, runs: Sequence[Path]) -> Sequence[Com
         files = sorted(file for file in run.iterdir() if file.is_file() and not file.is_symlink())
         if files:
             _hurt(chance.choice(files), other, chance)
-    every = (("evaluate", "run", "--episodes", "2"), ("train", "--resume", "run"),
-             ("export", "run", "--output", "out", "--episodes", "2"),
-             ("export", "run", "--output", "out", "--episodes", "2", "--format", "numpy"),
-             ("report", "run"), ("view", "run", "--save", "page.html"),
-             ("compare", "run", "sb3:run/policy.zip", "--with", "lqr", "--episodes", "2", "--certified", "0"))
+    every = (
+        ("evaluate", "run", "--episodes", "2"),
+        ("train", "--resume", "run"),
+        ("export", "run", "--output", "out", "--episodes", "2"),
+        ("export", "run", "--output", "out", "--episodes", "2", "--format", "numpy"),
+        ("report", "run"),
+        ("view", "run", "--save", "page.html"),
+        (
+            "compare",
+            "run",
+            "sb3:run/policy.zip",
+            "--with",
+            "lqr",
+            "--episodes",
+            "2",
+            "--certified",
+            "0",
+        ),
+    )
     return chance.sample(every, 2)
 
 
 def _hurt(file: Path, other: Path, chance: random.Random) -> None:
     """Damage a file, or put something else in its place."""
-    content, way = file.read_bytes(), chance.randrange(10)
+    content = file.read_bytes()
+    way = chance.randrange(10)
     text = file.suffix in (".json", ".jsonl", ".toml")
     if way < 5:
         if text and chance.random() < 0.7:
@@ -223,7 +344,9 @@ def _hurt(file: Path, other: Path, chance: random.Random) -> None:
 def runs_to_damage(folder: Path, conditions: str = "") -> list[Path]:
     """A run in the plane, and one in space with a memory."""
     plane = tiny(conditions)
-    space = dataclasses.replace(plane, spacecraft="free-flyer", ppo=plane.ppo if conditions else _HISTORY)
+    space = dataclasses.replace(
+        plane, spacecraft="free-flyer", ppo=plane.ppo if conditions else _HISTORY
+    )
     runs = {folder / "plane": plane, folder / "space": space}
     for run, config in runs.items():
         apart(trained, run, config)

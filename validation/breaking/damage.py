@@ -6,14 +6,61 @@ import random
 import re
 
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:[eE][+-]?\d+)?")
-_VALUES = ("0", "-0.0", "-1", "1e-9", "1e9", "1e308", "1e-320", "nan", "inf", "-inf", "NaN", "Infinity",
-           "true", "null", '""', '"x"', "[]", "{}", "[1]", "[[1, 2], [3]]", "1" + "0" * 400,
-           "18446744073709551616",
-           '"[/red]\\u001b[31m"', '"' + "x" * 100_000 + '"', "[" * 3000 + "]" * 3000, "0.1", "1000000",
-           '"../../etc/passwd"', '"posix:system"', "2024-01-01", "0x10", "1_000")
+_VALUES = (
+    "0",
+    "-0.0",
+    "-1",
+    "1e-9",
+    "1e9",
+    "1e308",
+    "1e-320",
+    "nan",
+    "inf",
+    "-inf",
+    "NaN",
+    "Infinity",
+    "true",
+    "null",
+    '""',
+    '"x"',
+    "[]",
+    "{}",
+    "[1]",
+    "[[1, 2], [3]]",
+    "1" + "0" * 400,
+    "18446744073709551616",
+    '"[/red]\\u001b[31m"',
+    '"' + "x" * 100_000 + '"',
+    "[" * 3000 + "]" * 3000,
+    "0.1",
+    "1000000",
+    '"../../etc/passwd"',
+    '"posix:system"',
+    "2024-01-01",
+    "0x10",
+    "1_000",
+)
 """What may stand where a number should."""
-_INSERTED = ("\x00", "\x1b[2J", "\ufeff", "\r", "\u202e", "=", "[[", "]", '"', "'", "#", "\n[a]\n", "{", "e",
-             "\ud7ff", "💥", "\t", "\\")
+_INSERTED = (
+    "\x00",
+    "\x1b[2J",
+    "\ufeff",
+    "\r",
+    "\u202e",
+    "=",
+    "[[",
+    "]",
+    '"',
+    "'",
+    "#",
+    "\n[a]\n",
+    "{",
+    "e",
+    "\ud7ff",
+    "💥",
+    "\t",
+    "\\",
+)
 
 
 def damaged_text(text: str, random: random.Random) -> str:
@@ -35,12 +82,12 @@ def damaged_bytes(content: bytes, random: random.Random) -> bytes:
     if way == 1:
         return content[:at]
     if way == 2:
-        return content[:at] + content[max(0, at - 100):]
+        return content[:at] + content[max(0, at - 100) :]
     if way == 3:
         return b""
     if way == 4:
         return bytes(len(content))
-    return content[:at] + random.randbytes(64) + content[at + 64:]
+    return content[:at] + random.randbytes(64) + content[at + 64 :]
 
 
 def _value(text: str, random: random.Random) -> str:
@@ -48,12 +95,13 @@ def _value(text: str, random: random.Random) -> str:
     if not places:
         return _character(text, random)
     found = random.choice(places)
-    return text[:found.start()] + random.choice(_VALUES) + text[found.end():]
+    return text[: found.start()] + random.choice(_VALUES) + text[found.end() :]
 
 
 def _line(text: str, random: random.Random) -> str:
     lines = text.splitlines() or [""]
-    at, other = random.randrange(len(lines)), random.randrange(len(lines))
+    at = random.randrange(len(lines))
+    other = random.randrange(len(lines))
     way = random.randrange(4)
     if way == 0:
         del lines[at]
@@ -68,13 +116,14 @@ def _line(text: str, random: random.Random) -> str:
 
 def _character(text: str, random: random.Random) -> str:
     at = random.randrange(len(text) + 1)
-    return text[:at] + random.choice(_INSERTED) + text[at + random.randrange(2):]
+    return text[:at] + random.choice(_INSERTED) + text[at + random.randrange(2) :]
 
 
 def _key(text: str, random: random.Random) -> str:
     words = list(re.finditer(r"[a-z_]{3,}", text))
     if not words:
         return _character(text, random)
-    found, other = random.choice(words), random.choice(words)
+    found = random.choice(words)
+    other = random.choice(words)
     new = random.choice((other[0], other[0], found[0] + "s", found[0].upper(), "x" * 5000))
-    return text[:found.start()] + new + text[found.end():]
+    return text[: found.start()] + new + text[found.end() :]

@@ -25,7 +25,8 @@ from rans.tasks import TASKS, Task
 
 _STEPS = 64
 """Of one engine, which resets on the way."""
-_BATCH, _BATCHES = 2**14, 2**14
+_BATCH = 2**14
+_BATCHES = 2**14
 """Craft of one compiled world, and their steps: 268 million together."""
 _KNOWN = "floating-platform", "free-flyer", "floating-platform-shared", "atmos"
 
@@ -46,22 +47,36 @@ class Flown:
     seconds: float = 0.0
 
     def __add__(self, other: Flown) -> Flown:
-        return Flown(self.steps + other.steps, self.craft + other.craft, self.refused + other.refused,
-                     self.lost + other.lost, self.silent + other.silent, self.where + other.where,
-                     self.seconds + other.seconds)
+        return Flown(
+            self.steps + other.steps,
+            self.craft + other.craft,
+            self.refused + other.refused,
+            self.lost + other.lost,
+            self.silent + other.silent,
+            self.where + other.where,
+            self.seconds + other.seconds,
+        )
 
 
 def extreme(chance: random.Random) -> Spacecraft:
     """A spacecraft with masses, forces and places anywhere within what is allowed."""
     craft = load_spacecraft(chance.choice(_KNOWN))
     heavier, longer, stronger, stiffer = (
-        10.0 ** chance.uniform(-9, 9) if chance.random() < 0.5 else 1.0 for _ in range(4))
+        10.0 ** chance.uniform(-9, 9) if chance.random() < 0.5 else 1.0 for _ in range(4)
+    )
     bound = lambda x, low: min(max(x, low), 1e9)  # noqa: E731
-    thrusters = tuple(replace(one, force=bound(one.force * stronger, 1e-9),
-                              position=tuple(max(-1e9, min(1e9, x * longer)) for x in one.position))
-                      for one in craft.thrusters)
+    thrusters = tuple(
+        replace(
+            one,
+            force=bound(one.force * stronger, 1e-9),
+            position=tuple(max(-1e9, min(1e9, x * longer)) for x in one.position),
+        )
+        for one in craft.thrusters
+    )
     inertia = tuple(tuple(x * min(max(stiffer, 1e-7), 1e8) for x in row) for row in craft.inertia)
-    return replace(craft, mass=bound(craft.mass * heavier, 1e-9), thrusters=thrusters, inertia=inertia)
+    return replace(
+        craft, mass=bound(craft.mass * heavier, 1e-9), thrusters=thrusters, inertia=inertia
+    )
 
 
 def bodies(craft: Spacecraft, count: int, seed: int, period: float) -> Body:
@@ -75,25 +90,36 @@ def bodies(craft: Spacecraft, count: int, seed: int, period: float) -> Body:
     def size() -> np.ndarray:
         return np.where(chance.random(count) < 0.5, 10.0 ** chance.uniform(-9, 9, count), 1.0)
 
-    usual, heavier, stiffer, stronger = Body.of(craft), size(), np.clip(size(), 1e-7, 1e8), size()
+    usual = Body.of(craft)
+    heavier = size()
+    stiffer = np.clip(size(), 1e-7, 1e8)
+    stronger = size()
     away = tuple(size() * chance.normal(size=count) for _ in usual.centre)
-    found = replace(usual, mass=usual.mass * heavier, inertia=tuple(x * stiffer for x in usual.inertia),
-                    centre=away)
+    found = replace(
+        usual,
+        mass=usual.mass * heavier,
+        inertia=tuple(x * stiffer for x in usual.inertia),
+        centre=away,
+    )
     weaker = stronger * np.minimum(1.0, _flyable(craft, found, stiffer, stronger, period))
     return replace(found, gain=tuple(weaker for _ in usual.gain))
 
 
-def _flyable(craft: Spacecraft, body: Body, stiffer: np.ndarray, stronger: np.ndarray,
-             period: float) -> np.ndarray:
+def _flyable(
+    craft: Spacecraft, body: Body, stiffer: np.ndarray, stronger: np.ndarray, period: float
+) -> np.ndarray:
     """Of each body, by how much thrusters so strong may be stronger and one command can still be flown."""
-    table, tensor = np.array(craft.wrench_map), np.array(craft.inertia)
-    force = np.linalg.norm(table[:, :craft.dimension], axis=1).sum()
-    torque = np.linalg.norm(table[:, craft.dimension:], axis=1).sum()
+    table = np.array(craft.wrench_map)
+    tensor = np.array(craft.inertia)
+    force = np.linalg.norm(table[:, : craft.dimension], axis=1).sum()
+    torque = np.linalg.norm(table[:, craft.dimension :], axis=1).sum()
     moment = tensor[2, 2] if craft.dimension == 2 else np.linalg.eigvalsh(tensor)[0]
     lever = np.linalg.norm(np.array(body.centre), axis=0)
     way = 0.5 * force * stronger / np.asarray(body.mass) * period**2
     turn = (torque + lever * force) * stronger / (moment * stiffer) * period**2
-    return np.minimum(FARTHEST / way, WILDEST / turn) * (1.0 - 1e-9)  # rounded towards what is flown
+    return np.minimum(FARTHEST / way, WILDEST / turn) * (
+        1.0 - 1e-9
+    )  # rounded towards what is flown
 
 
 def seen(step: Step) -> tuple[int, int]:
@@ -110,22 +136,35 @@ def seen(step: Step) -> tuple[int, int]:
 def flown(number: int, count: int, under: Sequence[str] = ()) -> Flown:
     """Steps of one extreme craft in ``count`` environments, on NumPy; under conditions or not, by chance."""
     chance = random.Random(f"craft {number}")
-    craft, task = extreme(chance), _any_task(chance)
-    conditions = chance.choice([None, None, load_conditions(chance.choice(["lab", "harsh", "faults"]))])
+    craft = extreme(chance)
+    task = _any_task(chance)
+    conditions = chance.choice(
+        [None, None, load_conditions(chance.choice(["lab", "harsh", "faults"]))]
+    )
     conditions = _conditions(number, under) or conditions
     timing = Timing(_period(chance, under), substeps=chance.choice([1, 1, 4]), episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, conditions=conditions)
     return _stepped(engine, number, _STEPS, 1)
 
 
-def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES, under: Sequence[str] = ()) -> Flown:
+def compiled(
+    number: int, count: int = _BATCH, steps: int = _BATCHES, under: Sequence[str] = ()
+) -> Flown:
     """Steps of as many extreme craft of one kind as environments, by a compiled program."""
     chance = random.Random(f"world {number}")
-    craft, task = load_spacecraft(_KNOWN[number % len(_KNOWN)]), _any_task(chance)
+    craft = load_spacecraft(_KNOWN[number % len(_KNOWN)])
+    task = _any_task(chance)
     timing = Timing(_period(chance, under), substeps=1, episode_steps=16)
-    engine = Engine(craft, task, count, timing, seed=number, compiled=True,
-                    body=bodies(craft, count, number, timing.control_period),
-                    conditions=_conditions(number, under))
+    engine = Engine(
+        craft,
+        task,
+        count,
+        timing,
+        seed=number,
+        compiled=True,
+        body=bodies(craft, count, number, timing.control_period),
+        conditions=_conditions(number, under),
+    )
     return _stepped(engine, number, steps, count)
 
 
@@ -152,7 +191,8 @@ def _stepped(engine: Engine, number: int, steps: int, craft: int) -> Flown:
     lost = silent = 0
     for k in range(steps):
         told = seen(engine.step(actions[k % _STEPS]))
-        lost, silent = lost + told[0], silent + told[1]
+        lost = lost + told[0]
+        silent = silent + told[1]
     return Flown(steps * engine.num_envs, craft, 0, lost, silent, (number,) if silent else ())
 
 
@@ -174,8 +214,12 @@ def compiled_steps(most: float, first: int = 0, under: Sequence[str] = ()) -> Fl
 
 
 def _until(most: float, first: int, fly: Callable[[int], Flown]) -> Flown:
-    done, number, started = Flown(), first, time.monotonic()
-    with warnings.catch_warnings(action="ignore"):  # most are too fast for their period, and it is said
+    done = Flown()
+    number = first
+    started = time.monotonic()
+    with warnings.catch_warnings(
+        action="ignore"
+    ):  # most are too fast for their period, and it is said
         while done.steps < most:
             number += 1
             try:

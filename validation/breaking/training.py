@@ -52,11 +52,18 @@ def whole(folder: Path, conditions: str = "") -> Left:
     return left(folder / "whole")
 
 
-def _train(folder: Path, name: str, conditions: str = "", limit: Limit = lambda: None,
-           kill_after: float | None = None) -> Outcome:
+def _train(
+    folder: Path,
+    name: str,
+    conditions: str = "",
+    limit: Limit = lambda: None,
+    kill_after: float | None = None,
+) -> Outcome:
     """One go at the training in a run folder, begun or continued."""
     if not (folder / name / "config.json").exists():
-        RunFolder(folder / name).begin(replace(tiny(conditions), total_timesteps=_STEPS), "rans train")
+        RunFolder(folder / name).begin(
+            replace(tiny(conditions), total_timesteps=_STEPS), "rans train"
+        )
     return ran(("train", "--resume", name), folder, _PATIENCE, limit, kill_after, _OFTEN)
 
 
@@ -64,13 +71,23 @@ def left(run: Path) -> Left:
     """The agent, bit by bit, and all rows of metrics but their times."""
     with zipfile.ZipFile(run / "policy.zip") as archive:
         agent = archive.read(AGENT)
-    end = 8 + int.from_bytes(agent[:8], "little")  # of the header, in which the order of keys is by chance
+    end = 8 + int.from_bytes(
+        agent[:8], "little"
+    )  # of the header, in which the order of keys is by chance
     rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
-    return Left(json.loads(agent[8:end]), agent[end:], [
-        {key: x for key, x in row.items() if key not in ("seconds", "steps_per_s")} for row in rows])
+    return Left(
+        json.loads(agent[8:end]),
+        agent[end:],
+        [
+            {key: x for key, x in row.items() if key not in ("seconds", "steps_per_s")}
+            for row in rows
+        ],
+    )
 
 
-def killed(number: int, folder: Path, expected: Left, conditions: str = "", *, seconds: float) -> Ended:
+def killed(
+    number: int, folder: Path, expected: Left, conditions: str = "", *, seconds: float
+) -> Ended:
     """SIGKILL once to three times, at any moment of the seconds that a training takes; then to its end."""
     chance = random.Random(f"kill {number}")
     moments = [chance.uniform(0.0, seconds) for _ in range(chance.choice((1, 2, 3)))]
@@ -94,8 +111,11 @@ def full_disk(number: int, folder: Path, expected: Left, conditions: str = "") -
         try:
             outcomes = [_train(small, "cut", conditions, limit)]
         except Exception as error:  # there was no room to begin
-            outcomes = [] if "cannot write" in str(error) else [
-                Outcome(("train",), "traceback", 0.0, "", str(error))]
+            outcomes = (
+                []
+                if "cannot write" in str(error)
+                else [Outcome(("train",), "traceback", 0.0, "", str(error))]
+            )
         if (small / "cut").exists():
             shutil.copytree(small / "cut", folder / "cut")
     outcomes.append(_train(folder, "cut", conditions))
@@ -107,8 +127,14 @@ def _small(folder: Path, kilobytes: int) -> Iterator[tuple[Path, Limit]]:
     """A folder with so little room: a file system of its own, or, where none may be mounted, a bound."""
     folder.mkdir()
     size = f"size={max(1, kilobytes)}k"
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)], capture_output=True,
-                             check=False).returncode == 0
+    mounted = (
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)],
+            capture_output=True,
+            check=False,
+        ).returncode
+        == 0
+    )
     try:
         yield folder, (lambda: None) if mounted else lambda: _bounded(1024 * kilobytes)
     finally:

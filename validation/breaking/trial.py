@@ -66,14 +66,22 @@ class Outcome:
         return odd
 
 
-def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = lambda: None,
-        kill_after: float | None = None, fresh: str | None = None) -> Outcome:
+def ran(
+    command: Command,
+    folder: Path,
+    patience: float = 20.0,
+    limit: Limit = lambda: None,
+    kill_after: float | None = None,
+    fresh: str | None = None,
+) -> Outcome:
     """Run a command in a folder, in a fork or, after the Python source ``fresh``, started from nothing.
 
     After so much patience, s, it hears Ctrl-C, as from somebody who has seen enough; one that has not ended
     `LEAVE` later hangs. With ``kill_after`` it is killed (SIGKILL) after so many seconds instead.
     """
-    out, err = folder.parent / ".out", folder.parent / ".err"  # beside a disk that is full, not on it
+    # beside a disk that is full, not on it
+    out = folder.parent / ".out"
+    err = folder.parent / ".err"
     started = time.monotonic()
     with warnings.catch_warnings(action="ignore"):  # Python 3.12 warns of threads beside a fork
         child = os.fork()
@@ -88,7 +96,9 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
     if ended is None:
         _, status = os.waitpid(child, 0)
         ended = os.waitstatus_to_exitcode(status)
-    said, wrong = (file.read_text("utf-8", "replace") if file.exists() else "" for file in (out, err))
+    said, wrong = (
+        file.read_text("utf-8", "replace") if file.exists() else "" for file in (out, err)
+    )
     name = _named(ended, hung and kill_after is None, wrong)
     return Outcome(command, name, time.monotonic() - started, said, wrong, fresh is not None)
 
@@ -110,7 +120,9 @@ def _named(code: int, hung: bool, err: str) -> str:
     return _CODES.get(code, "died")
 
 
-def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit, fresh: str | None) -> None:
+def _child(
+    command: Command, folder: Path, out: Path, err: Path, limit: Limit, fresh: str | None
+) -> None:
     """Never returns."""
     code = 70
     try:
@@ -144,9 +156,15 @@ def _start(command: Command, before: str) -> None:
 
     What limits this one limits that one too.
     """
-    places = [str(Path(rans_command.__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    os.execve(sys.executable, [sys.executable, "-P", "-c", f"{before}\n{_START}", *command],
-              os.environ | {"PYTHONPATH": os.pathsep.join(places)})
+    places = [
+        str(Path(rans_command.__file__).parent),
+        *filter(None, [os.environ.get("PYTHONPATH")]),
+    ]
+    os.execve(
+        sys.executable,
+        [sys.executable, "-P", "-c", f"{before}\n{_START}", *command],
+        os.environ | {"PYTHONPATH": os.pathsep.join(places)},
+    )
 
 
 def _waited(child: int, seconds: float) -> int | None:

@@ -15,7 +15,11 @@ _PERIOD = 0.2
 """s; a control period of ours, and one Runge-Kutta step of theirs."""
 _EPISODE = 125
 """Control periods until a spacecraft starts again."""
-_THRUSTERS, _THRUST, _MASS, _INERTIA, _RADIUS = 16, 1.0, 16.0, 0.25, 0.3
+_THRUSTERS = 16
+_THRUST = 1.0
+_MASS = 16.0
+_INERTIA = 0.25
+_RADIUS = 0.3
 """Of about our free-flyer's size: N, kg, kg m^2, m."""
 
 
@@ -30,14 +34,22 @@ class _Craft:
         thrusters = thrusterDynamicEffector.ThrusterDynamicEffector()
         factory = simIncludeThruster.thrusterFactory()
         for place, direction in random.normal(size=(_THRUSTERS, 2, 3)):
-            factory.create("Blank_Thruster", (_RADIUS * place / np.linalg.norm(place)).tolist(),
-                           (direction / np.linalg.norm(direction)).tolist(), MaxThrust=_THRUST,
-                           areaNozzle=0.01, steadyIsp=100.0)
+            factory.create(
+                "Blank_Thruster",
+                (_RADIUS * place / np.linalg.norm(place)).tolist(),
+                (direction / np.linalg.norm(direction)).tolist(),
+                MaxThrust=_THRUST,
+                areaNozzle=0.01,
+                steadyIsp=100.0,
+            )
         factory.addToSpacecraft(f"thrusters {number}", thrusters, self._body)
-        simulation.AddModelToTask("task", thrusters)  # first, so that the body moves under this command
+        simulation.AddModelToTask(
+            "task", thrusters
+        )  # first, so that the body moves under this command
         simulation.AddModelToTask("task", self._body)
         self._command = messaging.THRArrayOnTimeCmdMsgPayload(
-            OnTimeRequest=np.where(random.random(_THRUSTERS) < 0.3, _PERIOD, 0.0).tolist())
+            OnTimeRequest=np.where(random.random(_THRUSTERS) < 0.3, _PERIOD, 0.0).tolist()
+        )
         self._message = messaging.THRArrayOnTimeCmdMsg().write(self._command)
         thrusters.cmdsInMsg.subscribeTo(self._message)
 
@@ -51,8 +63,14 @@ class _Craft:
 
     def start_again(self) -> None:
         """At rest at the origin."""
-        hub, states = self._body.hub, self._body.dynManager
-        for name in (hub.nameOfHubPosition, hub.nameOfHubVelocity, hub.nameOfHubSigma, hub.nameOfHubOmega):
+        hub = self._body.hub
+        states = self._body.dynManager
+        for name in (
+            hub.nameOfHubPosition,
+            hub.nameOfHubVelocity,
+            hub.nameOfHubSigma,
+            hub.nameOfHubOmega,
+        ):
             states.getStateObject(name).setState([[0.0], [0.0], [0.0]])
 
 
@@ -79,9 +97,14 @@ def main() -> None:
             if (number + periods) % _EPISODE == 0:
                 craft.start_again()
 
-    say("bsk", f"{_THRUSTERS} on/off thrusters on a free body, no task",
+    say(
+        "bsk",
+        f"{_THRUSTERS} on/off thrusters on a free body, no task",
         f"one simulation of all, Runge-Kutta steps of {_PERIOD} s, commands and states through Python",
-        given.num_envs, "cpu", steps_per_s=steps_per_second(step, given.num_envs, given.seconds))
+        given.num_envs,
+        "cpu",
+        steps_per_s=steps_per_second(step, given.num_envs, given.seconds),
+    )
 
 
 if __name__ == "__main__":

@@ -20,10 +20,17 @@ def main() -> None:
     env = envs.create("reacher", episode_length=125, batch_size=given.num_envs, backend=_BACKEND)
     action = jax.random.uniform(jax.random.key(1), (given.num_envs, env.action_size), minval=-1.0)
     first = jax.jit(env.step)(jax.jit(env.reset)(jax.random.key(0)), action)
-    rate = loop_rate(lambda state: env.step(state, action), first, given.num_envs, _STEPS, given.seconds)
-    say("brax", f"reacher, {_BACKEND} backend",
-        f"jit of {_STEPS} steps of the batch, auto-reset, constant actions", given.num_envs, device_name(),
-        steps_per_s=rate)
+    rate = loop_rate(
+        lambda state: env.step(state, action), first, given.num_envs, _STEPS, given.seconds
+    )
+    say(
+        "brax",
+        f"reacher, {_BACKEND} backend",
+        f"jit of {_STEPS} steps of the batch, auto-reset, constant actions",
+        given.num_envs,
+        device_name(),
+        steps_per_s=rate,
+    )
 
 
 if __name__ == "__main__":

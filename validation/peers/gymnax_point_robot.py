@@ -30,8 +30,14 @@ def main() -> None:
     _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, parameters)
     first = keys, stepped(keys, state, action, parameters)
     rate = loop_rate(step, first, given.num_envs, _STEPS, given.seconds)
-    say("gymnax", "PointRobot-misc", f"jit of {_STEPS} steps of vmap, auto-reset, constant actions",
-        given.num_envs, device_name(), steps_per_s=rate)
+    say(
+        "gymnax",
+        "PointRobot-misc",
+        f"jit of {_STEPS} steps of vmap, auto-reset, constant actions",
+        given.num_envs,
+        device_name(),
+        steps_per_s=rate,
+    )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ import jax
 from stopwatch import steps_per_second
 
 
-def loop_rate(step: Callable[[Any], Any], first: Any, num_envs: int, steps: int, seconds: float) -> float:
+def loop_rate(
+    step: Callable[[Any], Any], first: Any, num_envs: int, steps: int, seconds: float
+) -> float:
     """Rate of a whole step with everything it gives.
 
     Args:
@@ -21,6 +23,7 @@ def loop_rate(step: Callable[[Any], Any], first: Any, num_envs: int, steps: int,
         steps: in one compiled loop.
         seconds: of a repeat.
     """
+
     @jax.jit
     def loop(carried: Any) -> Any:
         return jax.lax.fori_loop(0, steps, lambda _, c: step(c), carried)
@@ -29,6 +32,6 @@ def loop_rate(step: Callable[[Any], Any], first: Any, num_envs: int, steps: int,
 
 
 def device_name() -> str:
-    """"cpu", or "cuda" as torch calls it."""
+    """Kind of device as torch calls it, "cpu" or "cuda"."""
     backend = jax.default_backend()
     return "cuda" if backend == "gpu" else backend

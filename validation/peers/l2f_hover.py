@@ -28,7 +28,8 @@ class _Batch:
         self._calls.sample_initial_state(*self._of_all, self._state, self._random)
         self._action = np.random.default_rng(seed).uniform(-1, 1, (size, 4)).astype(np.float32)
         self._observation = np.zeros((size, self._envs.OBSERVATION_DIM), np.float32)
-        self._reward, self._ended = np.zeros(size, np.float32), np.zeros(size, bool)
+        self._reward = np.zeros(size, np.float32)
+        self._ended = np.zeros(size, bool)
         self._age = np.zeros(size, int)
 
     @property
@@ -37,7 +38,9 @@ class _Batch:
 
     def step(self) -> None:
         """Dynamics, reward, ends, reset, observation."""
-        calls, of_all, random = self._calls, self._of_all, self._random
+        calls = self._calls
+        of_all = self._of_all
+        random = self._random
         calls.step(*of_all, self._state, self._action, self._next, random)
         calls.reward(*of_all, self._state, self._action, self._next, self._reward, random)
         calls.terminated(*of_all, self._next, self._ended, random)
@@ -61,9 +64,14 @@ def main() -> None:
             for _ in range(_STEPS):
                 batch.step()
 
-    say("l2f", "hover, a quadrotor with its rotors, 100 Hz",
-        f"batches of {size:,} in C++ from Python, auto-reset, constant actions", given.num_envs, "cpu",
-        steps_per_s=steps_per_second(steps, _STEPS * given.num_envs, given.seconds))
+    say(
+        "l2f",
+        "hover, a quadrotor with its rotors, 100 Hz",
+        f"batches of {size:,} in C++ from Python, auto-reset, constant actions",
+        given.num_envs,
+        "cpu",
+        steps_per_s=steps_per_second(steps, _STEPS * given.num_envs, given.seconds),
+    )
 
 
 if __name__ == "__main__":

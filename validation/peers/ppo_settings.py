@@ -23,8 +23,13 @@ class Settings(NamedTuple):
         return self.n_envs * self.n_steps
 
     def __str__(self) -> str:
-        return (f"{self.n_envs} x {self.n_steps}, minibatches of {self.batch_size}, {self.n_epochs} epochs, "
-                f"networks {'x'.join(map(str, self.layers))}")
+        return (
+            f"{self.n_envs} x {self.n_steps}, minibatches of {self.batch_size}, {self.n_epochs} epochs, "
+            f"networks {'x'.join(map(str, self.layers))}"
+        )
 
 
-SETTINGS = {"cpu": Settings(128, 64, 2048, 4, (64, 64)), "cuda": Settings(256, 32, 2048, 4, (128, 128))}
+SETTINGS = {
+    "cpu": Settings(128, 64, 2048, 4, (64, 64)),
+    "cuda": Settings(256, 32, 2048, 4, (128, 128)),
+}

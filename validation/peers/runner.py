@@ -18,7 +18,8 @@ from typing import Any
 from rans.files import write_text
 
 _FOLDER = Path(__file__).parent
-_INSTALL_SECONDS, _RUN_SECONDS = 900.0, 900.0
+_INSTALL_SECONDS = 900.0
+_RUN_SECONDS = 900.0
 """Longer than that nobody waits: JAX with its libraries is a download of 200 MB."""
 
 
@@ -38,20 +39,47 @@ class Peer:
 
 PEERS = (
     Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ()),
-    Peer("rltools", "rltools", "rltools_ppo.py",
-         ("rltools[mkl]==2.2.1", "mkl==2026.2.0", "mkl-include==2026.2.0")),  # ten times slower without
-    Peer("rejax", "rejax", "rejax_ppo.py",
-         ("rejax==0.1.3", "gymnax==0.0.9", "jax==0.10.2", "six==1.17.0")),  # with newer ones it does not run
-    Peer("crazyflow", "crazyflow", "crazyflow_reach_pos.py",
-         ("crazyflow==0.4.0", "jax==0.10.1", "mujoco==4.0.0", "mujoco-mjx==3.17.0")),
+    Peer(
+        "rltools",
+        "rltools",
+        "rltools_ppo.py",
+        ("rltools[mkl]==2.2.1", "mkl==2026.2.0", "mkl-include==2026.2.0"),
+    ),  # ten times slower without
+    Peer(
+        "rejax",
+        "rejax",
+        "rejax_ppo.py",
+        ("rejax==0.1.3", "gymnax==0.0.9", "jax==0.10.2", "six==1.17.0"),
+    ),  # with newer ones it does not run
+    Peer(
+        "crazyflow",
+        "crazyflow",
+        "crazyflow_reach_pos.py",
+        ("crazyflow==0.4.0", "jax==0.10.1", "mujoco==4.0.0", "mujoco-mjx==3.17.0"),
+    ),
     Peer("l2f", "l2f", "l2f_hover.py", ("l2f==2.0.18", "numpy==2.4.6")),
     Peer("bsk", "Basilisk", "basilisk_thrusters.py", ("bsk==2.12.1", "numpy==2.4.6")),
-    Peer("playground", "mujoco_playground", "playground_point_mass.py",
-         ("playground==0.2.0", "jax==0.10.2", "mujoco==4.0.0", "mujoco-mjx==3.17.0", "warp-lang==1.19.0")),
-    Peer("gymnax", "gymnax", "gymnax_point_robot.py",
-         ("gymnax==1.0.1", "jax==0.10.2", "six==1.17.0")),  # gymnax imports six without asking for it
-    Peer("brax", "brax", "brax_reacher.py",
-         ("brax==0.14.2", "jax==0.10.2", "mujoco==4.0.0", "mujoco-mjx==3.17.0")),
+    Peer(
+        "playground",
+        "mujoco_playground",
+        "playground_point_mass.py",
+        (
+            "playground==0.2.0",
+            "jax==0.10.2",
+            "mujoco==4.0.0",
+            "mujoco-mjx==3.17.0",
+            "warp-lang==1.19.0",
+        ),
+    ),
+    Peer(
+        "gymnax", "gymnax", "gymnax_point_robot.py", ("gymnax==1.0.1", "jax==0.10.2", "six==1.17.0")
+    ),  # gymnax imports six without asking for it
+    Peer(
+        "brax",
+        "brax",
+        "brax_reacher.py",
+        ("brax==0.14.2", "jax==0.10.2", "mujoco==4.0.0", "mujoco-mjx==3.17.0"),
+    ),
     Peer("envpool", "envpool", "envpool_lunar_lander.py", ("envpool==1.2.5", "numpy==2.4.6")),
 )
 """Trainers, then simulators. Stable-Baselines3 is one of our own dependencies, so it is never installed."""
@@ -94,12 +122,28 @@ def measure_peer(peer: Peer, device: str, folder: Path, quick: bool = False) -> 
         quick: fewer environments and repeats.
     """
     here = importlib.util.find_spec(peer.module) is not None
-    requirements = [r.replace("jax", "jax[cuda12]") if device == "cuda" and r.startswith("jax==") else r
-                    for r in peer.requirements]
+    requirements = [
+        r.replace("jax", "jax[cuda12]") if device == "cuda" and r.startswith("jax==") else r
+        for r in peer.requirements
+    ]
     home = folder.resolve() / f"{peer.package}-{device}"
     python = Path(sys.executable) if here else home / "bin" / "python"
-    command = [str(python), str(_FOLDER / peer.script), "--device", device, *(["--quick"] if quick else [])]
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements]
+    command = [
+        str(python),
+        str(_FOLDER / peer.script),
+        "--device",
+        device,
+        *(["--quick"] if quick else []),
+    ]
+    pip = [
+        str(python),
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        *requirements,
+    ]
     installed_by = "" if here else shlex.join(pip)
     try:
         if not here:
@@ -112,7 +156,8 @@ def measure_peer(peer: Peer, device: str, folder: Path, quick: bool = False) -> 
 
 def _install(home: Path, pip: Sequence[str]) -> None:
     """Make a virtual environment; a note in it says what it holds, once it is complete."""
-    note, content = home / "installed.txt", shlex.join(pip)
+    note = home / "installed.txt"
+    content = shlex.join(pip)
     if note.exists() and note.read_text("utf-8") == content:
         return
     venv.create(home, clear=True, with_pip=True)
@@ -130,8 +175,16 @@ def _output(command: Sequence[str], seconds: float, environment: dict[str, str])
     """What a command prints."""
     try:
         with tempfile.TemporaryDirectory() as folder:  # MuJoCo logs into the current one
-            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False,
-                                  stdin=subprocess.DEVNULL, env=environment, cwd=folder)
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                timeout=seconds,
+                check=False,
+                stdin=subprocess.DEVNULL,
+                env=environment,
+                cwd=folder,
+            )
     except subprocess.TimeoutExpired as error:
         raise _Failed(f"not done after {seconds:.0f} s") from error
     if done.returncode != 0:

@@ -29,9 +29,11 @@ from rans.tasks import GoToPose
 
 _LIMIT = 300.0
 """Training not solved after so many seconds is given up."""
-_REPORT_INTERVAL, _SOLVED_SHARE = 16, 0.995
+_REPORT_INTERVAL = 16
+_SOLVED_SHARE = 0.995
 """As `rans.fast.learn.config.TrainConfig` has them: iterations between reports, and what they must find."""
-_CRAFT, _TASK = load_spacecraft("floating-platform"), GoToPose()
+_CRAFT = load_spacecraft("floating-platform")
+_TASK = GoToPose()
 
 
 class _Scaled(VecEnvWrapper):
@@ -56,33 +58,66 @@ def main() -> None:
     settings = replace(preset("go-to-pose", _CRAFT.dimension, given.device), symmetric=False)
     rollout = settings.n_envs * settings.n_steps
     model = _model(settings, given.device)
-    rate = steps_per_second(lambda: model.learn(rollout, reset_num_timesteps=False), rollout, given.seconds)
+    rate = steps_per_second(
+        lambda: model.learn(rollout, reset_num_timesteps=False), rollout, given.seconds
+    )
     success = {} if given.quick else _train(settings, given.device)
     layers = "x".join(map(str, settings.layers))
-    say("stable-baselines3", f"go-to-pose, {_CRAFT.name}, network {layers}", "learn() on rans.SB3VecEnv",
-        settings.n_envs, given.device, same_task=True, trained_steps_per_s=rate, **success)
+    say(
+        "stable-baselines3",
+        f"go-to-pose, {_CRAFT.name}, network {layers}",
+        "learn() on rans.SB3VecEnv",
+        settings.n_envs,
+        given.device,
+        same_task=True,
+        trained_steps_per_s=rate,
+        **success,
+    )
 
 
 def _model(settings: PPOSettings, device: str) -> PPO:
     engine = Engine(_CRAFT, _TASK, settings.n_envs, device=device)
     env = _Scaled(SB3VecEnv(engine), settings.reward_scale)
-    names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
-             "ent_coef", "vf_coef", "max_grad_norm")
-    return PPO(ActorCriticPolicy, env, policy_kwargs=policy_kwargs(Architecture.of(engine, settings)), seed=0,
-               device=device, **{name: getattr(settings, name) for name in names})
+    names = (
+        "n_steps",
+        "batch_size",
+        "n_epochs",
+        "learning_rate",
+        "gamma",
+        "gae_lambda",
+        "clip_range",
+        "ent_coef",
+        "vf_coef",
+        "max_grad_norm",
+    )
+    return PPO(
+        ActorCriticPolicy,
+        env,
+        policy_kwargs=policy_kwargs(Architecture.of(engine, settings)),
+        seed=0,
+        device=device,
+        **{name: getattr(settings, name) for name in names},
+    )
 
 
 def _train(settings: PPOSettings, device: str) -> dict[str, float | bool]:
     """Seconds of training until two reports in a row find the task solved, judged as our trainer judges."""
-    model, seconds, in_a_row = _model(settings, device), 0.0, 0
+    model = _model(settings, device)
+    seconds = 0.0
+    in_a_row = 0
     selection = Selection(network_of(model.policy), _CRAFT, [_TASK], Timing(), torch.device(device))
     while in_a_row < SOLVED_IN_A_ROW and seconds < _LIMIT:
         begun = time.perf_counter()
-        model.learn(_REPORT_INTERVAL * settings.n_envs * settings.n_steps, reset_num_timesteps=False)
+        model.learn(
+            _REPORT_INTERVAL * settings.n_envs * settings.n_steps, reset_num_timesteps=False
+        )
         seconds += time.perf_counter() - begun
         in_a_row = in_a_row + 1 if selection.judge()[0]["success"] >= _SOLVED_SHARE else 0
-    return {"solved": in_a_row >= SOLVED_IN_A_ROW, "seconds_to_success": seconds,
-            "steps_to_success": model.num_timesteps}
+    return {
+        "solved": in_a_row >= SOLVED_IN_A_ROW,
+        "seconds_to_success": seconds,
+        "steps_to_success": model.num_timesteps,
+    }
 
 
 if __name__ == "__main__":

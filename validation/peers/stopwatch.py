@@ -44,7 +44,9 @@ def _took(call: Callable[[], object], calls: int) -> float:
     return (time.perf_counter() - begun) / calls
 
 
-def say(package: str, task: str, how: str, num_envs: int, device: str, **figures: float | bool) -> None:
+def say(
+    package: str, task: str, how: str, num_envs: int, device: str, **figures: float | bool
+) -> None:
     """Print what was measured.
 
     Args:
@@ -56,6 +58,13 @@ def say(package: str, task: str, how: str, num_envs: int, device: str, **figures
         **figures: "steps_per_s" of the environments, "trained_steps_per_s", "same_task" where that is on
             ours, "solved", "seconds_to_success", "steps_to_success".
     """
-    line = {"package": package, "version": version(package), "task": task, "how": how, "num_envs": num_envs,
-            "device": device, **figures}
+    line = {
+        "package": package,
+        "version": version(package),
+        "task": task,
+        "how": how,
+        "num_envs": num_envs,
+        "device": device,
+        **figures,
+    }
     sys.stdout.write(json.dumps(line) + "\n")

@@ -37,7 +37,8 @@ _THRUST = ThrusterConditions(thrust=(0.75, 1.25), pressure=(0.75, 1.0), droop=(0
 _LATE = ThrusterConditions(latency=(0.0, 0.1))
 _SLOW = ThrusterConditions(latency=(0.0, 0.1), rise=(0.0, 0.06))
 _FAULT = FaultConditions(count=(0.0, 1.0), time=(0.0, 25.0))
-_BIAS, _NOISE = SensorConditions(bias=(0.0, 0.01)), SensorConditions(noise=(0.0, 0.01))
+_BIAS = SensorConditions(bias=(0.0, 0.01))
+_NOISE = SensorConditions(noise=(0.0, 0.01))
 
 EFFECTS: dict[str, Conditions] = {
     "mass, inertia, centre": Conditions(_BODY),
@@ -46,16 +47,29 @@ EFFECTS: dict[str, Conditions] = {
     "latency and rise": Conditions(thrusters=_SLOW),
     "force": Conditions(disturbances=DisturbanceConditions(force=(0.0, 0.25))),
     "torque": Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.03))),
-    "swing": Conditions(disturbances=DisturbanceConditions(slow_force=(0.0, 0.25), slow_torque=(0.0, 0.03))),
+    "swing": Conditions(
+        disturbances=DisturbanceConditions(slow_force=(0.0, 0.25), slow_torque=(0.0, 0.03))
+    ),
     "kick": Conditions(disturbances=DisturbanceConditions(kicks=1, kick=(0.0, 0.5))),
     "a fault": Conditions(faults=_FAULT),
     "sensor bias": Conditions(sensors=SensorsConditions(_BIAS, _BIAS, _BIAS, _BIAS)),
     "sensor noise": Conditions(sensors=SensorsConditions(_NOISE, _NOISE, _NOISE, _NOISE)),
     "every effect an episode draws": Conditions(
-        _BODY, ThrusterConditions((0.75, 1.25), (0.75, 1.0), (0.0, 0.3), (0.0, 0.1), 0.0, (0.0, 0.06)),
-        _FAULT, DisturbanceConditions((0.0, 0.25), (0.0, 0.03), (0.0, 0.25), (0.0, 0.03), (5.0, 25.0), 1,
-                                      (0.0, 0.5), (0.0, 0.05)),
-        SensorsConditions(_BIAS, _BIAS, _BIAS, _BIAS)),
+        _BODY,
+        ThrusterConditions((0.75, 1.25), (0.75, 1.0), (0.0, 0.3), (0.0, 0.1), 0.0, (0.0, 0.06)),
+        _FAULT,
+        DisturbanceConditions(
+            (0.0, 0.25),
+            (0.0, 0.03),
+            (0.0, 0.25),
+            (0.0, 0.03),
+            (5.0, 25.0),
+            1,
+            (0.0, 0.5),
+            (0.0, 0.05),
+        ),
+        SensorsConditions(_BIAS, _BIAS, _BIAS, _BIAS),
+    ),
     **{name: load_conditions(name) for name in ("roboran", "lab", "orbit", "harsh")},
 }
 """All but what needs more memory: readings that are late or drop out, and valves that stay for a time."""
@@ -78,11 +92,17 @@ def costs(craft: Spacecraft, num_envs: int, clock: Clock) -> Iterator[Cost]:
     """Of a perfect world, then of every effect."""
     for name, conditions in {"a perfect world": None, **EFFECTS}.items():
         engine = Engine(craft, GoToPose(), 1, conditions=conditions)
-        work, rate = step_work(engine, remember=False), None
+        work = step_work(engine, remember=False)
+        rate = None
         if clock.on_gpu:
             rate = engine_rate(craft, GoToPose(), num_envs, clock, conditions=conditions).value
-        yield Cost(name, engine._world.timing.substeps or 1, sum(work.operations.values()), work.bytes_moved,
-                   rate)
+        yield Cost(
+            name,
+            engine._world.timing.substeps or 1,
+            sum(work.operations.values()),
+            work.bytes_moved,
+            rate,
+        )
 
 
 def table(found: list[Cost]) -> str:
@@ -91,9 +111,14 @@ def table(found: list[Cost]) -> str:
     head = ["effect", "substeps", "operations", "bytes", "G steps/s", "share of a perfect world's"]
     rows = [head, ["---"] * len(head)]
     for one in found:
-        timed = ["", ""] if one.rate is None or perfect is None else [
-            f"{one.rate / 1e3:.2f}", f"{100 * one.rate / perfect:.0f} %"]
-        rows.append([one.name, str(one.substeps), f"{one.operations:,}", str(one.bytes_moved), *timed])
+        timed = (
+            ["", ""]
+            if one.rate is None or perfect is None
+            else [f"{one.rate / 1e3:.2f}", f"{100 * one.rate / perfect:.0f} %"]
+        )
+        rows.append(
+            [one.name, str(one.substeps), f"{one.operations:,}", str(one.bytes_moved), *timed]
+        )
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

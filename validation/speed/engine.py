@@ -32,9 +32,16 @@ def copy_bandwidth(clock: Clock) -> Measurement:
     return Measurement("memory", "memory copy", 8 * count / seconds / 1e9, "GB/s", warm_up)
 
 
-def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float | None = None,
-                compiled: bool | None = True, generated: bool = True,
-                conditions: Conditions | None = None) -> Measurement:
+def engine_rate(
+    craft: Spacecraft,
+    task: Task,
+    num_envs: int,
+    clock: Clock,
+    bandwidth: float | None = None,
+    compiled: bool | None = True,
+    generated: bool = True,
+    conditions: Conditions | None = None,
+) -> Measurement:
     """Environment steps per second: dynamics, reward terms, ends, both observations, reset.
 
     Args:
@@ -47,21 +54,40 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
         generated: see `Engine`.
         conditions: see `Engine`.
     """
-    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated,
-                    conditions=conditions)
+    engine = Engine(
+        craft,
+        task,
+        num_envs,
+        device=clock.device,
+        compiled=compiled,
+        generated=generated,
+        conditions=conditions,
+    )
     engine.stagger()  # as in training: in every step some episodes end
     actions = _actions(engine, _STEPS)
-    seconds, warm_up = clock.time(graphed(lambda: _last(engine, actions).reward, torch.device(clock.device)))
+    seconds, warm_up = clock.time(
+        graphed(lambda: _last(engine, actions).reward, torch.device(clock.device))
+    )
     moved = step_work(engine).bytes_moved
     note = f"{moved} bytes a step must move; {_ends(engine, actions)}"
     note += "" if engine.compiled else "; not compiled"
     bound = None if bandwidth is None else 1e3 * bandwidth / moved
     what = f"{craft.name}, {num_envs:,} environments" + ("" if generated else ", torch.compile")
-    return Measurement("engine", what, _STEPS * num_envs / seconds / 1e6, "M steps/s", warm_up, note, bound,
-                       "what the copy bandwidth allows")
+    return Measurement(
+        "engine",
+        what,
+        _STEPS * num_envs / seconds / 1e6,
+        "M steps/s",
+        warm_up,
+        note,
+        bound,
+        "what the copy bandwidth allows",
+    )
 
 
-def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: Clock) -> Measurement:
+def memory_per_environment(
+    craft: Spacecraft, task: Task, num_envs: int, clock: Clock
+) -> Measurement:
     """Bytes that one environment takes: what the engine holds, an action, and the results of one step.
 
     On a GPU it is what torch has allocated; on a CPU, whose allocator does not say, the sum of the arrays.
@@ -71,14 +97,22 @@ def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: 
     action = _actions(engine, 1)[0]
     results = engine.step(action)
     if clock.on_gpu:
-        held, how = torch.cuda.memory_allocated() - before, "allocated by torch"
+        held = torch.cuda.memory_allocated() - before
+        how = "allocated by torch"
     else:
         arrays = (*engine.save_state()["buffers"], engine._draws.first, action, *results)
-        held, how = sum(array.nbytes for array in arrays), "sum of all arrays"
+        held = sum(array.nbytes for array in arrays)
+        how = "sum of all arrays"
     target = MEMORY_TARGET if craft.dimension == 2 else None
-    return Measurement("memory", f"{craft.name}, one environment", held / num_envs, "bytes",
-                       note=f"{how} of {num_envs:,} environments", bound=target,
-                       bound_name="" if target is None else f"the {target:.0f} bytes aimed at")
+    return Measurement(
+        "memory",
+        f"{craft.name}, one environment",
+        held / num_envs,
+        "bytes",
+        note=f"{how} of {num_envs:,} environments",
+        bound=target,
+        bound_name="" if target is None else f"the {target:.0f} bytes aimed at",
+    )
 
 
 def _last(engine: Engine, actions: list[Tensor]) -> Step:
@@ -99,4 +133,7 @@ def _ends(engine: Engine, actions: list[Tensor]) -> str:
 
 def _actions(engine: Engine, count: int) -> list[Tensor]:
     shape = engine.num_envs, len(engine.craft.thrusters)
-    return [(torch.rand(shape, device=engine.device) < _OPEN_SHARE).to(torch.uint8) for _ in range(count)]
+    return [
+        (torch.rand(shape, device=engine.device) < _OPEN_SHARE).to(torch.uint8)
+        for _ in range(count)
+    ]

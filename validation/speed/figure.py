@@ -27,9 +27,15 @@ def speed_figure(title: str, measured: Sequence[Measurement], ratios: Sequence[R
     """
     engine = [m for m in measured if m.kind == "engine"]
     agents = [m for m in measured if m.kind == "policy" and m.value is not None]
-    panels = [(len(rows), draw) for rows, draw in (
-        (engine, partial(_roofline, engine=engine)), (agents, partial(_answers, agents=agents)),
-        (ratios, partial(_over_peers, ratios=ratios))) if rows]
+    panels = [
+        (len(rows), draw)
+        for rows, draw in (
+            (engine, partial(_roofline, engine=engine)),
+            (agents, partial(_answers, agents=agents)),
+            (ratios, partial(_over_peers, ratios=ratios)),
+        )
+        if rows
+    ]
     sizes = [size for size, _ in panels]
     figure = Figure(figsize=(9.0, 1.0 + 0.28 * sum(sizes) + 0.7 * len(sizes)), layout="constrained")
     figure.suptitle(title, fontsize=9, color=INK)
@@ -67,10 +73,22 @@ def _over_peers(axes: Axes, ratios: Sequence[Ratio]) -> None:
 def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], start: float) -> None:
     """One bar a row, from the top, green to the right of the start and orange to the left of it."""
     colours = [ORANGE if value < start else GREEN if start else BLUE for value in values]
-    axes.barh(range(len(names)), [value - start for value in values], left=start, color=colours, height=0.7)
+    axes.barh(
+        range(len(names)),
+        [value - start for value in values],
+        left=start,
+        color=colours,
+        height=0.7,
+    )
     for row, value in enumerate(values):
-        axes.annotate(f"{value:,.3g}", (max(value, start), row), (3, 0), textcoords="offset points",
-                      va="center", fontsize=8)
+        axes.annotate(
+            f"{value:,.3g}",
+            (max(value, start), row),
+            (3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+        )
     axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")

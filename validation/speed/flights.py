@@ -38,11 +38,19 @@ def flight_rates(craft: Spacecraft, count: int, clock: Clock) -> Iterator[Measur
     for units in _UNITS[craft.dimension]:
         settings = PPOSettings(layers=(units, units), zoom=16.0)
         given = Architecture.of(Engine(craft, _TASK, 1), settings)
-        network = Network.stacked(given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32)
+        network = Network.stacked(
+            given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32
+        )
         for way in products:
             flights = Flights(network, Setup(craft, _TASK, Timing()), clock.device, products=way)
             seconds, warm_up = clock.time(lambda flights=flights: flights.fly(0, count, 0))
             (how,) = flights.fly(0, 1, 0).ways
             steps = count * flights.world.timing.episode_steps
-            yield Measurement("flights", f"{craft.name}, {units}x{units}, {how}", steps / seconds / 1e6,
-                              "M steps/s", warm_up, f"{count:,} flights with a policy in the loop")
+            yield Measurement(
+                "flights",
+                f"{craft.name}, {units}x{units}, {how}",
+                steps / seconds / 1e6,
+                "M steps/s",
+                warm_up,
+                f"{count:,} flights with a policy in the loop",
+            )

@@ -35,9 +35,17 @@ class Iteration(NamedTuple):
 
 def iteration(config: TrainConfig, clock: Clock, by_hand: bool = True) -> Iteration:
     """Of a training without curriculum and reports, with gradients by hand where there are such."""
-    given, conditions = config.ppo, config.conditions.or_none
-    engine = Engine(config.spacecraft, config.settings, given.n_envs, config.timing, device=clock.device,
-                    conditions=conditions, remember=given.privileged_critic)
+    given = config.ppo
+    conditions = config.conditions.or_none
+    engine = Engine(
+        config.spacecraft,
+        config.settings,
+        given.n_envs,
+        config.timing,
+        device=clock.device,
+        conditions=conditions,
+        remember=given.privileged_critic,
+    )
     made = Gradients.made if by_hand else lambda *_: None
     with mock.patch.object(Gradients, "made", made):
         learner = begin(engine, [given], [0])
@@ -54,7 +62,9 @@ def iteration(config: TrainConfig, clock: Clock, by_hand: bool = True) -> Iterat
 def table(found: list[Iteration]) -> str:
     """In Markdown."""
     rows = [("gradients", "rollout, ms", "update, ms", "M steps/s"), ("---",) * 4]
-    rows += [(one.way, f"{one.rollout:.2f}", f"{one.update:.2f}", f"{one.rate:.1f}") for one in found]
+    rows += [
+        (one.way, f"{one.rollout:.2f}", f"{one.update:.2f}", f"{one.rate:.1f}") for one in found
+    ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
@@ -67,7 +77,10 @@ def main() -> None:
     given = parser.parse_args()
     clock = Clock("cuda" if torch.cuda.is_available() else "cpu", given.repeats)
     config = recipe(given.recipe, clock.device)
-    found = [iteration(config, clock, by_hand) for by_hand in ((True, False) if given.autograd else (True,))]
+    found = [
+        iteration(config, clock, by_hand)
+        for by_hand in ((True, False) if given.autograd else (True,))
+    ]
     sys.stdout.write(f"{table(found)}\n")
 
 

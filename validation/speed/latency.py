@@ -32,7 +32,9 @@ Policy = Callable[[np.ndarray], np.ndarray]
 """Commands (N, thrusters) for observations (N, width), float32."""
 
 
-def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) -> Iterator[Measurement]:
+def latencies(
+    craft: Spacecraft, task: Task, settings: PPOSettings, calls: int
+) -> Iterator[Measurement]:
     """Median and 99th percentile over so many single observations, in microseconds, by way to run it.
 
     Args:
@@ -43,14 +45,17 @@ def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) 
     """
     engine = Engine(craft, task, 1)
     policy = begin(engine, [replace(settings, n_envs=1, n_steps=2, batch_size=2)], [0]).network
-    observation, agent = engine.observe().numpy().copy(), Agent(policy, "")
+    observation = engine.observe().numpy().copy()
+    agent = Agent(policy, "")
     ways = {"torch, eager": lambda x: agent.act(None, None, x), "NumPy": exported(policy, "numpy")}
     for way, act in ways.items():
         yield from _measured(f"{way}, {craft.name}", act, observation, calls)
     try:
         act = exported(policy, "onnx")
     except (ConfigError, ImportError) as error:
-        yield Measurement("policy", f"ONNX, {craft.name}", None, "us", note=f"needs a package: {error}")
+        yield Measurement(
+            "policy", f"ONNX, {craft.name}", None, "us", note=f"needs a package: {error}"
+        )
     else:
         yield from _measured(f"ONNX, {craft.name}", act, observation, calls)
 
@@ -62,13 +67,17 @@ def exported(network: Network, form: Form) -> Policy:
         ConfigError, ImportError: the form needs a package.
     """
     with tempfile.TemporaryDirectory() as folder:
-        write_agent(Path(folder), form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "agent")
+        write_agent(
+            Path(folder), form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "agent"
+        )
         answer = ANSWERS[form](Path(folder))
     nothing = np.zeros((1, 0), np.float32)
     return lambda observation: answer(observation, nothing)[0]
 
 
-def _measured(name: str, policy: Policy, observation: np.ndarray, calls: int) -> Iterator[Measurement]:
+def _measured(
+    name: str, policy: Policy, observation: np.ndarray, calls: int
+) -> Iterator[Measurement]:
     with one_thread():
         warm_up = sum(_seconds(policy, observation) for _ in range(calls // 10))
         seconds = [_seconds(policy, observation) for _ in range(calls)]

@@ -32,12 +32,19 @@ def bounds(measured: Sequence[Measurement]) -> Iterator[Ratio]:
     """Every figure that has a bound, as a share of it."""
     for m in measured:
         if m.value is not None and m.bound is not None:
-            yield Ratio(f"{m.name}: share of {m.bound_name}", m.value / m.bound,
-                        f"{m.value:,.4g} of {m.bound:,.4g} {m.unit}")
+            yield Ratio(
+                f"{m.name}: share of {m.bound_name}",
+                m.value / m.bound,
+                f"{m.value:,.4g} of {m.bound:,.4g} {m.unit}",
+            )
 
 
-def compare_peers(spend: Effort, folder: Path, quick: bool, progress: Callable[[str], object],
-                  ) -> Iterator[tuple[PeerResult, list[Ratio]]]:
+def compare_peers(
+    spend: Effort,
+    folder: Path,
+    quick: bool,
+    progress: Callable[[str], object],
+) -> Iterator[tuple[PeerResult, list[Ratio]]]:
     """Measure every peer, and ours right after it.
 
     Args:
@@ -54,7 +61,8 @@ def compare_peers(spend: Effort, folder: Path, quick: bool, progress: Callable[[
 
 def _ratios(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
     """None for a peer that failed, or that ran elsewhere: JAX falls back to a CPU silently."""
-    theirs, device = peer.figures, spend.clock.device
+    theirs = peer.figures
+    device = spend.clock.device
     if theirs.get("device") != device.partition(":")[0]:
         return
     if "steps_per_s" in theirs:
@@ -70,11 +78,16 @@ def _ratios(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
 def over_trainer(peer: PeerResult, rate: float, device: str) -> Ratio:
     """Trained steps/s of ours over a peer's, with the same network and batches."""
     theirs = peer.figures["trained_steps_per_s"]
-    alike = (f"same task, network and settings; aimed at: {100 if device.startswith('cuda') else 5} or more"
-             if peer.figures.get("same_task") else
-             f"same network and batches; theirs learns another task: {peer.figures['task']}")
-    return Ratio(f"trained steps/s, over {peer.package}", rate / theirs,
-                 f"{rate:,.4g} over {theirs:,.4g}, medians; {alike}")
+    alike = (
+        f"same task, network and settings; aimed at: {100 if device.startswith('cuda') else 5} or more"
+        if peer.figures.get("same_task")
+        else f"same network and batches; theirs learns another task: {peer.figures['task']}"
+    )
+    return Ratio(
+        f"trained steps/s, over {peer.package}",
+        rate / theirs,
+        f"{rate:,.4g} over {theirs:,.4g}, medians; {alike}",
+    )
 
 
 def until_solved(peer: PeerResult, ours: Success) -> Ratio:
@@ -82,20 +95,29 @@ def until_solved(peer: PeerResult, ours: Success) -> Ratio:
     theirs = peer.figures
     unsolved = "" if theirs["solved"] else "; theirs did not solve it: the ratio is a lower bound"
     seconds = theirs["seconds_to_success"]
-    return Ratio(f"seconds until solved, of {peer.package} over ours", seconds / ours.seconds,
-                 f"{seconds:.1f} s of {theirs['steps_to_success']:,} steps over {ours.seconds:.1f} s of "
-                 f"{ours.steps:,}; one training each{unsolved}")
+    return Ratio(
+        f"seconds until solved, of {peer.package} over ours",
+        seconds / ours.seconds,
+        f"{seconds:.1f} s of {theirs['steps_to_success']:,} steps over {ours.seconds:.1f} s of "
+        f"{ours.steps:,}; one training each{unsolved}",
+    )
 
 
 def _over_simulator(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
     """Environment steps/s of ours over a peer's, on that task of theirs which is nearest."""
-    num_envs, theirs = peer.figures["num_envs"], peer.figures["steps_per_s"]
+    num_envs = peer.figures["num_envs"]
+    theirs = peer.figures["steps_per_s"]
     for name in _CRAFTS:
-        ours = engine_rate(load_spacecraft(name), GoToPose(), num_envs, spend.clock, compiled=spend.compiled)
+        ours = engine_rate(
+            load_spacecraft(name), GoToPose(), num_envs, spend.clock, compiled=spend.compiled
+        )
         rate = _per_second(ours)
-        yield Ratio(f"environment steps/s, {name} over {peer.package}", rate / theirs,
-                    f"{rate:,.4g} over {theirs:,.4g}, medians; {num_envs:,} environments; theirs flies "
-                    f"another task: {peer.figures['task']}")
+        yield Ratio(
+            f"environment steps/s, {name} over {peer.package}",
+            rate / theirs,
+            f"{rate:,.4g} over {theirs:,.4g}, medians; {num_envs:,} environments; theirs flies "
+            f"another task: {peer.figures['task']}",
+        )
 
 
 def _per_second(measured: Measurement) -> float:

@@ -67,8 +67,13 @@ def step_work(engine: Engine, remember: bool = True) -> StepWork:
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
-    episode = engine.episode if remember else engine._backend.episodes(
-        engine._world, engine.body, engine.num_envs, engine._draws, remember=False)
+    episode = (
+        engine.episode
+        if remember
+        else engine._backend.episodes(
+            engine._world, engine.body, engine.num_envs, engine._draws, remember=False
+        )
+    )
     program = trace(engine._world, episode, engine.dtype)
     symbols = list(ordered([program.ended, *(store.value for store in program.going())]))
     operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
@@ -77,16 +82,25 @@ def step_work(engine: Engine, remember: bool = True) -> StepWork:
 
 def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffic]:
     """By part, in the order of memory."""
-    real, names = engine.dtype.itemsize, _memory_names(engine, len(program.memory))
+    real = engine.dtype.itemsize
+    names = _memory_names(engine, len(program.memory))
     sizes = [_BYTES.get(given.type, real) for given in program.memory]
     kept = {store.row for store in program.going() if store.array == "memory"}
-    memory = [Traffic(name, size * (given.symbol in used), size * (row in kept))
-              for row, (name, size, given) in enumerate(zip(names, sizes, program.memory, strict=True))]
+    memory = [
+        Traffic(name, size * (given.symbol in used), size * (row in kept))
+        for row, (name, size, given) in enumerate(zip(names, sizes, program.memory, strict=True))
+    ]
     commands = Traffic("action", sum(str(symbol.value).startswith("command") for symbol in used), 0)
-    results = [Traffic(_result_name(program, store), 0, 1 if store.array == "flags" else real)
-               for store in program.going() if store.array != "memory"]
-    bodies = [Traffic("mass properties", real, 0)
-              for given in program.settings if given.each and given.symbol in used]
+    results = [
+        Traffic(_result_name(program, store), 0, 1 if store.array == "flags" else real)
+        for store in program.going()
+        if store.array != "memory"
+    ]
+    bodies = [
+        Traffic("mass properties", real, 0)
+        for given in program.settings
+        if given.each and given.symbol in used
+    ]
     rows = [*memory, *bodies, commands, *results]
     parts = [_sum(name, list(group)) for name, group in groupby(rows, lambda row: row.name)]
     return [part for part in parts if part.read + part.written > 0]
@@ -116,11 +130,15 @@ def table(work: dict[str, StepWork]) -> str:
     names = list(dict.fromkeys(part.name for one in work.values() for part in one.traffic))
     parts = [{part.name: part for part in one.traffic} for one in work.values()]
     nothing = Traffic("", 0, 0)
-    rows = [[name, *(f"{p.get(name, nothing).read} + {p.get(name, nothing).written}" for p in parts)]
-            for name in names]
-    rows += [["all", *(f"**{one.bytes_moved}**" for one in work.values())],
-             ["operations", *(str(sum(one.operations.values())) for one in work.values())],
-             ["of them " + ", ".join(_SPECIAL), *(str(one.special) for one in work.values())]]
+    rows = [
+        [name, *(f"{p.get(name, nothing).read} + {p.get(name, nothing).written}" for p in parts)]
+        for name in names
+    ]
+    rows += [
+        ["all", *(f"**{one.bytes_moved}**" for one in work.values())],
+        ["operations", *(str(sum(one.operations.values())) for one in work.values())],
+        ["of them " + ", ".join(_SPECIAL), *(str(one.special) for one in work.values())],
+    ]
     head = [["bytes read + written", *work], ["---"] * (len(work) + 1)]
     return "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
 
@@ -128,7 +146,9 @@ def table(work: dict[str, StepWork]) -> str:
 def main() -> None:
     """Print the table of both dimensions."""
     crafts = map(load_spacecraft, ("floating-platform", "free-flyer"))
-    work = {f"go-to-pose, {craft.name}": step_work(Engine(craft, GoToPose(), 1)) for craft in crafts}
+    work = {
+        f"go-to-pose, {craft.name}": step_work(Engine(craft, GoToPose(), 1)) for craft in crafts
+    }
     sys.stdout.write(table(work) + "\n")
 
 

@@ -34,7 +34,8 @@ class _Watched(Agent):
 
     def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
         """See `Agent`."""
-        network, rows = self.network, torch.from_numpy(observation)
+        network = self.network
+        rows = torch.from_numpy(observation)
         self.seen.append(network.look(network.in_body(rows))[0])
         return super().act(state, goal, observation)
 
@@ -55,24 +56,31 @@ def differing(name: str, flights: int = FLIGHTS) -> Iterator[tuple[str, float, f
 
 def logits(network: Network, seen: Tensor, parts: int) -> Tensor:
     """Of a policy without a memory, by products of numbers in so many parts; 0: of float32."""
-    given, table = network.architecture, network.tensors
+    given = network.architecture
+    table = network.tensors
     scale = torch.rsqrt(table[f"{EXTRACTOR}variance"] + 1e-6)
     x = ((seen - table[f"{EXTRACTOR}mean"]) * scale).clamp(-given.clip, given.clip)
     if given.zoom:
         x = torch.cat((x, torch.tanh(seen * scale * given.zoom)), dim=1)
     for i in range(len(given.layers)):
         name = f"{EXTRACTOR}trunk.{2 * i}"
-        x = ACTIVATIONS[given.activation]()(_times(x, table[f"{name}.weight"], parts) + table[f"{name}.bias"])
-    weight, bias = table["action_net.weight"], table["action_net.bias"]
+        x = ACTIVATIONS[given.activation]()(
+            _times(x, table[f"{name}.weight"], parts) + table[f"{name}.bias"]
+        )
+    weight = table["action_net.weight"]
+    bias = table["action_net.bias"]
     return _times(x, weight[1::2] - weight[0::2], parts) + bias[1::2] - bias[0::2]
 
 
 def _times(x: Tensor, weight: Tensor, parts: int) -> Tensor:
     if not parts:
         return x @ weight.T
-    rows, columns = _parts(x, parts), _parts(weight, parts)
-    return sum((rows[i] @ columns[j].T for i in range(parts) for j in range(parts - i)),
-               start=x.new_zeros(()))
+    rows = _parts(x, parts)
+    columns = _parts(weight, parts)
+    return sum(
+        (rows[i] @ columns[j].T for i in range(parts) for j in range(parts - i)),
+        start=x.new_zeros(()),
+    )
 
 
 def _parts(x: Tensor, count: int) -> list[Tensor]:
@@ -85,7 +93,15 @@ def _parts(x: Tensor, count: int) -> list[Tensor]:
 
 
 if __name__ == "__main__":
-    rows = [(name, products, f"{commands:.1e}", f"{decisions:.1e}") for name in sys.argv[1:] or AGENTS
-            for products, commands, decisions in differing(name)]
-    Terminal().print(table(f"Commands that differ from float32's, over {FLIGHTS} flights", (
-        "agent", "products", "commands", "decisions"), rows))
+    rows = [
+        (name, products, f"{commands:.1e}", f"{decisions:.1e}")
+        for name in sys.argv[1:] or AGENTS
+        for products, commands, decisions in differing(name)
+    ]
+    Terminal().print(
+        table(
+            f"Commands that differ from float32's, over {FLIGHTS} flights",
+            ("agent", "products", "commands", "decisions"),
+            rows,
+        )
+    )

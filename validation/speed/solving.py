@@ -32,10 +32,17 @@ def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurem
     except (ImportError, ConfigError) as error:
         yield Measurement(_KIND, name, None, "ms a solve", note=str(error))
         return
-    found = [problem.solve(one.start, one.goal)
-             for one in each(scenarios(task, craft, EVALUATION_SEED, starts))]
-    solved, iterations = sum(t.solved for t in found), statistics.median(t.iterations for t in found)
+    found = [
+        problem.solve(one.start, one.goal)
+        for one in each(scenarios(task, craft, EVALUATION_SEED, starts))
+    ]
+    solved = sum(t.solved for t in found)
+    iterations = statistics.median(t.iterations for t in found)
     note = f"{solved} of {starts} solved, {iterations:g} iterations, {MinimumTime().intervals} intervals"
     seconds = [trajectory.seconds for trajectory in found]
-    yield Measurement(_KIND, f"{name}, median", 1e3 * statistics.median(seconds), "ms a solve", warm_up, note)
-    yield Measurement(_KIND, f"{name}, all together", starts / sum(seconds), "solves/s", warm_up, note)
+    yield Measurement(
+        _KIND, f"{name}, median", 1e3 * statistics.median(seconds), "ms a solve", warm_up, note
+    )
+    yield Measurement(
+        _KIND, f"{name}, all together", starts / sum(seconds), "solves/s", warm_up, note
+    )

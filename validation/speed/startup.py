@@ -35,7 +35,8 @@ PARTS = (
     ("import rans", "rans/__init__.py:<module>"),
 )
 """What is done, and what stands on Python's stack then: the end of a file's name and a function."""
-_START, _REST = "start Python", "anything else"
+_START = "start Python"
+_REST = "anything else"
 _EVERY = 0.005
 
 
@@ -45,15 +46,28 @@ def main() -> None:
         _watched(Path(sys.argv[2]), float(sys.argv[3]), sys.argv[4:])
     with tempfile.TemporaryDirectory() as folder:
         found = measured(sys.argv[1:], Path(folder) / "parts.json")
-    for part, seconds in [*sorted(found.items(), key=lambda row: -row[1]), ("in all", sum(found.values()))]:
+    for part, seconds in [
+        *sorted(found.items(), key=lambda row: -row[1]),
+        ("in all", sum(found.values())),
+    ]:
         sys.stdout.write(f"{seconds:6.2f} s  {part}\n")
 
 
 def measured(arguments: list[str], file: Path) -> dict[str, float]:
     """Seconds of each part of ``rans`` with these arguments, whose output goes where ours goes."""
     begun = time.time()
-    subprocess.run([sys.executable, "-m", "validation.speed.startup", "--watch", str(file), repr(begun),
-                    *arguments], check=False)
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "validation.speed.startup",
+            "--watch",
+            str(file),
+            repr(begun),
+            *arguments,
+        ],
+        check=False,
+    )
     whole = time.time() - begun
     parts = json.loads(file.read_text())
     return parts | {"end Python": whole - sum(parts.values())}
@@ -62,7 +76,8 @@ def measured(arguments: list[str], file: Path) -> dict[str, float]:
 def _watched(file: Path, begun: float, arguments: list[str]) -> None:
     """Be that process; what is not over when the table is written ends Python."""
     parts = defaultdict[str, float](float, {_START: time.time() - begun})
-    thread, over = threading.main_thread().ident or 0, threading.Event()
+    thread = threading.main_thread().ident or 0
+    over = threading.Event()
 
     def look() -> None:
         last = time.perf_counter()
@@ -84,11 +99,14 @@ def _watched(file: Path, begun: float, arguments: list[str]) -> None:
 
 
 def _part(thread: int) -> str:
-    frame, names = sys._current_frames().get(thread), list[str]()
+    frame = sys._current_frames().get(thread)
+    names = list[str]()
     while frame is not None:
         names.append(f"{frame.f_code.co_filename}:{frame.f_code.co_name}")
         frame = frame.f_back
-    return next((part for part, end in PARTS if any(name.endswith(f"/{end}") for name in names)), _REST)
+    return next(
+        (part for part, end in PARTS if any(name.endswith(f"/{end}") for name in names)), _REST
+    )
 
 
 if __name__ == "__main__":

@@ -35,11 +35,14 @@ def effort(device: str, quick: bool) -> Effort:
     """Enough for figures that repeat within a few per cent on an idle machine, or as little as possible."""
     if quick:
         return Effort(Clock(device, repeats=2, seconds=0.01), None, starts=1, calls=50, flights=64)
-    return Effort(Clock(device), True, starts=8, calls=5000, flights=2**22 if device != "cpu" else 2**14)
+    return Effort(
+        Clock(device), True, starts=8, calls=5000, flights=2**22 if device != "cpu" else 2**14
+    )
 
 
-def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes: Sequence[int],
-                 spend: Effort) -> Iterator[Measurement]:
+def measurements(
+    crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes: Sequence[int], spend: Effort
+) -> Iterator[Measurement]:
     """Memory, engine, flights, training, optimal control, agents.
 
     Args:

@@ -69,34 +69,54 @@ class Tradeoff:
         if self.seeds < 1:
             raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
         if wrong := [count for count in sizes if count < 1 or count % _MINIBATCHES]:
-            raise ConfigError(f"--num-envs must be multiples of {_MINIBATCHES}, the number of minibatches, "
-                              f"got {wrong[0]}.")
+            raise ConfigError(
+                f"--num-envs must be multiples of {_MINIBATCHES}, the number of minibatches, "
+                f"got {wrong[0]}."
+            )
         check_device(self.device)
         ready_folder(self.output.parent)
         trained: list[Trained] = []
         for one in self._train(settings, sizes):
             trained.append(one)
-            Console().print(f"{one.num_envs:6,} environments, seed {one.seed}: {_said(one.success)}")
+            Console().print(
+                f"{one.num_envs:6,} environments, seed {one.seed}: {_said(one.success)}"
+            )
             self._write(settings, trained)
         return trained
 
     def _write(self, settings: PPOSettings, trained: Sequence[Trained]) -> None:
         about = environment()
-        write_json(self.output, {"environment": about, "settings": asdict(settings),
-                                 "spacecraft": self.spacecraft, "device": self.device,
-                                 "trainings": [_row(one) for one in trained]})
+        write_json(
+            self.output,
+            {
+                "environment": about,
+                "settings": asdict(settings),
+                "spacecraft": self.spacecraft,
+                "device": self.device,
+                "trainings": [_row(one) for one in trained],
+            },
+        )
         hardware = about.get("gpu") if self.device == "cuda" else f"{about['processor']}, one core"
-        write_text(self.output.with_suffix(".svg"),
-                   svg(tradeoff_figure(f"go-to-pose, {self.spacecraft}, {hardware}", trained)))
+        write_text(
+            self.output.with_suffix(".svg"),
+            svg(tradeoff_figure(f"go-to-pose, {self.spacecraft}, {hardware}", trained)),
+        )
 
     def _train(self, settings: PPOSettings, sizes: Sequence[int]) -> Iterator[Trained]:
         interval = TrainConfig.report_interval * settings.n_envs
         for count in sizes:
-            changed = replace(settings, n_envs=count, batch_size=count * settings.n_steps // _MINIBATCHES)
+            changed = replace(
+                settings, n_envs=count, batch_size=count * settings.n_steps // _MINIBATCHES
+            )
             for seed in range(self.seeds):
                 # As many steps between reports whatever the number, or large ones would find out late.
-                yield Trained(count, seed, train_until_solved(
-                    changed, self.device, self.spacecraft, seed, max(1, round(interval / count))))
+                yield Trained(
+                    count,
+                    seed,
+                    train_until_solved(
+                        changed, self.device, self.spacecraft, seed, max(1, round(interval / count))
+                    ),
+                )
 
 
 def _row(one: Trained) -> dict[str, float | int | bool]:
@@ -123,11 +143,15 @@ def tradeoff_figure(title: str, trained: Sequence[Trained]) -> Figure:
 
 def _against_size(axes: Axes, trained: Sequence[Trained], values: Sequence[float]) -> None:
     sizes = sorted({one.num_envs for one in trained})
-    medians = [statistics.median(v for one, v in zip(trained, values, strict=True) if one.num_envs == size)
-               for size in sizes]
+    medians = [
+        statistics.median(v for one, v in zip(trained, values, strict=True) if one.num_envs == size)
+        for size in sizes
+    ]
     axes.plot(sizes, medians, color=GREY)
     for one, value in zip(trained, values, strict=True):
-        axes.plot(one.num_envs, value, "o", color=BLUE, fillstyle="full" if one.success.solved else "none")
+        axes.plot(
+            one.num_envs, value, "o", color=BLUE, fillstyle="full" if one.success.solved else "none"
+        )
     axes.set_xscale("log")
     axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
     axes.xaxis.set_minor_locator(NullLocator())

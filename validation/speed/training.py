@@ -46,19 +46,39 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
             learner.update()
 
         seconds, warm_up = clock.time(iteration)
-    rollout, layers = settings.n_envs * settings.n_steps, "x".join(map(str, settings.layers))
+    rollout = settings.n_envs * settings.n_steps
+    layers = "x".join(map(str, settings.layers))
     matmul = settings.matmul if clock.on_gpu else "float32"
     name = f"PPO, {craft.name}, {settings.n_envs:,} x {settings.n_steps}"
-    return Measurement("training", name, rollout / seconds / 1e6, "M steps/s", warm_up,
-                       f"environments x steps; {layers}, {settings.n_epochs} epochs, {matmul}")
+    return Measurement(
+        "training",
+        name,
+        rollout / seconds / 1e6,
+        "M steps/s",
+        warm_up,
+        f"environments x steps; {layers}, {settings.n_epochs} epochs, {matmul}",
+    )
 
 
-def train_until_solved(settings: PPOSettings, device: str, spacecraft: str = "floating-platform",
-                       seed: int = 0, report_interval: int = TrainConfig.report_interval) -> Success:
+def train_until_solved(
+    settings: PPOSettings,
+    device: str,
+    spacecraft: str = "floating-platform",
+    seed: int = 0,
+    report_interval: int = TrainConfig.report_interval,
+) -> Success:
     """One training of go-to-pose as ``rans train`` does it."""
     with tempfile.TemporaryDirectory() as folder, one_thread():
-        config = TrainConfig("go-to-pose", GoToPose(), spacecraft, settings, seed=seed, device=device,
-                             report_interval=report_interval, compiled=True)
+        config = TrainConfig(
+            "go-to-pose",
+            GoToPose(),
+            spacecraft,
+            settings,
+            seed=seed,
+            device=device,
+            report_interval=report_interval,
+            compiled=True,
+        )
         run = RunFolder(Path(folder) / "run")
         run.begin(config, "rans benchmark")
         trainer = Trainer([config], load_spacecraft(spacecraft), run)

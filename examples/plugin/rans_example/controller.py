@@ -28,6 +28,7 @@ class Steer:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; `rans list keep-distance` names the observation's columns."""
         cosine, sine, v_x, v_y, spin, _, way_x, way_y = observation.T[:8]
-        x, y = 0.5 * way_x - v_x, 0.5 * way_y - v_y
+        x = 0.5 * way_x - v_x
+        y = 0.5 * way_y - v_y
         wanted = np.stack((cosine * x + sine * y, cosine * y - sine * x, -0.5 * spin))  # in B
         return (self._wrenches @ wanted).T > 0.02

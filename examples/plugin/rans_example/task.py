@@ -30,7 +30,9 @@ class KeepDistance(SingleTask):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest around the origin."""
-        return random.around(*self.spawn_distance), random.at_rest(random.origin(), random.no_rotation())
+        return random.around(*self.spawn_distance), random.at_rest(
+            random.origin(), random.no_rotation()
+        )
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The way to the nearest point at the distance."""
@@ -45,8 +47,11 @@ class KeepDistance(SingleTask):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale), and as much for stillness."""
         off, spin = self.errors(transition.state, transition.goal).values()
-        return {"position": nearness(off, self.position_scale), "stillness": nearness(spin, 0.25),
-                **self.prices(transition)}
+        return {
+            "position": nearness(off, self.position_scale),
+            "stillness": nearness(spin, 0.25),
+            **self.prices(transition),
+        }
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away."""

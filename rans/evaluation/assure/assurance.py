@@ -58,10 +58,14 @@ class Assurance:
         """
         found = contestant(self.spec).under(self.conditions)
         if not isinstance(found.controller, Agent):
-            raise ConfigError(f"{self.spec} is no trained agent: name a run folder, or pretrained:NAME.")
+            raise ConfigError(
+                f"{self.spec} is no trained agent: name a run folder, or pretrained:NAME."
+            )
         if len(parts := judged_separately(self.spec)) > 1:
-            raise ConfigError(f"{self.spec} has several tasks, and each is assured by itself: name one of "
-                              f"{', '.join(parts)}.")
+            raise ConfigError(
+                f"{self.spec} has several tasks, and each is assured by itself: name one of "
+                f"{', '.join(parts)}."
+            )
         return found
 
     @cached_property
@@ -73,13 +77,23 @@ class Assurance:
     def about(self) -> dict[str, Any]:
         """What a campaign must share with another to go on with it."""
         plan = self.campaign.plan
-        return {"agent": self.spec, "conditions": conditions_text(self.run.conditions or Conditions()),
-                "seed": self.campaign.seed, "confidence": plan.confidence, "below": plan.below,
-                "looks": [[look.flights, look.high_level, look.low_level] for look in plan.looks],
-                "hashes": self.hashes}
+        return {
+            "agent": self.spec,
+            "conditions": conditions_text(self.run.conditions or Conditions()),
+            "seed": self.campaign.seed,
+            "confidence": plan.confidence,
+            "below": plan.below,
+            "looks": [[look.flights, look.high_level, look.low_level] for look in plan.looks],
+            "hashes": self.hashes,
+        }
 
-    def fly(self, device: str, told: Callable[[int], object], keep: Callable[[], object],
-            processes: Processes = ALONE) -> None:
+    def fly(
+        self,
+        device: str,
+        told: Callable[[int], object],
+        keep: Callable[[], object],
+        processes: Processes = ALONE,
+    ) -> None:
         """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
@@ -88,19 +102,34 @@ class Assurance:
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""
         numbers = {kind: some for kind in Failure if (some := self.campaign.numbers(kind))}
-        self.replays = replays(self.run.controller, self.run.judged, self.campaign.seed, numbers, worst,
-                               sample)
+        self.replays = replays(
+            self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
+        )
 
     def sample(self, count: int, device: str) -> None:
         """Estimate the probability of failure by so many flights where failures are likely."""
-        chances, network = Chances.of(self.run.judged), on_device(self._network, device)
-        self.rare = rare(chances.scores(network, torch.device(device)), len(chances.places), count,
-                         self.campaign.seed)
+        chances = Chances.of(self.run.judged)
+        network = on_device(self._network, device)
+        self.rare = rare(
+            chances.scores(network, torch.device(device)),
+            len(chances.places),
+            count,
+            self.campaign.seed,
+        )
 
-    def search(self, world: str, device: str, told: Callable[[int], object] = lambda _: None) -> None:
+    def search(
+        self, world: str, device: str, told: Callable[[int], object] = lambda _: None
+    ) -> None:
         """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
-        self.searched = searched(world, unit(world), self.run.controller,
-                                 on_device(self._network, device), self.run.judged, self.campaign.seed, told)
+        self.searched = searched(
+            world,
+            unit(world),
+            self.run.controller,
+            on_device(self._network, device),
+            self.run.judged,
+            self.campaign.seed,
+            told,
+        )
 
     @property
     def _network(self) -> Network:
@@ -125,7 +154,8 @@ class Assurance:
         """Refuse (`ConfigError`) to write over another campaign that was interrupted, or flew more."""
         before = read_json(file) if file.exists() else {}
         try:
-            flights, most = before["campaign"]["flights"], before["about"]["looks"][-1][0]
+            flights = before["campaign"]["flights"]
+            most = before["about"]["looks"][-1][0]
             interrupted = before["decision"] == "open" and 0 < flights < most
         except (KeyError, TypeError, IndexError):
             return  # no campaign
@@ -133,37 +163,58 @@ class Assurance:
         if (interrupted or larger) and (differing := self._differs_in(before["about"])):
             was = "interrupted" if interrupted else "larger"
             go_on = "go on with the command that the file tells, " if interrupted else ""
-            raise ConfigError(f"{file} holds {flights:,} of {most:,} flights of a campaign that was {was}, "
-                              f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
-                              "another folder with --output, or replace it with --restart.")
+            raise ConfigError(
+                f"{file} holds {flights:,} of {most:,} flights of a campaign that was {was}, "
+                f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
+                "another folder with --output, or replace it with --restart."
+            )
 
     def _differs_in(self, about: Any) -> list[str]:
         """What of `about` is another; that the agent's folder was moved does not matter, its hashes tell."""
+
         def told(about: Any) -> dict[str, Any]:
             known = about if isinstance(about, dict) else {}
             hashes = known.get("hashes")
-            return {key: value for key, value in known.items() if key not in ("agent", "hashes")} | (
-                hashes if isinstance(hashes, dict) else {})
+            return {
+                key: value for key, value in known.items() if key not in ("agent", "hashes")
+            } | (hashes if isinstance(hashes, dict) else {})
 
-        ours, theirs = told(self.about), told(about)
+        ours = told(self.about)
+        theirs = told(about)
         return [key for key in ours if key not in theirs or theirs[key] != ours[key]]
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        campaign, kinds = self.campaign, {"any": None, **{kind.name: kind for kind in Failure}}
-        return {"about": self.about, "campaign": campaign.to_json(), "decision": campaign.decision,
-                "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
-                "replays": self.replays and {
-                    "flown again": self.replays.tried, "failed again": self.replays.failed,
-                    "judged": [one.to_json() | {"see": self.view(one.number)} for one in self.replays.found]},
-                "rare": self.rare and self.rare.to_json(),
-                "searched": self.searched and self.searched.to_json(),
-                "command": self.command, "environment": self.environment}
+        campaign = self.campaign
+        kinds = {"any": None, **{kind.name: kind for kind in Failure}}
+        return {
+            "about": self.about,
+            "campaign": campaign.to_json(),
+            "decision": campaign.decision,
+            "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
+            "replays": self.replays
+            and {
+                "flown again": self.replays.tried,
+                "failed again": self.replays.failed,
+                "judged": [
+                    one.to_json() | {"see": self.view(one.number)} for one in self.replays.found
+                ],
+            },
+            "rare": self.rare and self.rare.to_json(),
+            "searched": self.searched and self.searched.to_json(),
+            "command": self.command,
+            "environment": self.environment,
+        }
 
 
 def _bound(bound: Bound) -> dict[str, float]:
-    return {"failures": bound.events, "flights": bound.flights, "rate": bound.rate,
-            "at least": bound.low, "at most": bound.high}
+    return {
+        "failures": bound.events,
+        "flights": bound.flights,
+        "rate": bound.rate,
+        "at least": bound.low,
+        "at most": bound.high,
+    }
 
 
 def made(spec: str, conditions: str | None, plan: Plan, seed: int, command: str) -> Assurance:

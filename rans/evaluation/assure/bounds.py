@@ -54,9 +54,11 @@ class Bound(NamedTuple):
 
 def flights_needed(below: float, level: float, events: int = 0) -> int:
     """The fewest flights after which so few events put `upper` at most at ``below``, or `_COUNTABLE`."""
-    few, many = 0, 1
+    few = 0
+    many = 1
     while many < _COUNTABLE and binom.cdf(events, many, below) > level:
-        few, many = many, 2 * many
+        few = many
+        many = 2 * many
     while many - few > 1:
         middle = (few + many) // 2
         few, many = (middle, many) if binom.cdf(events, middle, below) > level else (few, middle)
@@ -139,13 +141,18 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     least, first = (flights_needed(below, error * (1.0 - _EARLY) * share) for share in (1.0, 0.5))
     most = min(first * 2 ** (_LOOKS - 1), _MOST) if episodes is None else episodes
     if most < least:
-        raise ConfigError(f"{most:,} flights cannot show a probability below {below:g} at a confidence of "
-                          f"{confidence:.6g}: that takes at least {least:,} without a failure.")
+        raise ConfigError(
+            f"{most:,} flights cannot show a probability below {below:g} at a confidence of "
+            f"{confidence:.6g}: that takes at least {least:,} without a failure."
+        )
     late = [first * 2**k for k in range(_LOOKS) if first * 2**k < most] + [most]
     early = [n for k in range(40, 0, -1) if (n := first // 2**k) >= _FIRST and n < late[0]]
     shares = [2.0 ** -min(k, len(late) - 1) for k in range(1, len(late) + 1)]
     high = [error * _EARLY / len(early) for _ in early]
     high += [(error - sum(high)) * share for share in shares]
     low = error / len(high)
-    return Plan(tuple(Look(n, level, low) for n, level in zip(early + late, high, strict=True)),
-                confidence, below)
+    return Plan(
+        tuple(Look(n, level, low) for n, level in zip(early + late, high, strict=True)),
+        confidence,
+        below,
+    )

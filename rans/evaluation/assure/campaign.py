@@ -65,13 +65,24 @@ class Campaign:
         An interrupted campaign has the levels of the look that it was on its way to: right where nobody
         interrupted because of what they saw.
         """
-        look, events = self.plan.look(self.flights), self.failures if kind is None else self.events[kind]
-        return Bound(events, self.flights, lower(events, self.flights, look.low_level),
-                     upper(events, self.flights, look.high_level))
+        look = self.plan.look(self.flights)
+        events = self.failures if kind is None else self.events[kind]
+        return Bound(
+            events,
+            self.flights,
+            lower(events, self.flights, look.low_level),
+            upper(events, self.flights, look.high_level),
+        )
 
-    def fly(self, network: Network, setup: Setup, device: str,
-            told: Callable[[int], object] = lambda _: None,
-            keep: Callable[[], object] = lambda: None, processes: Processes = ALONE) -> None:
+    def fly(
+        self,
+        network: Network,
+        setup: Setup,
+        device: str,
+        told: Callable[[int], object] = lambda _: None,
+        keep: Callable[[], object] = lambda: None,
+        processes: Processes = ALONE,
+    ) -> None:
         """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
 
         Args:
@@ -109,23 +120,32 @@ class Campaign:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        return {"flights": self.flights, "seed": self.seed, "seconds": self.seconds,
-                "ways": sorted(self.ways),
-                "failures": {kind.name: count for kind, count in self.events.items()},
-                "listed": {kind.name: self.numbers(kind) for kind in Failure}}
+        return {
+            "flights": self.flights,
+            "seed": self.seed,
+            "seconds": self.seconds,
+            "ways": sorted(self.ways),
+            "failures": {kind.name: count for kind, count in self.events.items()},
+            "listed": {kind.name: self.numbers(kind) for kind in Failure},
+        }
 
     def go_on_from(self, before: Mapping[str, Any]) -> None:
         """Begin where `to_json` ended."""
         try:
-            self.flights, self.seconds, self.ways = before["flights"], before["seconds"], set(before["ways"])
+            self.flights = before["flights"]
+            self.seconds = before["seconds"]
+            self.ways = set(before["ways"])
             self.events = {kind: before["failures"][kind.name] for kind in Failure}
             self.listed = sorted((n, kind) for kind in Failure for n in before["listed"][kind.name])
         except (KeyError, TypeError) as error:
-            raise ConfigError(f"what was flown before is damaged: it lacks {error}; begin anew with "
-                              "--restart.") from error
+            raise ConfigError(
+                f"what was flown before is damaged: it lacks {error}; begin anew with --restart."
+            ) from error
 
 
-def _parts(fleet: Flights, first: int, end: int, seed: int, processes: Processes) -> Generator[Verdicts]:
+def _parts(
+    fleet: Flights, first: int, end: int, seed: int, processes: Processes
+) -> Generator[Verdicts]:
     """Of scenarios ``first`` to ``end - 1``, in this order: of several processes what all flew of a piece."""
     if processes.size == 1:
         yield from fleet.parts(first, end - first, seed)

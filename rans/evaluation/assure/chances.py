@@ -52,9 +52,11 @@ class Sized(tuple[float, float]):
 
 def sized(conditions: Any) -> Any:
     """The same conditions, whose ranges are `Sized` where they differ from a perfect world's."""
-    perfect, changed = type(conditions)(), {}
+    perfect = type(conditions)()
+    changed = {}
     for one in fields(conditions):
-        value, usual = getattr(conditions, one.name), getattr(perfect, one.name)
+        value = getattr(conditions, one.name)
+        usual = getattr(perfect, one.name)
         if is_dataclass(value):
             changed[one.name] = sized(value)
         elif is_range(one) and value != usual and one.name not in _UNSIZED:
@@ -81,7 +83,8 @@ class Chosen(Draws):
 class _Given(Random):
     def __init__(self, draws: Chosen, dimension: Any, number: Field, block: int) -> None:
         super().__init__(dimension, draws.low, draws.high, number, draws.dtype, block)
-        self._draws, self._at = draws, (block, 0)
+        self._draws = draws
+        self._at = (block, 0)
 
     def unit(self) -> Field:
         """The next number that was given."""
@@ -94,14 +97,20 @@ class _Given(Random):
         low, high = bounds(values)
         value = low if low == high else low + (high - low) * self.unit()
         size = self._draws.size
-        return value if size is None or not isinstance(values, Sized) else (
-            values.nominal + (value - values.nominal) * size)
+        return (
+            value
+            if size is None or not isinstance(values, Sized)
+            else (values.nominal + (value - values.nominal) * size)
+        )
 
     def whole(self, values: Any) -> Field:
         """As in `Random`."""
         low, high = bounds(values)
-        value, size = low if low == high else super().whole(values), self._draws.size
-        return value if size is None or not isinstance(values, Sized) else floor(value * size + 1e-6)
+        value = low if low == high else super().whole(values)
+        size = self._draws.size
+        return (
+            value if size is None or not isinstance(values, Sized) else floor(value * size + 1e-6)
+        )
 
 
 class _Noted(dict[Slot, Field]):
@@ -122,14 +131,20 @@ class Chances:
     @classmethod
     def of(cls, setup: Setup) -> Chances:
         """Those that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
-        noted, number = _Noted(), np.zeros(1, dtype=np.int32)
+        noted = _Noted()
+        number = np.zeros(1, dtype=np.int32)
         draws = Chosen(0, 0, number, 0, np.float64, noted, np.ones(1))
         world = World(setup.craft, setup.task, setup.timing, conditions=setup.conditions)
         world.begin(*world.scenario(number, draws), number, draws)
         return cls(setup, tuple(sorted(noted)))
 
-    def draws(self, units: np.ndarray, number: np.ndarray, size: np.ndarray | None = None,
-              backend: Backend | None = None) -> Chosen:
+    def draws(
+        self,
+        units: np.ndarray,
+        number: np.ndarray,
+        size: np.ndarray | None = None,
+        backend: Backend | None = None,
+    ) -> Chosen:
         """What N episodes draw with.
 
         Args:
@@ -140,11 +155,19 @@ class Chances:
         """
         units = np.minimum(units, 1.0 - 2.0**-24)
         if backend is None:
-            return Chosen(0, 0, number, 0, np.float64, dict(zip(self.places, units, strict=True)), size)
+            return Chosen(
+                0, 0, number, 0, np.float64, dict(zip(self.places, units, strict=True)), size
+            )
         rows = [backend.put(row, torch.float32) for row in units]
-        return Chosen(0, 0, backend.put(number, torch.int32), 0, backend.fields,
-                      dict(zip(self.places, rows, strict=True)),
-                      None if size is None else backend.put(size, torch.float32))
+        return Chosen(
+            0,
+            0,
+            backend.put(number, torch.int32),
+            0,
+            backend.fields,
+            dict(zip(self.places, rows, strict=True)),
+            None if size is None else backend.put(size, torch.float32),
+        )
 
     def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:
         """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
@@ -153,13 +176,18 @@ class Chances:
         infinite where the task declared the flight failed or its state is not finite. The network is of one
         member on the device.
         """
-        backend, batch = Backend.of(device, torch.float32, None), BATCH[device.type]
+        backend = Backend.of(device, torch.float32, None)
+        batch = BATCH[device.type]
         workers = processors() if backend.on_numpy else 1
 
         def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
             parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
-            jobs = [self.draws(ndtr(z[:, part]), number[part], size if size is None else size[part], backend)
-                    for part in parts]
+            jobs = [
+                self.draws(
+                    ndtr(z[:, part]), number[part], size if size is None else size[part], backend
+                )
+                for part in parts
+            ]
             with one_thread(), ThreadPoolExecutor(workers) as pool:
                 return np.concatenate([*pool.map(partial(self._score, network, backend), jobs)])
 
@@ -168,24 +196,32 @@ class Chances:
     @torch.no_grad()
     def _score(self, network: Network, backend: Backend, draws: Chosen) -> np.ndarray:
         craft, task, timing, conditions = self.setup
-        world, steps = World(craft, task, timing, backend.nodes, conditions), timing.episode_steps
+        world = World(craft, task, timing, backend.nodes, conditions)
+        steps = timing.episode_steps
         clock = draws.first * 0
-        zero, tolerances = draws.real(clock), task.tolerances()
+        zero = draws.real(clock)
+        tolerances = task.tolerances()
         with np.errstate(all="ignore"):  # what fails may well overflow
             now = world.begin(*world.scenario(clock, draws), clock, draws)
-            worst, failed, memory = zero, zero > 1.0, network.blank(len(zero))
+            worst = zero
+            failed = zero > 1.0
+            memory = network.blank(len(zero))
             for t in range(steps):
                 seen = backend.stack([zero + x for x in world.observe(now, draws)]).T
                 command, memory = likeliest(network, seen, memory)
                 columns = command.T.contiguous()
-                outcome = step(world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws)
+                outcome = step(
+                    world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws
+                )
                 now = outcome.episode
                 failed = failed | outcome.terminated | ~finite(*leaves(now.state))
                 if t >= steps - last_fifth(steps):
                     errors = task.errors(now.state, now.goal)
                     ratios = [errors[name] * (1.0 / tolerances[name]) for name in tolerances]
                     worst = reduce(_larger, ratios, worst)
-        return np.asarray(torch.as_tensor(where(failed, zero + np.inf, worst)).cpu(), dtype=np.float64)
+        return np.asarray(
+            torch.as_tensor(where(failed, zero + np.inf, worst)).cpu(), dtype=np.float64
+        )
 
 
 def _larger(a: Field, b: Field) -> Field:

@@ -23,12 +23,17 @@ def hashes(spec: str, setup: Setup) -> dict[str, str]:
     run = RunFolder(agent_folder(spec))
     package = Path(rans.__file__).parent
     code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
-    return {"weights (policy.zip)": sha256([run.policy_file.read_bytes()]),
-            "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
-            "task and timing": sha256([repr(setup[1:3]).encode()]),
-            "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),
-            "code of RANS": sha256(part for file in code for part in (
-                file.relative_to(package).as_posix().encode(), file.read_bytes()))}
+    return {
+        "weights (policy.zip)": sha256([run.policy_file.read_bytes()]),
+        "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
+        "task and timing": sha256([repr(setup[1:3]).encode()]),
+        "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),
+        "code of RANS": sha256(
+            part
+            for file in code
+            for part in (file.relative_to(package).as_posix().encode(), file.read_bytes())
+        ),
+    }
 
 
 def sha256(parts: Iterable[bytes]) -> str:

@@ -15,7 +15,8 @@ Score = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _SHARE = 0.1
 """Of a round that the next one is made like."""
-_ROUNDS, _FEWEST = 10, 1000
+_ROUNDS = 10
+_FEWEST = 1000
 _LEAST_RISE = 0.05
 """Of the way to an event, by which a round must come closer to be worth another."""
 _KEPT = 0.3
@@ -74,11 +75,15 @@ class Rare:
     def said(self) -> str:
         """In words."""
         if self.interval is None:
-            return (f"no failure was met in {self.sample:,} flights, after {self.learning:,} that chose "
-                    "where to look, so there is no estimate")
+            return (
+                f"no failure was met in {self.sample:,} flights, after {self.learning:,} that chose "
+                "where to look, so there is no estimate"
+            )
         low, high = self.interval
-        return (f"the probability of failure is {self.probability:.3g} ({low:.3g} to {high:.3g}), with a "
-                f"gain of {self.gain:.3g} over counting")
+        return (
+            f"the probability of failure is {self.probability:.3g} ({low:.3g} to {high:.3g}), with a "
+            f"gain of {self.gain:.3g} over counting"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
@@ -99,40 +104,52 @@ def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
     return estimated(score, tilt, count, learning, random)
 
 
-def learnt(score: Score, dimensions: int, count: int,
-           random: np.random.Generator) -> tuple[Tilt, int]:
+def learnt(
+    score: Score, dimensions: int, count: int, random: np.random.Generator
+) -> tuple[Tilt, int]:
     """Where events are likely, and how many scores that took.
 
     The cross-entropy method (Rubinstein and Kroese, 2004, section 3.2): the tenth of a sample that scores
     most moves the distribution of the next, weighted by how likely each is as usual, until a tenth are
     events, or until that no longer helps.
     """
-    tilt, before = Tilt(np.zeros((dimensions, 1)), np.ones((dimensions, 1))), -np.inf
+    tilt = Tilt(np.zeros((dimensions, 1)), np.ones((dimensions, 1)))
+    before = -np.inf
     for number in range(1, _ROUNDS + 1):
         z = tilt.sample(random, count)
         found = score(z, numbers(random, count))
         level = min(1.0, float(np.quantile(found, 1.0 - _SHARE, method="higher")))
         if level < before + _LEAST_RISE * (1.0 - before):
             return tilt, number * count
-        best, before = found >= level, level
+        best = found >= level
+        before = level
         weight = tilt.weight(z)[best]
         weight /= weight.sum()
         mean = (z[:, best] * weight).sum(axis=1, keepdims=True)
         spread = np.sqrt(((z[:, best] - mean) ** 2 * weight).sum(axis=1, keepdims=True))
-        tilt = Tilt(_KEPT * tilt.mean + (1.0 - _KEPT) * mean,
-                    np.maximum(_NARROWEST, _KEPT * tilt.spread + (1.0 - _KEPT) * spread))
+        tilt = Tilt(
+            _KEPT * tilt.mean + (1.0 - _KEPT) * mean,
+            np.maximum(_NARROWEST, _KEPT * tilt.spread + (1.0 - _KEPT) * spread),
+        )
         if level >= 1.0:
             return tilt, number * count
     return tilt, _ROUNDS * count
 
 
-def estimated(score: Score, tilt: Tilt, count: int, learning: int, random: np.random.Generator) -> Rare:
+def estimated(
+    score: Score, tilt: Tilt, count: int, learning: int, random: np.random.Generator
+) -> Rare:
     """The probability of an event, which does not depend on where one looks, but its error does."""
     z = tilt.sample(random, count)
     events = score(z, numbers(random, count)) >= 1.0
     values = np.where(events, tilt.weight(z), 0.0)
-    return Rare(float(values.mean()), float(values.std(ddof=1) / np.sqrt(count)), int(events.sum()), count,
-                learning)
+    return Rare(
+        float(values.mean()),
+        float(values.std(ddof=1) / np.sqrt(count)),
+        int(events.sum()),
+        count,
+        learning,
+    )
 
 
 def numbers(random: np.random.Generator, count: int) -> np.ndarray:

@@ -43,8 +43,10 @@ class Replayed:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        return asdict(self) | {"kind": self.kind.name, "again": {
-            judge: found.name if found else None for judge, found in self.again.items()}}
+        return asdict(self) | {
+            "kind": self.kind.name,
+            "again": {judge: found.name if found else None for judge, found in self.again.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,14 @@ def has_drake() -> bool:
     return importlib.util.find_spec("pydrake") is not None
 
 
-def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Failure, Sequence[int]],
-            worst: int, sample: int) -> Replays:
+def replays(
+    controller: Controller,
+    setup: Setup,
+    seed: int,
+    numbers: Mapping[Failure, Sequence[int]],
+    worst: int,
+    sample: int,
+) -> Replays:
     """Fly failed flights again.
 
     Args:
@@ -90,7 +98,8 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
     if not kinds or not worst + sample:
         return Replays([], None)
     flight = fly_drawn(controller, setup, drawing(seed, [number for number, _ in kinds]))
-    again, (excess, largest) = failures(flight), worst_errors(flight)
+    again = failures(flight)
+    (excess, largest) = worst_errors(flight)
     chosen: list[int] = []
     for kind in numbers:
         own = [k for k, (_, of) in enumerate(kinds) if of == kind]
@@ -100,11 +109,20 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])
         told["drake"] = failures(fly_drawn(controller, setup, own, "drake"))
-    inside = np.asarray(flight.task.reached(flight.states, flight.goals))[-last_fifth(len(flight.commands)):]
-    found = [Replayed(*kinds[k], again={judge: some[at] for judge, some in told.items()},
-                      excess=float(excess[k]), errors={name: float(x[k]) for name, x in largest.items()},
-                      outside=float(1.0 - inside[:, k].mean()), ending=ending(flight, k))
-             for at, k in enumerate(chosen)]
+    inside = np.asarray(flight.task.reached(flight.states, flight.goals))[
+        -last_fifth(len(flight.commands)) :
+    ]
+    found = [
+        Replayed(
+            *kinds[k],
+            again={judge: some[at] for judge, some in told.items()},
+            excess=float(excess[k]),
+            errors={name: float(x[k]) for name, x in largest.items()},
+            outside=float(1.0 - inside[:, k].mean()),
+            ending=ending(flight, k),
+        )
+        for at, k in enumerate(chosen)
+    ]
     return Replays(found, picked(flight, chosen), len(kinds), sum(one is not None for one in again))
 
 
@@ -115,36 +133,51 @@ def drawing(seed: int, numbers: Sequence[int]) -> Draws:
 
 def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
     """Some episodes of a flight."""
+
     def some(x: Any) -> Any:
         return x[..., list(episodes)] if np.ndim(x) else x
 
-    return replace(flight, states=map_leaves(some, flight.states), goals=map_leaves(some, flight.goals),
-                   commands=flight.commands[:, list(episodes)])
+    return replace(
+        flight,
+        states=map_leaves(some, flight.states),
+        goals=map_leaves(some, flight.goals),
+        commands=flight.commands[:, list(episodes)],
+    )
 
 
 def failures(flight: Flight) -> list[Failure | None]:
     """How each of N flights failed, in the words of `rans.fast.verdicts`; None: it did not."""
-    task, after = flight.task, map_leaves(lambda x: x[1:], flight.states)
+    task = flight.task
+    after = map_leaves(lambda x: x[1:], flight.states)
     goals = map_leaves(lambda x: x[1:] if np.ndim(x) == 2 else x, flight.goals)
     with np.errstate(invalid="ignore"):
         lost = ~np.asarray(finite(*leaves(after))).all(axis=0)
         ended = np.asarray(task.failed(after, goals)).any(axis=0)
-        inside = np.asarray(task.reached(flight.states, flight.goals))[-1 - last_fifth(len(flight.commands)):]
+        inside = np.asarray(task.reached(flight.states, flight.goals))[
+            -1 - last_fifth(len(flight.commands)) :
+        ]
     left = (inside[:-1] & ~inside[1:]).any(axis=0)
-    kinds = np.select([lost, ended, inside[1:].all(axis=0), left, inside[-1]],
-                      [Failure.NOT_FINITE, Failure.TERMINATED, 0, Failure.LEFT, Failure.LATE],
-                      Failure.UNSETTLED)
+    kinds = np.select(
+        [lost, ended, inside[1:].all(axis=0), left, inside[-1]],
+        [Failure.NOT_FINITE, Failure.TERMINATED, 0, Failure.LEFT, Failure.LATE],
+        Failure.UNSETTLED,
+    )
     return [Failure(kind) if kind else None for kind in kinds.tolist()]
 
 
 def ending(flight: Flight, k: int) -> str:
     """What flight k does over its last fifth: whether its commands repeat, or it drifts."""
-    commands = flight.commands[-last_fifth(len(flight.commands)):, k]
+    commands = flight.commands[-last_fifth(len(flight.commands)) :, k]
     if not np.isfinite(leaves(flight.states)[0][-1, k]):
         return "is lost"
     if not commands.any():
         return "drifts with shut valves"
     lags = range(1, len(commands) // 2 + 1)
     cycle = next((lag for lag in lags if np.array_equal(commands[lag:], commands[:-lag])), 0)
-    return ("fires without a cycle" if not cycle else "fires steadily" if cycle == 1 else
-            f"repeats every {cycle} steps")
+    return (
+        "fires without a cycle"
+        if not cycle
+        else "fires steadily"
+        if cycle == 1
+        else f"repeats every {cycle} steps"
+    )

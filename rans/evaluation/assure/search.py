@@ -27,12 +27,14 @@ from rans.model.random import generator
 
 _LARGEST = 2.0
 """Size up to which it is looked for."""
-_ROUNDS, _COUNT = 20, 2048
+_ROUNDS = 20
+_COUNT = 2048
 _BEST = 0.1
 """Share of a round that the next one is made like."""
 _KEPT = 0.3
 _NARROWEST = 0.05
-_CANDIDATES, _DRAKE = 64, 8
+_CANDIDATES = 64
+_DRAKE = 8
 """Smallest failures that are flown again in float64, and of those that still fail, in Drake."""
 
 Sizes = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -91,19 +93,36 @@ class Searched:
     def said(self) -> str:
         """In one sentence."""
         if self.breaking is None:
-            return (f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "
-                    f"makes it fail, in {self.flights:,} flights")
-        return (f"the smallest disturbance found that makes it fail is {self.breaking.size:.3g} times the "
-                f"size of {self.world}, in {self.flights:,} flights; a smaller one is not ruled out")
+            return (
+                f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "
+                f"makes it fail, in {self.flights:,} flights"
+            )
+        return (
+            f"the smallest disturbance found that makes it fail is {self.breaking.size:.3g} times the "
+            f"size of {self.world}, in {self.flights:,} flights; a smaller one is not ruled out"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
         found = self.breaking
-        return {"unit": self.world, "up to": self.largest, "flights": self.flights, "failed": self.failed,
-                "smallest": found and {
-                    "size": found.size, "drew": found.drew, "excess": found.excess, "ending": found.ending,
-                    "units": found.units, "number": found.number,
-                    "again": {judge: kind.name if kind else None for judge, kind in found.again.items()}}}
+        return {
+            "unit": self.world,
+            "up to": self.largest,
+            "flights": self.flights,
+            "failed": self.failed,
+            "smallest": found
+            and {
+                "size": found.size,
+                "drew": found.drew,
+                "excess": found.excess,
+                "ending": found.ending,
+                "units": found.units,
+                "number": found.number,
+                "again": {
+                    judge: kind.name if kind else None for judge, kind in found.again.items()
+                },
+            },
+        }
 
 
 def unit(world: str) -> Conditions:
@@ -114,13 +133,22 @@ def unit(world: str) -> Conditions:
     """
     conditions = load_conditions(world)
     if conditions.others or conditions.or_none is None:
-        raise ConfigError(f"--search {world} gives no unit of disturbance: it must be conditions that are no "
-                          "mixture and not perfect, such as lab.")
+        raise ConfigError(
+            f"--search {world} gives no unit of disturbance: it must be conditions that are no "
+            "mixture and not perfect, such as lab."
+        )
     return conditions
 
 
-def searched(world: str, conditions: Conditions, controller: Controller, network: Network, setup: Setup,
-             seed: int, told: Callable[[int], object] = lambda _: None) -> Searched:
+def searched(
+    world: str,
+    conditions: Conditions,
+    controller: Controller,
+    network: Network,
+    setup: Setup,
+    seed: int,
+    told: Callable[[int], object] = lambda _: None,
+) -> Searched:
     """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
 
     Args:
@@ -135,44 +163,66 @@ def searched(world: str, conditions: Conditions, controller: Controller, network
     """
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
     device = next(iter(network.tensors.values())).device
-    score, largest = chances.scores(network, device), min(_LARGEST, room(conditions))
+    score = chances.scores(network, device)
+    largest = min(_LARGEST, room(conditions))
     found = smallest(score, len(chances.places), largest, generator(seed), told)
-    return Searched(world, largest, _ROUNDS * _COUNT, len(found),
-                    _confirmed(chances, conditions, controller, found[:_CANDIDATES]))
+    return Searched(
+        world,
+        largest,
+        _ROUNDS * _COUNT,
+        len(found),
+        _confirmed(chances, conditions, controller, found[:_CANDIDATES]),
+    )
 
 
 def room(conditions: Conditions) -> float:
     """How large a disturbance can be before a mass, an inertia or a thrust comes near to nothing."""
-    body, thrusters = conditions.body, conditions.thrusters
-    least = min(Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure))
+    body = conditions.body
+    thrusters = conditions.thrusters
+    least = min(
+        Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure)
+    )
     return 0.9 / (1.0 - least) if least < 1.0 else math.inf
 
 
-def smallest(score: Sizes, dimensions: int, largest: float, random: np.random.Generator,
-             told: Callable[[int], object]) -> list[Candidate]:
+def smallest(
+    score: Sizes,
+    dimensions: int,
+    largest: float,
+    random: np.random.Generator,
+    told: Callable[[int], object],
+) -> list[Candidate]:
     """Flights that failed, by size, found by the cross-entropy method (Rubinstein and Kroese, 2004).
 
     Each round is made like the best tenth of the one before: those that fail, the smaller the better, then
     those that come closest to it.
     """
-    mean, spread = np.zeros((dimensions + 1, 1)), np.ones((dimensions + 1, 1))
+    mean = np.zeros((dimensions + 1, 1))
+    spread = np.ones((dimensions + 1, 1))
     found: list[Candidate] = []
     for _ in range(_ROUNDS):
         z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
-        size, number = largest * ndtr(z[-1]), numbers(random, _COUNT)
+        size = largest * ndtr(z[-1])
+        number = numbers(random, _COUNT)
         scores = score(z[:-1], number, size)
         price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
         order = np.argsort(price, kind="stable")
-        found += [Candidate(float(size[k]), z[:-1, k], int(number[k])) for k in np.flatnonzero(scores >= 1.0)]
-        best = z[:, order[:int(_BEST * _COUNT)]]
+        found += [
+            Candidate(float(size[k]), z[:-1, k], int(number[k]))
+            for k in np.flatnonzero(scores >= 1.0)
+        ]
+        best = z[:, order[: int(_BEST * _COUNT)]]
         mean = _KEPT * mean + (1.0 - _KEPT) * best.mean(axis=1, keepdims=True)
-        spread = np.maximum(_NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True))
+        spread = np.maximum(
+            _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
+        )
         told(_COUNT)
     return sorted(found, key=lambda one: one.size)
 
 
-def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
-               found: list[Candidate]) -> Breaking | None:
+def _confirmed(
+    chances: Chances, conditions: Conditions, controller: Controller, found: list[Candidate]
+) -> Breaking | None:
     """The smallest that fails again in NumPy, and in Drake if any of them does."""
     if not found:
         return None
@@ -180,24 +230,35 @@ def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
     still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
     if not still:
         return None
-    again: dict[Judge, list[Failure | None]] = {"numpy": [failures(flight)[k] for k in still[:_DRAKE]]}
+    again: dict[Judge, list[Failure | None]] = {
+        "numpy": [failures(flight)[k] for k in still[:_DRAKE]]
+    }
     if has_drake():
         own = _draws(chances, [found[k] for k in still[:_DRAKE]])
         again["drake"] = failures(fly_drawn(controller, chances.setup, own, "drake"))
-    at = next((k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0)
+    at = next(
+        (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
+    )
     best = still[at]
     return Breaking(
-        conditions=conditions, size=found[best].size,
+        conditions=conditions,
+        size=found[best].size,
         again={judge: kinds[at] for judge, kinds in again.items()},
-        excess=float(worst_errors(flight)[0][best]), ending=ending(flight, best),
-        drew=drew(chances, _draws(chances, [found[best]])), units=ndtr(found[best].z).tolist(),
-        number=found[best].number, flight=picked(flight, [best]))
+        excess=float(worst_errors(flight)[0][best]),
+        ending=ending(flight, best),
+        drew=drew(chances, _draws(chances, [found[best]])),
+        units=ndtr(found[best].z).tolist(),
+        number=found[best].number,
+        flight=picked(flight, [best]),
+    )
 
 
 def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
-    return chances.draws(ndtr(np.stack([one.z for one in some], axis=1)),
-                         np.array([one.number for one in some], dtype=np.int32),
-                         np.array([one.size for one in some]))
+    return chances.draws(
+        ndtr(np.stack([one.z for one in some], axis=1)),
+        np.array([one.number for one in some], dtype=np.int32),
+        np.array([one.size for one in some]),
+    )
 
 
 def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
@@ -209,10 +270,18 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     given = Conditions() if conditions is None else conditions
     said = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
     if given.body != BodyConditions():
-        shares = _one(case.body.mass) / craft.mass, _one(case.body.inertia[-1]) / craft.inertia[2][2]
-        said["body"] = (f"mass {shares[0]:.3f} and inertia {shares[1]:.3f} of the designed, centre of mass "
-                        f"{100.0 * _size(case.body.centre):.2g} cm off")
-    if replace(given.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None) != ThrusterConditions():
+        shares = (
+            _one(case.body.mass) / craft.mass,
+            _one(case.body.inertia[-1]) / craft.inertia[2][2],
+        )
+        said["body"] = (
+            f"mass {shares[0]:.3f} and inertia {shares[1]:.3f} of the designed, centre of mass "
+            f"{100.0 * _size(case.body.centre):.2g} cm off"
+        )
+    if (
+        replace(given.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
+        != ThrusterConditions()
+    ):
         said["thrust"] = ", ".join(f"{_one(x):.3f}" for x in case.body.gain) + " of the designed"
     if case.lag is not None:
         rise = 0.0 if case.lag.rise is None else _one(case.lag.rise)
@@ -223,8 +292,9 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
         said["steady push"] = f"{_size(case.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
     if case.sensors is not None and case.sensors.noise is not None:
         units = ("m", "rad", "m/s", "rad/s")
-        said["noise"] = ", ".join(f"{_one(x):.2g} {unit}" for x, unit in zip(case.sensors.noise, units,
-                                                                             strict=True))
+        said["noise"] = ", ".join(
+            f"{_one(x):.2g} {unit}" for x, unit in zip(case.sensors.noise, units, strict=True)
+        )
     return said
 
 
@@ -238,4 +308,6 @@ def _size(columns: Any) -> float:
 
 def on_device(network: Network, device: str) -> Network:
     """A copy of a network of one member."""
-    return Network.stacked(network.architecture, [network.member(0)], torch.device(device), torch.float32)
+    return Network.stacked(
+        network.architecture, [network.member(0)], torch.device(device), torch.float32
+    )

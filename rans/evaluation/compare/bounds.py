@@ -22,7 +22,13 @@ from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
 from rans.optimal.certificate import hull, spatial_certificate
-from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, least_fuel, least_time
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    Effort,
+    Unreachable,
+    least_fuel,
+    least_time,
+)
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
 from rans.optimal.certificate.spatial import SpinLattice
 from rans.processes import deaths_told, submitted
@@ -31,11 +37,15 @@ from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims
 
-CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
-             "certified holds for every on/off controller at the control rate.")
+CERTIFIED = (
+    "The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
+    "certified holds for every on/off controller at the control rate."
+)
 
-SETTLING = ("Settling is bounded by the first moment within the tolerances at a speed that allows to stay; "
-            "no control found proves that it can be met.")
+SETTLING = (
+    "Settling is bounded by the first moment within the tolerances at a speed that allows to stay; "
+    "no control found proves that it can be met."
+)
 
 _LONGEST = 25.0
 """Time up to which the certified least time is looked for, s: an episode's."""
@@ -55,7 +65,9 @@ class Event(NamedTuple):
     @property
     def text(self) -> str:
         """As a heading, without units."""
-        return f"time of {self.kind}" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
+        return (
+            f"time of {self.kind}" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
+        )
 
 
 class Question(NamedTuple):
@@ -121,11 +133,17 @@ def goal_set(task: Task) -> GoalSet:
     `ConfigError` if something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
     """
     if task.drift != FREE or not goal_stands_still(task):
-        raise ConfigError("bounds hold for free flight to a goal that stands still; "
-                          f"{type(task).__name__} has {task.drift.name} or a goal that moves.")
+        raise ConfigError(
+            "bounds hold for free flight to a goal that stands still; "
+            f"{type(task).__name__} has {task.drift.name} or a goal that moves."
+        )
     tolerances = task.tolerances()
-    return GoalSet(tolerances.get("position", 0.0), tolerances.get("velocity", REST_SPEED),
-                   tolerances.get("attitude", 0.0), tolerances.get("spin", REST_SPIN))
+    return GoalSet(
+        tolerances.get("position", 0.0),
+        tolerances.get("velocity", REST_SPEED),
+        tolerances.get("attitude", 0.0),
+        tolerances.get("spin", REST_SPIN),
+    )
 
 
 def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
@@ -133,25 +151,33 @@ def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
 
     See `rans.optimal.certificate.hull.settling_set`; raises as `goal_set`.
     """
-    near, goals = task.tolerances(), goal_set(task)
+    near = task.tolerances()
+    goals = goal_set(task)
     slow = hull.settling_set(craft, goals.position, goals.heading, period)
-    return replace(slow, velocity=near.get("velocity", slow.velocity), spin=near.get("spin", slow.spin))
+    return replace(
+        slow, velocity=near.get("velocity", slow.velocity), spin=near.get("spin", slow.spin)
+    )
 
 
-def question(craft: Spacecraft, task: Task, period: float, event: Event, effort: Effort,
-             scenario: Scenario) -> Question:
+def question(
+    craft: Spacecraft, task: Task, period: float, event: Event, effort: Effort, scenario: Scenario
+) -> Question:
     """What is asked about an event from one start.
 
     Raises:
         ConfigError: see `goal_set`; or the event is thrust-time to settle by a horizon.
     """
     if event.kind == "arrival":
-        wanted, goals = aims(task), goal_set(task)
+        wanted = aims(task)
+        goals = goal_set(task)
     elif event.horizon is None:  # of the spin the lattice makes use, not the hull
-        wanted, goals = aims(task) - {"spin"} | task.tolerances().keys(), staying_set(craft, task, period)
+        wanted = aims(task) - {"spin"} | task.tolerances().keys()
+        goals = staying_set(craft, task, period)
     else:
         raise ConfigError("thrust-time by a horizon is bounded for arrival only, not for settling.")
-    return Question(craft, tuple(sorted(wanted)), goals, period, event.horizon, effort, scenario, event.kind)
+    return Question(
+        craft, tuple(sorted(wanted)), goals, period, event.horizon, effort, scenario, event.kind
+    )
 
 
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
@@ -161,16 +187,22 @@ def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) ->
     """
     try:
         if not {"position", "attitude"} <= set(wanted):
-            raise ConfigError("the on/off certificate is for tasks that ask for a pose, which fixes the "
-                              "whole state.")
+            raise ConfigError(
+                "the on/off certificate is for tasks that ask for a pose, which fixes the "
+                "whole state."
+            )
         Lattice(craft, period) if craft.dimension == 2 else SpinLattice(craft, period)
     except ConfigError as reason:
         return str(reason)
     return ""
 
 
-def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | None = None,
-           progress: Callable[[], object] = lambda: None) -> Iterator[tuple[int, Bound]]:
+def bounds(
+    questions: Sequence[Question],
+    starts: Sequence[int],
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> Iterator[tuple[int, Bound]]:
     """The answers as they are found, each with the number of its question; `RansError` if a process died.
 
     Args:
@@ -224,8 +256,10 @@ def whole_periods(horizon: float, period: float) -> int:
     count = round(horizon / period) if math.isfinite(horizon / period) else 0
     if 1 <= count <= MOST_STEPS and abs(count * period - horizon) <= 1e-9 * horizon:
         return count
-    raise ConfigError(f"a bound of thrust-time needs a horizon of 1 to {MOST_STEPS:,} whole control "
-                      f"periods of {period:g} s, got {horizon:g} s.")
+    raise ConfigError(
+        f"a bound of thrust-time needs a horizon of 1 to {MOST_STEPS:,} whole control "
+        f"periods of {period:g} s, got {horizon:g} s."
+    )
 
 
 def bound(start: int, question: Question) -> Bound:
@@ -235,10 +269,12 @@ def bound(start: int, question: Question) -> Bound:
     end: Any = scenario.goal
     check_period(period)
     if horizon is None:
-        steps, unit = max(1, round(_LONGEST / period)), period
+        steps = max(1, round(_LONGEST / period))
+        unit = period
         least = hull.least_time(craft, wanted, begin, end, goals)
     else:
-        steps, unit = whole_periods(horizon, period), pulse(craft, period) or 0.0
+        steps = whole_periods(horizon, period)
+        unit = pulse(craft, period) or 0.0
         least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
     if no_certificate(craft, wanted, period):
@@ -252,7 +288,9 @@ def bound(start: int, question: Question) -> Bound:
     if kind == "settling":
         return replace(loose, lower=found.lower, seconds=found.seconds)
     commands = None if found.commands is None else found.commands.astype(int).tolist()
-    return replace(loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds)
+    return replace(
+        loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds
+    )
 
 
 def _certificate(question: Question, steps: int) -> Certificate | None:
@@ -271,7 +309,9 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
         goals.net_spins(lattice, begin, end)
     except ConfigError:
         return None
-    return (least_time if horizon is None else least_fuel)(lattice, begin, end, steps, goals, effort)
+    return (least_time if horizon is None else least_fuel)(
+        lattice, begin, end, steps, goals, effort
+    )
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:
@@ -279,14 +319,20 @@ def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence
 
     The sentence says what the bounds hold for; the measure is what is bounded, with its unit.
     """
+
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
-        lower, upper = answer.lower, answer.upper
+        lower = answer.lower
+        upper = answer.upper
         shown = lower is not None and lower < math.inf and answer.kind == "arrival"
         gap = f"{100 * (upper / lower - 1):.1f} %" if lower and shown else "-"
         best = "-" if answer.kind == "settling" else f"{upper:.3f}"
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
         return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap
 
-    return terminal.table(f"What nothing can beat: {measure}",
-                          ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"),
-                          map(row, answers, found), sentence, "right")
+    return terminal.table(
+        f"What nothing can beat: {measure}",
+        ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"),
+        map(row, answers, found),
+        sentence,
+        "right",
+    )

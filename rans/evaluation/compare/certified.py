@@ -24,16 +24,27 @@ _VERSION = 4
 """Of the proofs: bounds kept from other versions are searched anew."""
 
 
-def certify(contest: Contest, count: int, events: Sequence[Event], cache: Path | None = None,
-            workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
+def certify(
+    contest: Contest,
+    count: int,
+    events: Sequence[Event],
+    cache: Path | None = None,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> Iterator[Bound]:
     """Bounds of events from the first so many starts, as they are found; see `certify_each`."""
     wanted = product(range(min(count, contest.episodes)), events)
     return certify_each(contest, wanted, _EFFORT, cache, workers, progress)
 
 
-def certify_each(contest: Contest, wanted: Iterable[tuple[int, Event]], effort: Effort,
-                 cache: Path | None = None, workers: int | None = None,
-                 progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
+def certify_each(
+    contest: Contest,
+    wanted: Iterable[tuple[int, Event]],
+    effort: Effort,
+    cache: Path | None = None,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> Iterator[Bound]:
     """Bounds as they are found, those first that are kept already.
 
     `RansError` if a process died, or the cache is damaged or cannot be written.
@@ -52,7 +63,9 @@ def certify_each(contest: Contest, wanted: Iterable[tuple[int, Event]], effort: 
     asked: list[tuple[str, int, Question]] = []
     for start, event in wanted:
         one = question(*common, event, effort, scenarios[start])
-        key = hashlib.sha256(f"{_VERSION} {to_toml(one.craft)} {one[1:]!r}".encode()).hexdigest()[:32]
+        key = hashlib.sha256(f"{_VERSION} {to_toml(one.craft)} {one[1:]!r}".encode()).hexdigest()[
+            :32
+        ]
         if key in known:
             yield replace(known[key], start=start)
             progress()
@@ -73,7 +86,9 @@ def _add(cache: Path, key: str, found: Bound) -> None:
 
 
 def _revived(row: dict[str, Any]) -> Bound:
-    known: Any = {key: number(row[key]) for key in ("hull", "lower", "upper") if row[key] is not None}
+    known: Any = {
+        key: number(row[key]) for key in ("hull", "lower", "upper") if row[key] is not None
+    }
     return Bound(**row | known)
 
 
@@ -81,4 +96,6 @@ def _read(cache: Path) -> dict[str, Bound]:
     try:
         return {key: _revived(row) for key, row in read_json(cache).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{cache} does not hold bounds; delete it, and they are searched anew.") from error
+        raise ConfigError(
+            f"{cache} does not hold bounds; delete it, and they are searched anew."
+        ) from error

@@ -56,17 +56,23 @@ class Contest:
 
     def start(self, k: int) -> Scenario:
         """Number k alone, fields (1,)."""
-        return map_leaves(lambda x: x[k:k + 1], self.starts)
+        return map_leaves(lambda x: x[k : k + 1], self.starts)
 
     @property
     def setup(self) -> Setup:
         """What flies, what for and how long."""
         return Setup(self.craft, self.task, self.timing, self.conditions)
 
-    def fly(self, controller: Controller, workers: int | None = None,
-            progress: Callable[[int], object] = lambda _: None) -> Flown:
+    def fly(
+        self,
+        controller: Controller,
+        workers: int | None = None,
+        progress: Callable[[int], object] = lambda _: None,
+    ) -> Flown:
         """All starts, see `rans.evaluation.fly.judge.flown`."""
-        return flown(controller, self.setup, self.seed, self.episodes, self.engine, workers, progress)
+        return flown(
+            controller, self.setup, self.seed, self.episodes, self.engine, workers, progress
+        )
 
     def latencies(self, controller: Controller) -> np.ndarray:
         """Processor time of single actions, one observation at a time, (T,) s.
@@ -90,9 +96,15 @@ class Contest:
 
     def title(self) -> str:
         """What is compared, in one line."""
-        world = "" if self.conditions is None else f"; {self.conditions.description or 'own conditions'}"
-        return (f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
-                f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}")
+        world = (
+            ""
+            if self.conditions is None
+            else f"; {self.conditions.description or 'own conditions'}"
+        )
+        return (
+            f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
+            f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}"
+        )
 
 
 @dataclass(frozen=True)
@@ -163,7 +175,9 @@ class Entry:
         if event.horizon is None:
             return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
         if event.kind == "settling":
-            raise ConfigError("thrust-time by a horizon is scored for arrival only, not for settling.")
+            raise ConfigError(
+                "thrust-time by a horizon is scored for arrival only, not for settling."
+            )
         return Amounts(event, self.thrust_by(event.horizon))
 
     @cached_property

@@ -53,7 +53,8 @@ def least(line: Sequence[Point], what: str, given: str, limit: float) -> Point |
     """The place on a broken line that has least of one figure where another is at most the limit."""
     places = [one for one in line if getattr(one, given) <= limit]
     for one, other in pairwise(line):
-        begin, end = getattr(one, given), getattr(other, given)
+        begin = getattr(one, given)
+        end = getattr(other, given)
         if (begin - limit) * (end - limit) < 0:
             share = (limit - begin) / (end - begin)
             places.append(Point(*(a + share * (b - a) for a, b in zip(one, other, strict=True))))
@@ -73,7 +74,8 @@ class Verdict(NamedTuple):
 
 def judged(line: Sequence[Point], other: Point) -> Verdict:
     """Whether a line dominates a point: less impulse in its time, less time with its impulse, and as good."""
-    thrifty, quick = least(line, "impulse", "time", other.time), least(line, "time", "impulse", other.impulse)
+    thrifty = least(line, "impulse", "time", other.time)
+    quick = least(line, "time", "impulse", other.impulse)
     if thrifty is None or quick is None:
         return Verdict(thrifty, quick, False)
     better = thrifty.impulse < other.impulse and quick.time < other.time
@@ -116,8 +118,11 @@ class Front:
         for entry in self.entries:
             if entry.contestant.knob is not None:
                 found.setdefault(entry.name.rpartition("#")[0], []).append(entry)
-        return {agent: sorted(line, key=lambda one: one.contestant.knob or 0.0)
-                for agent, line in found.items() if len(line) > 1}
+        return {
+            agent: sorted(line, key=lambda one: one.contestant.knob or 0.0)
+            for agent, line in found.items()
+            if len(line) > 1
+        }
 
     def others(self) -> list[Entry]:
         """Whoever is no position of a line."""
@@ -132,7 +137,9 @@ class Front:
         """Share of the resamplings of all starts (see `Bootstrap`) in which a line dominates somebody."""
         figures = np.hstack([_figures(one) for one in (*line, other)])
         draws = Bootstrap(len(figures)).means(figures).reshape(-1, len(line) + 1, 4).tolist()
-        won = [judged([Point(*one) for one in row[:-1]], Point(*row[-1])).dominates for row in draws]
+        won = [
+            judged([Point(*one) for one in row[:-1]], Point(*row[-1])).dominates for row in draws
+        ]
         return sum(won) / len(won)
 
     def events(self, start: int) -> list[Event]:
@@ -149,14 +156,24 @@ class Front:
     def starts(self) -> list[int]:
         """Those of which every bound is known."""
         known = self._known()
-        return [k for k in sorted({k for k, _ in known})
-                if all((k, event) in known for event in self.events(k))]
+        return [
+            k
+            for k in sorted({k for k, _ in known})
+            if all((k, event) in known for event in self.events(k))
+        ]
 
     def front(self) -> dict[Event, float]:
         """Mean bound over the starts: of the least time, and of impulse by each horizon."""
-        known, starts = self._known(), self.starts()
-        return {event: float(np.mean([known[k, event] for k in starts]))
-                for event in (Event(), *(Event(horizon=t) for t in self.horizons))} if starts else {}
+        known = self._known()
+        starts = self.starts()
+        return (
+            {
+                event: float(np.mean([known[k, event] for k in starts]))
+                for event in (Event(), *(Event(horizon=t) for t in self.horizons))
+            }
+            if starts
+            else {}
+        )
 
     def multiple(self, entry: Entry) -> Multiple | None:
         """How far somebody is from the bounds of its own times; None where none are known."""
@@ -165,10 +182,14 @@ class Front:
         bound = sum(known[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
         if not bound:
             return None
-        return Multiple(float(entry.thrust[starts].sum() / bound),
-                        float(entry.arrival_thrust[starts].sum() / bound), bound / len(starts),
-                        float(entry.arrival[starts].mean()),
-                        float(np.mean([self.epsilon(entry, k) for k in starts])), len(starts))
+        return Multiple(
+            float(entry.thrust[starts].sum() / bound),
+            float(entry.arrival_thrust[starts].sum() / bound),
+            bound / len(starts),
+            float(entry.arrival[starts].mean()),
+            float(np.mean([self.epsilon(entry, k) for k in starts])),
+            len(starts),
+        )
 
     def epsilon(self, entry: Entry, start: int) -> float:
         """The factor f of which is certified that nobody is there f times sooner with f times less impulse.
@@ -181,10 +202,16 @@ class Front:
         begun = self.contest.start(start).start
         if any(np.any(x) for x in (*begun.v.columns(), *begun.spin())):
             return math.inf
-        known = {event.horizon or 0.0: bound for (k, event), bound in self._known().items() if k == start}
-        period, own = self.contest.timing.control_period, float(entry.arrival[start])
-        spent, least = float(entry.arrival_thrust[start]), known.pop(0.0)
-        behind = [max(own / (time + period), spent / bound) for time, bound in known.items() if bound]
+        known = {
+            event.horizon or 0.0: bound for (k, event), bound in self._known().items() if k == start
+        }
+        period = self.contest.timing.control_period
+        own = float(entry.arrival[start])
+        spent = float(entry.arrival_thrust[start])
+        least = known.pop(0.0)
+        behind = [
+            max(own / (time + period), spent / bound) for time, bound in known.items() if bound
+        ]
         return min([*behind, own / least] if least else behind, default=math.inf)
 
     def impossible(self) -> Iterator[str]:
@@ -193,17 +220,26 @@ class Front:
         for entry in self.entries:
             for k in self.starts():
                 own = Event(horizon=float(entry.arrival[k]))
-                if (entry.arrival[k] < known[k, Event()] - 1e-9
-                        or entry.arrival_thrust[k] < known.get((k, own), 0.0) - 1e-9):
-                    yield (f"{entry.name} beats the certified front from start {k}: the certificate or a "
-                           "flight is wrong.")
+                if (
+                    entry.arrival[k] < known[k, Event()] - 1e-9
+                    or entry.arrival_thrust[k] < known.get((k, own), 0.0) - 1e-9
+                ):
+                    yield (
+                        f"{entry.name} beats the certified front from start {k}: the certificate or a "
+                        "flight is wrong."
+                    )
 
     def _known(self) -> dict[tuple[int, Event], float]:
         return {(one.start, one.event): one.best for one in self.certified}
 
 
-def certify_front(front: Front, seconds: float, cache: Path | None = None, workers: int | None = None,
-                  progress: Callable[[], object] = lambda: None) -> None:
+def certify_front(
+    front: Front,
+    seconds: float,
+    cache: Path | None = None,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> None:
     """Bounds from one start after the other, for about so many seconds; none for 0.
 
     For cache, workers and progress see `rans.evaluation.compare.certified.certify_each`.

@@ -41,8 +41,10 @@ _SENTENCES = {
 
 _AS_PLANNED = Timing(episode_steps=1)
 
-_LEAVES = {6: "p.x p.y heading v.x v.y w",
-           13: "p.x p.y p.z q.w q.x q.y q.z v.x v.y v.z w.x w.y w.z"}
+_LEAVES = {
+    6: "p.x p.y heading v.x v.y w",
+    13: "p.x p.y p.z q.w q.x q.y q.z v.x v.y v.z w.x w.y w.z",
+}
 """Names of a state's values, by how many it has."""
 
 
@@ -62,7 +64,9 @@ class Optimum:
 
     def __repr__(self) -> str:
         path = self.trajectory
-        return f"<Optimum of {path.objective} from start {self.start}: {path.cost:g}, {self.sentence}>"
+        return (
+            f"<Optimum of {path.objective} from start {self.start}: {path.cost:g}, {self.sentence}>"
+        )
 
     @property
     def good(self) -> bool:
@@ -81,15 +85,31 @@ class Optimum:
         """For `rans.files.write_json`; what is missing is NaN."""
         path = self.trajectory
         found = 1.0 if path.solved else math.nan
-        return {"start": self.start, "status": path.status, "good": self.good, "sentence": self.sentence,
-                "cost": found * path.cost, "time": found * path.control_period * len(path.commands),
-                "replay_error": self.replay_error, "seconds": path.seconds, "iterations": path.iterations,
-                "attempts": path.attempts, "errors": self.errors}
+        return {
+            "start": self.start,
+            "status": path.status,
+            "good": self.good,
+            "sentence": self.sentence,
+            "cost": found * path.cost,
+            "time": found * path.control_period * len(path.commands),
+            "replay_error": self.replay_error,
+            "seconds": path.seconds,
+            "iterations": path.iterations,
+            "attempts": path.attempts,
+            "errors": self.errors,
+        }
 
 
-def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario, guesses: int = 1,
-           workers: int | None = None, progress: Callable[[], object] = lambda: None,
-           timing: Timing = _AS_PLANNED) -> list[Optimum]:
+def optima(
+    craft: Spacecraft,
+    task: Task,
+    objective: Objective,
+    starts: Scenario,
+    guesses: int = 1,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+    timing: Timing = _AS_PLANNED,
+) -> list[Optimum]:
     """Solve from every start and fly what was found in Drake: one answer per start, solved or not.
 
     Args:
@@ -103,21 +123,27 @@ def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario
         timing: how long flights last, see `episode`; by default as long as their trajectories.
     """
     [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
-    return [_judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
-            if trajectory.solved else Optimum(k, trajectory)
-            for k, (trajectory, scenario) in enumerate(zip(found, each(starts), strict=True))]
+    return [
+        _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
+        if trajectory.solved
+        else Optimum(k, trajectory)
+        for k, (trajectory, scenario) in enumerate(zip(found, each(starts), strict=True))
+    ]
 
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
     """Against its flight in Drake."""
-    planned = map_leaves(lambda x: x[:len(trajectory.commands) + 1, 0], flight.states)
+    planned = map_leaves(lambda x: x[: len(trajectory.commands) + 1, 0], flight.states)
     end, goal = (map_leaves(lambda x: float(x[-1]), fields) for fields in (planned, flight.goals))
     errors = {name: float(error) for name, error in flight.task.errors(end, goal).items()}
-    return Optimum(start, trajectory, float((planned.p - trajectory.states.p).norm().max()), errors, flight)
+    return Optimum(
+        start, trajectory, float((planned.p - trajectory.states.p).norm().max()), errors, flight
+    )
 
 
-def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
-            trajectory: Trajectory) -> Flight:
+def episode(
+    craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario, trajectory: Trajectory
+) -> Flight:
     """A trajectory that was solved, flown by Drake for a whole episode, thrusters shut once it has arrived.
 
     The timing says how long; the control period is the trajectory's own. The scenario is of floats. Thrust is
@@ -125,13 +151,24 @@ def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
     """
     if isinstance(craft.actuators, Pulsed):
         craft = replace(craft, actuators=Throttle())
-    period, planned = trajectory.control_period, len(trajectory.commands)
+    period = trajectory.control_period
+    planned = len(trajectory.commands)
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
     commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
     own = Timing(control_period=period, episode_steps=steps)
-    states = map_leaves(lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift))
-    return Flight(craft, task, own, states, map_leaves(lambda x: np.array([x]), scenario.goal),
-                  commands[:, None], trajectory.objective, "drake")
+    states = map_leaves(
+        lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift)
+    )
+    return Flight(
+        craft,
+        task,
+        own,
+        states,
+        map_leaves(lambda x: np.array([x]), scenario.goal),
+        commands[:, None],
+        trajectory.objective,
+        "drake",
+    )
 
 
 def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
@@ -146,12 +183,22 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
     columns = ("start", objective.measure, *errors, "replay mm", "steps", "ms", "")
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
-        path, good = answer.trajectory, answer.good
-        numbers = (path.cost, *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
-                   1e3 * answer.replay_error)
+        path = answer.trajectory
+        good = answer.good
+        numbers = (
+            path.cost,
+            *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
+            1e3 * answer.replay_error,
+        )
         shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]
-        result.add_row(str(answer.start), *shown, str(path.iterations), f"{1e3 * path.seconds:.0f}",
-                       "solved" if good else "lost", style=None if good else "red")
+        result.add_row(
+            str(answer.start),
+            *shown,
+            str(path.iterations),
+            f"{1e3 * path.seconds:.0f}",
+            "solved" if good else "lost",
+            style=None if good else "red",
+        )
     return result
 
 
@@ -163,10 +210,16 @@ def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> No
     """
     paths = [answer.trajectory for answer in answers]
     known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
-    save_arrays(folder / "optimal.npz", {
-        "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
-        "commands": known * np.stack([p.commands for p in paths]),
-        "control_period": np.array([p.control_period for p in paths]),
-        "leaves": np.array(_LEAVES[len(leaves(paths[0].states))].split())})
-    write_json(folder / "optimal.json", {**about, "environment": environment(),
-                                         "starts": [answer.to_json() for answer in answers]})
+    save_arrays(
+        folder / "optimal.npz",
+        {
+            "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
+            "commands": known * np.stack([p.commands for p in paths]),
+            "control_period": np.array([p.control_period for p in paths]),
+            "leaves": np.array(_LEAVES[len(leaves(paths[0].states))].split()),
+        },
+    )
+    write_json(
+        folder / "optimal.json",
+        {**about, "environment": environment(), "starts": [answer.to_json() for answer in answers]},
+    )

@@ -51,21 +51,39 @@ def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
     return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]
 
 
-def solve(contest: Contest, objective: Objective, workers: int | None = None,
-          progress: Callable[[], object] = lambda: None) -> list[Relaxed]:
+def solve(
+    contest: Contest,
+    objective: Objective,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> list[Relaxed]:
     """The optimum from every start of a contest; see `optima` for workers and progress."""
     guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
-    found = optima(contest.craft, contest.task, objective, contest.starts, guesses, workers, progress,
-                   contest.timing)
+    found = optima(
+        contest.craft,
+        contest.task,
+        objective,
+        contest.starts,
+        guesses,
+        workers,
+        progress,
+        contest.timing,
+    )
     return [_scored(contest, objective, one) for one in found]
 
 
 def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:
-    trajectory, flight = one.trajectory, one.flight
+    trajectory = one.trajectory
+    flight = one.flight
     head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
     if flight is None or not one.good:
         return Relaxed(*head)
     same_rate = math.isclose(trajectory.control_period, contest.timing.control_period)
-    return Relaxed(*head, len(trajectory.commands) * trajectory.control_period,
-                   float(settling_times(flight)[0]), float(impulses(flight)[0]),
-                   float(returns(flight)[0]) if same_rate else math.nan, one.replay_error)
+    return Relaxed(
+        *head,
+        len(trajectory.commands) * trajectory.control_period,
+        float(settling_times(flight)[0]),
+        float(impulses(flight)[0]),
+        float(returns(flight)[0]) if same_rate else math.nan,
+        one.replay_error,
+    )

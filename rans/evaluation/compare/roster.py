@@ -46,16 +46,25 @@ def invitations(contestants: Sequence[object]) -> tuple[str, list[str | Guest]]:
     invited: list[Any] = [str(one) if isinstance(one, PathLike) else one for one in contestants]
     for one in invited:
         if not (isinstance(one, str) or callable(one) or hasattr(one, "act")):
-            raise ConfigError("a contestant is a name, a run folder, a controller or what makes one of "
-                              f"spacecraft, task and timing, got {brief(one)}.")
+            raise ConfigError(
+                "a contestant is a name, a run folder, a controller or what makes one of "
+                f"spacecraft, task and timing, got {brief(one)}."
+            )
     if not isinstance(first := invited[0], str):
-        raise ConfigError("the first contestant gives task, spacecraft and rate, which a controller does not "
-                          f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}.")
+        raise ConfigError(
+            "the first contestant gives task, spacecraft and rate, which a controller does not "
+            f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
+        )
     return first, invited
 
 
-def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
-               conditions: str | Path | Conditions | None = None) -> Contest:
+def contest_of(
+    spec: str,
+    episodes: int,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: str | Path | Conditions | None = None,
+) -> Contest:
     """The setup of the first contestant, for all others too.
 
     `ConfigError` if it knows no task, or one that works in the other dimension only.
@@ -76,16 +85,22 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
     parts = run.task.parts()
     if isinstance(parts, KnobPositions):
         name = spec.rstrip("#")
-        raise ConfigError(f"{name} has a knob: hold it, as in {name}#0.5, or let it turn with --front.")
+        raise ConfigError(
+            f"{name} has a knob: hold it, as in {name}#0.5, or let it turn with --front."
+        )
     if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     plain = without_knob(run)
     if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
-        return plain._replace(controller=controller(name, Setup(plain.craft, plain.task, plain.timing)))
+        return plain._replace(
+            controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
+        )
     return plain
 
 
-def enlisted(specs: Sequence[str | Guest], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
+def enlisted(
+    specs: Sequence[str | Guest], contest: Contest, trust: bool = False
+) -> dict[str, Contestant]:
     """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
 
     See `enlist`; who is named as somebody before is called by its text, a guest by its name and place.
@@ -112,14 +127,18 @@ def _guest(given: Guest, contest: Contest) -> Contestant:
     """Whose answers are checked, as those of `Guarded` are."""
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)
-    made = Guarded(who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given))
+    made = Guarded(
+        who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given)
+    )
     return Contestant(made.name, made, _MODEL, _UNKNOWN)
 
 
 def turned(spec: str, count: int) -> list[str]:
     """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
     try:
-        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), KnobPositions)
+        has_knob = not controller_name(spec) and isinstance(
+            contestant(spec).task.parts(), KnobPositions
+        )
     except RansError:
         has_knob = False  # `enlisted` tells what is wrong with it
     return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]
@@ -132,20 +151,31 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     """
     run = _single(spec, contestant(spec, lent=contest.setup, trust=trust))
     if type(run.task) is not type(contest.task):
-        raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
-                          f"{type(contest.task).__name__}; compare them separately.")
+        raise ConfigError(
+            f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
+            f"{type(contest.task).__name__}; compare them separately."
+        )
     if run.craft != contest.craft:
-        raise ConfigError(f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
-                          f"{contest.craft.name}, or for other values of it; compare them separately.")
+        raise ConfigError(
+            f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
+            f"{contest.craft.name}, or for other values of it; compare them separately."
+        )
     periods = run.timing.control_period, contest.timing.control_period
     if periods[0] != periods[1]:
-        raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
-                          f"{periods[1]:g} s; compare them separately.")
+        raise ConfigError(
+            f"{spec} acts every {periods[0]:g} s, but the first contestant every "
+            f"{periods[1]:g} s; compare them separately."
+        )
     if name := controller_name(spec):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
     sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
-    return Contestant(run.controller.name, run.controller, sees, _tuning(spec),
-                      getattr(run.controller, "knob", None))
+    return Contestant(
+        run.controller.name,
+        run.controller,
+        sees,
+        _tuning(spec),
+        getattr(run.controller, "knob", None),
+    )
 
 
 def _tuning(spec: str) -> str:
@@ -153,7 +183,8 @@ def _tuning(spec: str) -> str:
     if is_user_policy(spec):
         return _UNKNOWN
     folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
-    card, run = inside(folder, "card.json"), RunFolder(folder)
+    card = inside(folder, "card.json")
+    run = RunFolder(folder)
     if card.exists():
         training = read_json(card)["training"]
     elif rows := run.metrics():
@@ -161,7 +192,9 @@ def _tuning(spec: str) -> str:
     else:
         return "training: not known"
     device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
-    return f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
+    return (
+        f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
+    )
 
 
 def _budget(name: str, contest: Contest) -> str:
@@ -180,4 +213,7 @@ def swept(name: str, contest: Contest) -> list[Contestant]:
     """The controller with other weights, of those that have a ``sweep``."""
     sweep = getattr(CONTROLLERS[name], "sweep", None)
     found = sweep(*contest.setup[:3]) if sweep else {}
-    return [Contestant(title, one, _MODEL, f"one of {len(found)} weights") for title, one in found.items()]
+    return [
+        Contestant(title, one, _MODEL, f"one of {len(found)} weights")
+        for title, one in found.items()
+    ]

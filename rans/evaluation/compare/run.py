@@ -11,7 +11,14 @@ import numpy as np
 
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.compare import relaxed, roster
-from rans.evaluation.compare.bounds import Amounts, Bound, Event, goal_set, no_certificate, staying_set
+from rans.evaluation.compare.bounds import (
+    Amounts,
+    Bound,
+    Event,
+    goal_set,
+    no_certificate,
+    staying_set,
+)
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, certify_front
@@ -76,7 +83,11 @@ class Comparison(Shown):
 
     def events(self) -> list[Event]:
         """What is bounded: the times of arrival at rest and of settling, and thrust-time by each horizon."""
-        return [Event(), Event("settling"), *(Event(horizon=horizon) for horizon in self.horizons())]
+        return [
+            Event(),
+            Event("settling"),
+            *(Event(horizon=horizon) for horizon in self.horizons()),
+        ]
 
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
         """Lower and upper bounds of the certified starts for one event."""
@@ -92,13 +103,22 @@ class Comparison(Shown):
 
         Whoever enters the tolerances in the last moment of an episode may be too fast to stay there.
         """
-        craft, task, period = self.contest.craft, self.contest.task, self.contest.timing.control_period
-        return max(0.0, self.contest.duration - staying_time(craft, staying_set(craft, task, period), period))
+        craft = self.contest.craft
+        task = self.contest.task
+        period = self.contest.timing.control_period
+        return max(
+            0.0,
+            self.contest.duration - staying_time(craft, staying_set(craft, task, period), period),
+        )
 
     def impossible(self) -> list[str]:
         """Flights below a certified bound: each would prove an error of ours."""
-        return [f"{entry.name} beats the certified bound from start {k}: the certificate or a flight is "
-                "wrong." for entry in (*self.entries, *self.curve) for k in self._beaten(entry)]
+        return [
+            f"{entry.name} beats the certified bound from start {k}: the certificate or a flight is "
+            "wrong."
+            for entry in (*self.entries, *self.curve)
+            for k in self._beaten(entry)
+        ]
 
     def _beaten(self, entry: Entry) -> list[int]:
         starts = np.array(self.certified_starts(), dtype=int)
@@ -106,9 +126,15 @@ class Comparison(Shown):
         return [int(k) for k in starts[np.any(low, axis=0)]]
 
 
-def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: Sequence[str] = BESIDE,
-         certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
-         workers: int | None = None) -> None:
+def fill(
+    comparison: Comparison,
+    contestants: Mapping[str, Contestant],
+    beside: Sequence[str] = BESIDE,
+    certified: int = 4,
+    cache: Path | None = None,
+    track: Track = lambda *_: lambda *_: None,
+    workers: int | None = None,
+) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
     Args:
@@ -128,8 +154,10 @@ def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: 
             simple = roster.simple_controller(name, comparison.contest)
             if simple.name not in comparison.names():  # nobody flies twice
                 comparison.entries.append(_entry(comparison, simple, track, workers))
-            comparison.curve += [_entry(comparison, one, track, workers)
-                                 for one in roster.swept(name, comparison.contest)]
+            comparison.curve += [
+                _entry(comparison, one, track, workers)
+                for one in roster.swept(name, comparison.contest)
+            ]
     if "optimal" in beside and (reason := _nothing_claimed(comparison.contest)):
         comparison.notes.append(reason)
     elif "optimal" in beside:
@@ -138,9 +166,14 @@ def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: 
         comparison.failures += comparison.impossible()
 
 
-def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: float,
-          cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
-          workers: int | None = None) -> None:
+def trace(
+    comparison: Comparison,
+    between: Mapping[str, Contestant],
+    seconds: float,
+    cache: Path | None = None,
+    track: Track = lambda *_: lambda *_: None,
+    workers: int | None = None,
+) -> None:
     """After `fill`: fly the positions of knobs that are no contestants, and certify the front.
 
     The bounds take about so many seconds, see `certify_front`.
@@ -156,11 +189,14 @@ def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: fl
         comparison.notes += [] if reason in comparison.notes else [reason]
         return
     with _noted(comparison, "the certified front"):
-        certify_front(front, seconds, cache, workers, track("certified front", len(front.questions())))
+        certify_front(
+            front, seconds, cache, workers, track("certified front", len(front.questions()))
+        )
     comparison.failures += front.impossible()
     if not front.starts():
-        comparison.notes.append(f"No start has all bounds of the front after {seconds:g} s: give it a "
-                                "larger --budget.")
+        comparison.notes.append(
+            f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
+        )
 
 
 def _nothing_claimed(contest: Contest) -> str:
@@ -168,8 +204,10 @@ def _nothing_claimed(contest: Contest) -> str:
     if contest.conditions is not None:
         return "Optima and bounds are those of a perfect world; under these conditions none is claimed."
     if not goal_stands_still(contest.task):
-        return ("Optima and bounds are those of goals that stand still; none is claimed, as "
-                f"{type(contest.task).__name__} moves its goal.")
+        return (
+            "Optima and bounds are those of goals that stand still; none is claimed, as "
+            f"{type(contest.task).__name__} moves its goal."
+        )
     return ""
 
 
@@ -182,12 +220,15 @@ def _uncertified(contest: Contest) -> str:
     return ""
 
 
-def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:
+def _entry(
+    comparison: Comparison, contestant: Contestant, track: Track, workers: int | None
+) -> Entry:
     step = track(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:
-        comparison.failures.append(f"{contestant.name}: its solver stopped {stopped} times; the plan before "
-                                   "was flown on.")
+        comparison.failures.append(
+            f"{contestant.name}: its solver stopped {stopped} times; the plan before was flown on."
+        )
     return Entry(contestant, flight, comparison.contest.latencies(contestant.controller))
 
 
@@ -213,20 +254,25 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
             if lost:
                 comparison.failures.append(
                     f"{objective.name}: no trajectory from {len(lost)} of {counted(len(found), 'start')} "
-                    f"({'; '.join(sorted(set(lost)))}).")
+                    f"({'; '.join(sorted(set(lost)))})."
+                )
 
 
-def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
-                    workers: int | None) -> None:
-    contest, events = comparison.contest, comparison.events()
+def _find_certified(
+    comparison: Comparison, count: int, cache: Path | None, track: Track, workers: int | None
+) -> None:
+    contest = comparison.contest
+    events = comparison.events()
     if reason := _uncertified(contest):
         comparison.notes.append(reason)
         return
     count = min(count, contest.episodes)
     missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
     if missing:
-        comparison.notes.append(f"No tight certificate exists: {missing} The bounds shown let translation "
-                                "and rotation use all thrusters each, and hold for throttled thrust too.")
+        comparison.notes.append(
+            f"No tight certificate exists: {missing} The bounds shown let translation "
+            "and rotation use all thrusters each, and hold for throttled thrust too."
+        )
     step = track("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
         for answer in certify(contest, count, events, cache, workers, step):

@@ -25,8 +25,15 @@ _CHANGED = 0.4
 Ranges = Mapping[str, tuple[float, float]]
 
 
-def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, command: str = "",
-         progress: Callable[[int], object] = lambda _: None) -> Tuned:
+def tune(
+    name: str,
+    setup: Setup,
+    candidates: int,
+    starts: int,
+    price: float,
+    command: str = "",
+    progress: Callable[[int], object] = lambda _: None,
+) -> Tuned:
     """The settings of a controller with the least `cost`.
 
     The default settings are the first candidate, so that none are found that are worse than these. An
@@ -46,7 +53,8 @@ def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, co
     """
     if not (math.isfinite(price) and price >= 0):
         raise ConfigError(f"--price must be finite and >= 0 s per N s, got {price}.")
-    maker, (craft, task, timing, _) = CONTROLLERS[name], setup
+    maker = CONTROLLERS[name]
+    (craft, task, timing, _) = setup
     contest = Contest(craft, task, timing, TUNING_SEED, starts, conditions=setup.conditions)
     within = ranges(name)
     found: list[tuple[float, dict[str, float]]] = []
@@ -60,22 +68,35 @@ def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, co
             if not found:
                 raise
             break
-        found.append((cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings))
+        found.append(
+            (cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings)
+        )
         progress(1)
     least, best = min(found, key=lambda pair: pair[0])
     return Tuned(
-        controller=name, task=task_name(task), tolerances=dict(task.tolerances()),
-        control_period=timing.control_period, spacecraft=to_toml(craft), settings=best,
-        candidates=len(found), starts=starts, seed=TUNING_SEED, price=price,
-        costs={"default": found[0][0], "tuned": least}, command=command)
+        controller=name,
+        task=task_name(task),
+        tolerances=dict(task.tolerances()),
+        control_period=timing.control_period,
+        spacecraft=to_toml(craft),
+        settings=best,
+        candidates=len(found),
+        starts=starts,
+        seed=TUNING_SEED,
+        price=price,
+        costs={"default": found[0][0], "tuned": least},
+        command=command,
+    )
 
 
 def ranges(name: str) -> Ranges:
     """What of a controller can be tuned: bounds by "argument.field"; `ConfigError` if it says nothing."""
     found = getattr(CONTROLLERS[name], "tunable", None)
     if not found:
-        raise ConfigError(f"the controller {name!r} tells nothing that can be tuned; its class needs a "
-                          '`tunable` such as {"weights.position": (0.1, 3.0)}.')
+        raise ConfigError(
+            f"the controller {name!r} tells nothing that can be tuned; its class needs a "
+            '`tunable` such as {"weights.position": (0.1, 3.0)}.'
+        )
     return found
 
 
@@ -88,8 +109,13 @@ def cost(entry: Entry, price: float) -> float:
     return float(times.mean() + price * entry.thrust.mean())
 
 
-def _candidate(gone: float, first: dict[str, float], within: Ranges,
-               found: list[tuple[float, dict[str, float]]], random: np.random.Generator) -> dict[str, float]:
+def _candidate(
+    gone: float,
+    first: dict[str, float],
+    within: Ranges,
+    found: list[tuple[float, dict[str, float]]],
+    random: np.random.Generator,
+) -> dict[str, float]:
     """When this share of the search is gone: the default, any, then nearer and nearer to the best so far."""
     if not found:
         return first

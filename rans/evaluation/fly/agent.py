@@ -28,7 +28,8 @@ class Agent:
     """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
     def __init__(self, network: Network, name: str) -> None:
-        self.name, self.network = name, network
+        self.name = name
+        self.network = network
         self._memory: torch.Tensor | None = None
 
     def __repr__(self) -> str:
@@ -75,33 +76,52 @@ class LoadedRun(NamedTuple):
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
         """The same under other conditions, by name, file or as such; None: its own."""
-        return self if conditions is None else self._replace(conditions=load_conditions(conditions).or_none)
+        return (
+            self
+            if conditions is None
+            else self._replace(conditions=load_conditions(conditions).or_none)
+        )
 
 
 def load_agent(path: Path) -> LoadedRun:
     """The agent in a run folder; `ConfigError` if that holds no run, or no policy that fits its craft."""
     run = RunFolder(path)
-    config, craft = run.config(), run.spacecraft()
+    config = run.config()
+    craft = run.spacecraft()
     if not run.policy_file.exists():
-        raise ConfigError(f"{path} has no policy.zip: its training has not come to its first checkpoint "
-                          "yet, or was stopped before.")
+        raise ConfigError(
+            f"{path} has no policy.zip: its training has not come to its first checkpoint "
+            "yet, or was stopped before."
+        )
     network = read_policy(run.policy_file, craft, config.settings).network
     _check_fit(network, craft, config.settings, run)
-    return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing,
-                     config.conditions.or_none)
+    return LoadedRun(
+        Agent(network, path.resolve().name),
+        craft,
+        config.settings,
+        config.timing,
+        config.conditions.or_none,
+    )
 
 
 def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
-    given, shown = network.architecture, layout(task, craft.dimension)
-    seen, commanded = given.layout.width, given.thrusters
+    given = network.architecture
+    shown = layout(task, craft.dimension)
+    seen = given.layout.width
+    commanded = given.thrusters
     needed = shown.width, len(craft.thrusters)
     if (seen, commanded) != needed:
         raise ConfigError(
             f"{run.policy_file} observes {seen} columns and commands {commanded} thrusters, but "
-            f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs.")
+            f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
+        )
     if given.layout not in (shown, paper_layout(seen)):
-        raise ConfigError(f"{run.policy_file} observes other columns than the task in {run.config_file} "
-                          "shows: they are of different runs.")
+        raise ConfigError(
+            f"{run.policy_file} observes other columns than the task in {run.config_file} "
+            "shows: they are of different runs."
+        )
     if given.continuous != craft.actuators.is_continuous:
-        raise ConfigError(f"{run.policy_file} does not command the {craft.actuators.kind} actuators of "
-                          f"{run.spacecraft_file}: they are of different runs.")
+        raise ConfigError(
+            f"{run.policy_file} does not command the {craft.actuators.kind} actuators of "
+            f"{run.spacecraft_file}: they are of different runs."
+        )

@@ -21,17 +21,20 @@ from rans.pretrained import pretrained_folder, pretrained_names
 from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
 
-FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
-         f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
-         "MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)")
+FORMS = (
+    f"a run folder, pretrained:NAME, either after {PREFIX}:, "
+    f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
+    "MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
+)
 """What `contestant` understands, for messages."""
 
 EVALUATIONS = Path("runs") / "evaluations"
 """Where results of contestants without a run folder of their own go."""
 
 
-def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None,
-               trust: bool = False) -> LoadedRun:
+def contestant(
+    spec: str, protocol: ProtocolName = "own", lent: Setup | None = None, trust: bool = False
+) -> LoadedRun:
     """A controller ready to fly, and in which setup.
 
     Args:
@@ -51,8 +54,10 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
         return LoadedRun(controller(spec, lent), *lent)
     if is_user_policy(spec):
         if lent is None:
-            raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
-                              f"RUN {spec}.")
+            raise ConfigError(
+                f"{spec} knows no task: name somebody who does before it, as in rans compare "
+                f"RUN {spec}."
+            )
         return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent)
     kind, name, part = _parse(spec)
     if kind == PREFIX:
@@ -70,8 +75,10 @@ def text_of(agent: object) -> str:
     """The text of a name or a folder; `ConfigError` where it is neither."""
     if isinstance(agent, str | Path) and str(agent):
         return str(agent)
-    raise ConfigError("an agent is its name, its run folder or what rans.load_agent gave, as in "
-                      f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}.")
+    raise ConfigError(
+        "an agent is its name, its run folder or what rans.load_agent gave, as in "
+        f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}."
+    )
 
 
 def in_protocol(agent: str | Path | LoadedRun | Lookahead, protocol: ProtocolName) -> LoadedRun:
@@ -87,8 +94,10 @@ def in_protocol(agent: str | Path | LoadedRun | Lookahead, protocol: ProtocolNam
     own = Setup(*agent[1:])
     changed = under_protocol(protocol, own)
     if changed is not own and not isinstance(agent.controller, Agent):
-        raise ConfigError(f"{agent.controller.name} was made for its own setup; give its name instead, as in "
-                          f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r}).")
+        raise ConfigError(
+            f"{agent.controller.name} was made for its own setup; give its name instead, as in "
+            f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r})."
+        )
     return LoadedRun(agent.controller, *changed)
 
 
@@ -100,7 +109,9 @@ def agent_folder(spec: str) -> Path:
     """
     kind, name, _ = _parse(spec)
     if kind not in ("", "pretrained"):
-        raise ConfigError(f"{brief(spec)} is no trained agent: name a run folder, or pretrained:NAME.")
+        raise ConfigError(
+            f"{brief(spec)} is no trained agent: name a run folder, or pretrained:NAME."
+        )
     return pretrained_folder(name) if kind else Path(name)
 
 
@@ -131,11 +142,15 @@ def picked_task(spec: str) -> str:
     return _parse(spec)[2]
 
 
-def view_command(who: Iterable[str], task: Task, conditions: str | None, episode: int, seed: int) -> str:
+def view_command(
+    who: Iterable[str], task: Task, conditions: str | None, episode: int, seed: int
+) -> str:
     """What shows an episode of contestants again; where a task is from outside, that runs a module's code."""
     given = ["--conditions", conditions] if conditions else []
     given += ["--episode", str(episode), "--seed", str(seed)]
-    return shlex.join(["rans", "view", *who, *given, *([] if registered_name(task) else ["--trust"])])
+    return shlex.join(
+        ["rans", "view", *who, *given, *([] if registered_name(task) else ["--trust"])]
+    )
 
 
 def _is_controller(spec: str) -> bool:
@@ -175,17 +190,23 @@ def _parse(spec: str) -> tuple[str, str, str]:
     if spec == f"{kind}:":
         raise ConfigError(f"{spec} names nobody after its colon; known are {FORMS}.")
     if ":" in spec and not _exists(spec):
-        module, (own, _, name) = kind, name.partition(":")
+        module = kind
+        (own, _, name) = name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
         if _is_controller(spec):
             raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d.")
-        raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
+        raise ConfigError(
+            f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}."
+        )
     if spec in pretrained_names() and not _exists(spec):
         return "pretrained", spec, part
     if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
-        raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d." if spec in CONTROLLERS
-                          else f"{spec} is not a run folder, and no agent or controller{near}.")
+        raise ConfigError(
+            f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
+            if spec in CONTROLLERS
+            else f"{spec} is not a run folder, and no agent or controller{near}."
+        )
     return "", spec, part
 
 
@@ -194,13 +215,16 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
     if dimension not in ("2d", "3d"):
-        raise ConfigError(f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or "
-                          "-3d.")
+        raise ConfigError(
+            f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d."
+        )
     axes = int(dimension[0])
     craft = load_spacecraft(spacecraft or USUAL[axes])
     if craft.dimension != axes:
-        raise ConfigError(f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
-                          "dimensions.")
+        raise ConfigError(
+            f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
+            "dimensions."
+        )
     return Setup(craft, TASKS[task](), Timing())
 
 
@@ -208,6 +232,8 @@ def _picked(setup: Setup, part: str, spec: str) -> Setup:
     """The setup with one of the tasks of a multi-task."""
     parts = setup.task.parts()
     if part and part not in parts:
-        raise ConfigError(f"{brief(spec)} picks the task {brief(part)}, but there is only "
-                          f"{', '.join(parts) or 'one task'}.")
+        raise ConfigError(
+            f"{brief(spec)} picks the task {brief(part)}, but there is only "
+            f"{', '.join(parts) or 'one task'}."
+        )
     return setup._replace(task=parts[part]) if part else setup

@@ -27,9 +27,13 @@ Maker = Callable[..., Controller]
 
 def _checked(found: Any) -> Maker:
     if not callable(found):
-        raise ConfigError("a controller must be a class or function of spacecraft, task and timing, got "
-                          f"{brief(found)}.")
-    if isinstance(found, type):  # refused before it is called: a spacecraft or a task is a class too
+        raise ConfigError(
+            "a controller must be a class or function of spacecraft, task and timing, got "
+            f"{brief(found)}."
+        )
+    if isinstance(
+        found, type
+    ):  # refused before it is called: a spacecraft or a task is a class too
         _check_methods(f"the class {found.__name__}", found)
     maker: Any = found
     return maker
@@ -38,14 +42,24 @@ def _checked(found: Any) -> Maker:
 def _check_methods(who: str, found: object) -> None:
     missing = [need for need in ("reset", "act") if not callable(getattr(found, need, None))]
     if missing:
-        raise ConfigError(f"{who} is no controller: it has no {' and no '.join(missing)}; see "
-                          "rans.flight.Controller.")
+        raise ConfigError(
+            f"{who} is no controller: it has no {' and no '.join(missing)}; see "
+            "rans.flight.Controller."
+        )
 
 
-CONTROLLERS: Registry[Maker] = Registry("controller", "rans.controllers", {
-    "lqr": "rans.optimal.control.lqr:LQR", "switching": "rans.optimal.control.switching:Switching",
-    "mpc": "rans.optimal.control.mpc:MPC", "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
-    "mppi": "rans.optimal.control.sampling:MPPI"}, _checked)
+CONTROLLERS: Registry[Maker] = Registry(
+    "controller",
+    "rans.controllers",
+    {
+        "lqr": "rans.optimal.control.lqr:LQR",
+        "switching": "rans.optimal.control.switching:Switching",
+        "mpc": "rans.optimal.control.mpc:MPC",
+        "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
+        "mppi": "rans.optimal.control.sampling:MPPI",
+    },
+    _checked,
+)
 """What makes the controller of a name, with its default settings; `controller` makes it with tuned ones."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
@@ -57,7 +71,8 @@ def controller(name: str, setup: Setup) -> Controller:
 
     `ConfigError` if there is none, or not for this craft.
     """
-    maker, found = CONTROLLERS[name], tuned(name, setup)
+    maker = CONTROLLERS[name]
+    found = tuned(name, setup)
     if found is not None:
         maker = partial(maker, **arguments(maker, found.settings))
     return maker(*setup[:3]) if name in CONTROLLERS.built_in else Guarded(name, setup, maker)
@@ -67,16 +82,20 @@ class Guarded:
     """A controller made elsewhere, by name; a `ConfigError` says what is wrong with it or its answers."""
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
-        self._craft, package = setup.craft, CONTROLLERS.package(name)
-        self._who = f"the controller {brief(name)}" + (f" of the package {package}" if package else "")
+        self._craft = setup.craft
+        package = CONTROLLERS.package(name)
+        self._who = f"the controller {brief(name)}" + (
+            f" of the package {package}" if package else ""
+        )
         try:
             self._made = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
         except RansError:
             raise
         except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(f"{self._who} cannot be made: {type(error).__name__}: {first_line(error)}."
-                              ) from error
+            raise ConfigError(
+                f"{self._who} cannot be made: {type(error).__name__}: {first_line(error)}."
+            ) from error
         _check_methods(self._who, self._made)
 
     @property
@@ -90,8 +109,12 @@ class Guarded:
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller` and `answered`."""
-        return answered(self._who, lambda: self._made.act(state, goal, observation), self._craft,
-                        len(observation))
+        return answered(
+            self._who,
+            lambda: self._made.act(state, goal, observation),
+            self._craft,
+            len(observation),
+        )
 
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
@@ -105,8 +128,14 @@ craft's actuators take: zeros and ones, or numbers between."""
 class UserPolicy:
     """A function of the observation, by its `user_policy` name; each answer is checked before it flies."""
 
-    def __init__(self, name: str, policy: Policy, craft: Spacecraft, task: Task, trust: bool = False) -> None:
-        self.name, self._policy, self._craft, self._task, self._trust = name, policy, craft, task, trust
+    def __init__(
+        self, name: str, policy: Policy, craft: Spacecraft, task: Task, trust: bool = False
+    ) -> None:
+        self.name = name
+        self._policy = policy
+        self._craft = craft
+        self._task = task
+        self._trust = trust
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads it anew: not every policy can be pickled."""
@@ -133,13 +162,17 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
         raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
     wanted = count, len(craft.thrusters)
     if commands.shape != wanted:
-        raise ConfigError(f"{who} must answer {count} observations with commands of shape "
-                          f"{wanted}, got {commands.shape}.")
+        raise ConfigError(
+            f"{who} must answer {count} observations with commands of shape "
+            f"{wanted}, got {commands.shape}."
+        )
     try:
         craft.actuators.check(commands, *wanted)
     except ConfigError as error:
-        raise ConfigError(f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
-                          "rounded, and densities clipped, by the policy.") from None
+        raise ConfigError(
+            f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
+            "rounded, and densities clipped, by the policy."
+        ) from None
     return commands
 
 
@@ -175,7 +208,9 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
         policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
         policy.load_state_dict(parameters["policy"])
     except Exception as error:  # a damaged pickle raises anything
-        reason = first_line(error).partition(". ")[0]  # torch's advice goes on: to unpickle it all the same
+        reason = first_line(error).partition(". ")[
+            0
+        ]  # torch's advice goes on: to unpickle it all the same
         raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {reason}.") from error
     policy.set_training_mode(False)
     _check_spaces(name, *spaces, craft, task)
@@ -188,8 +223,10 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
     from rans.fast.saved import is_agent, read_policy
 
     if not is_agent(file):
-        raise ConfigError(f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
-                          "made it, add --trust.")
+        raise ConfigError(
+            f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
+            "made it, add --trust."
+        )
     network = read_policy(file, craft, task).network
     _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
     return lambda observation: predict(network, observation)[0]
@@ -198,13 +235,16 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
 def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
     from gymnasium.spaces import MultiBinary
 
-    width, count = observation_width(task, craft.dimension), len(craft.thrusters)
+    width = observation_width(task, craft.dimension)
+    count = len(craft.thrusters)
     if seen.shape != (width,):
         raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
     known = ON_OFF.action_space(count), MultiBinary(count), craft.actuators.action_space(count)
     if action not in known:
-        raise ConfigError(f"{name} acts by {action}, but {craft.name} has {count} thrusters, which take "
-                          f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}.")
+        raise ConfigError(
+            f"{name} acts by {action}, but {craft.name} has {count} thrusters, which take "
+            f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}."
+        )
 
 
 def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
@@ -215,7 +255,9 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
     try:
         from onnxruntime import InferenceSession
     except ImportError as error:
-        raise ConfigError(f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'.") from error
+        raise ConfigError(
+            f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'."
+        ) from error
     _check_file(name)
     try:
         session = InferenceSession(name, providers=["CPUExecutionProvider"])
@@ -223,12 +265,17 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
         raise ConfigError(f"{name} is no ONNX network: {first_line(error)}.") from error
     inputs = [node.name for node in session.get_inputs()]
     if not 1 <= len(inputs) <= min(2, len(session.get_outputs())):
-        raise ConfigError(f"{name} must have one input, the observation, or besides a memory that is also "
-                          f"its second output, got {', '.join(inputs)}.")
-    width, given = observation_width(task, craft.dimension), session.get_inputs()[0].shape
+        raise ConfigError(
+            f"{name} must have one input, the observation, or besides a memory that is also "
+            f"its second output, got {', '.join(inputs)}."
+        )
+    width = observation_width(task, craft.dimension)
+    given = session.get_inputs()[0].shape
     if len(given) == 2 and isinstance(given[1], int) and given[1] != width:
-        raise ConfigError(f"{name} observes {given[1]} numbers, but {craft.name} shows {width} for "
-                          f"{type(task).__name__}.")
+        raise ConfigError(
+            f"{name} observes {given[1]} numbers, but {craft.name} shows {width} for "
+            f"{type(task).__name__}."
+        )
     return OnnxPolicy(session)
 
 
@@ -256,7 +303,9 @@ class OnnxPolicy:
 def _python(name: str, *_: object) -> Policy:
     module, colon, function = name.rpartition(":")
     if not module or not colon or not function:
-        raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
+        raise ConfigError(
+            f"python:{name} must name a module and a function, as python:my_policy:act."
+        )
     try:
         policy = resolve_typed(name)
     except ConfigError as error:
@@ -272,4 +321,7 @@ def _check_file(name: str) -> None:
 
 
 _LOADERS: dict[str, Callable[[str, Spacecraft, Task, bool], Policy]] = {
-    "sb3": _sb3, "onnx": _onnx, "python": _python}
+    "sb3": _sb3,
+    "onnx": _onnx,
+    "python": _python,
+}

@@ -24,7 +24,8 @@ from rans.tasks import Task
 
 START_SPREAD = 0.2
 """Farthest that a flight starts from the path's first point, m."""
-_PATIENCE, _GRACE = 1.5, 10.0
+_PATIENCE = 1.5
+_GRACE = 10.0
 """A flight may take so many times as long as at full speed, and so many seconds more."""
 
 
@@ -103,9 +104,12 @@ class Following:
     @property
     def cross_track(self) -> np.ndarray:
         """(T, N) distance from the path when a command was given, m."""
-        path, reach = self.planner.path, self.planner.radius
+        path = self.planner.path
+        reach = self.planner.radius
         instants = zip(self.positions, self.progress, strict=False)
-        return np.stack([path.cross_track(position, progress, reach) for position, progress in instants])
+        return np.stack(
+            [path.cross_track(position, progress, reach) for position, progress in instants]
+        )
 
     @property
     def measured(self) -> np.ndarray:
@@ -123,53 +127,113 @@ class Following:
 
     def quantities(self) -> tuple[Sample, ...]:
         """How well each flight followed."""
-        counts, reached, aim = self.measured, self.velocities[1:], self.planner.speed
+        counts = self.measured
+        reached = self.velocities[1:]
+        aim = self.planner.speed
 
         def mean(values: np.ndarray) -> np.ndarray:
             return (values * counts).sum(axis=0) / counts.sum(axis=0)
 
-        distance, speed = self.cross_track, np.linalg.norm(reached, axis=2)
+        distance = self.cross_track
+        speed = np.linalg.norm(reached, axis=2)
         missed = np.linalg.norm(reached - self.commands, axis=2)
         lap = "the approach and one lap" if self.planner.path.closed else "the path"
-        return tuple(Sample("path", *row) for row in (
-            ("cross-track RMS", "root mean square distance from the path", "cm",
-             100.0 * np.sqrt(mean(distance**2))),
-            ("cross-track maximum", "largest distance from the path", "cm",
-             100.0 * (distance * counts).max(axis=0)),
-            ("velocity error", "mean distance from the command one period later", "cm/s",
-             100.0 * mean(missed)),
-            ("speed error", f"mean difference from {aim:g} m/s", "cm/s", 100.0 * mean(np.abs(speed - aim))),
-            ("duration", f"time for {lap}", "s", self.durations),
-            ("duty", "mean share of thrusters open", "%", 100.0 * mean(self.flight.commands.mean(axis=2)))))
+        return tuple(
+            Sample("path", *row)
+            for row in (
+                (
+                    "cross-track RMS",
+                    "root mean square distance from the path",
+                    "cm",
+                    100.0 * np.sqrt(mean(distance**2)),
+                ),
+                (
+                    "cross-track maximum",
+                    "largest distance from the path",
+                    "cm",
+                    100.0 * (distance * counts).max(axis=0),
+                ),
+                (
+                    "velocity error",
+                    "mean distance from the command one period later",
+                    "cm/s",
+                    100.0 * mean(missed),
+                ),
+                (
+                    "speed error",
+                    f"mean difference from {aim:g} m/s",
+                    "cm/s",
+                    100.0 * mean(np.abs(speed - aim)),
+                ),
+                ("duration", f"time for {lap}", "s", self.durations),
+                (
+                    "duty",
+                    "mean share of thrusters open",
+                    "%",
+                    100.0 * mean(self.flight.commands.mean(axis=2)),
+                ),
+            )
+        )
 
     def title(self) -> str:
         """What was flown, in one line."""
-        arrived, path = int(np.isfinite(self.durations).sum()), self.planner.path
-        return (f"{self.flight.controller} along {path.name} ({path.length:.1f} m): {arrived} of "
-                f"{len(self.durations)} flights arrive")
+        arrived = int(np.isfinite(self.durations).sum())
+        path = self.planner.path
+        return (
+            f"{self.flight.controller} along {path.name} ({path.length:.1f} m): {arrived} of "
+            f"{len(self.durations)} flights arrive"
+        )
 
     def table(self) -> Table:
         """For the terminal."""
-        table = Table("quantity", "mean", "worst flight", "meaning", title=self.title(), title_justify="left")
+        table = Table(
+            "quantity", "mean", "worst flight", "meaning", title=self.title(), title_justify="left"
+        )
         for _, name, meaning, unit, values, _ in self.quantities():
             ends = values.mean(), values.max()
-            table.add_row(name, *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends), meaning)
+            table.add_row(
+                name, *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends), meaning
+            )
         return table
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`; infinite is the duration of a flight that never arrived."""
-        path, flight = self.planner.path, self.flight
-        rows = [{"name": name, "meaning": meaning, "unit": unit, "mean": float(values.mean()),
-                 "worst": float(values.max()), "flights": values.tolist()}
-                for _, name, meaning, unit, values, _ in self.quantities()]
-        return {"title": self.title(), "path": path.name, "length": path.length, "closed": path.closed,
-                "speed": self.planner.speed, "look_ahead": self.planner.radius,
-                "spacecraft": flight.craft.name, "control_period": flight.timing.control_period,
-                "quantities": rows}
+        path = self.planner.path
+        flight = self.flight
+        rows = [
+            {
+                "name": name,
+                "meaning": meaning,
+                "unit": unit,
+                "mean": float(values.mean()),
+                "worst": float(values.max()),
+                "flights": values.tolist(),
+            }
+            for _, name, meaning, unit, values, _ in self.quantities()
+        ]
+        return {
+            "title": self.title(),
+            "path": path.name,
+            "length": path.length,
+            "closed": path.closed,
+            "speed": self.planner.speed,
+            "look_ahead": self.planner.radius,
+            "spacecraft": flight.craft.name,
+            "control_period": flight.timing.control_period,
+            "quantities": rows,
+        }
 
 
-def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhead, timing: Timing,
-           seed: int, count: int, engine: EngineName = "fast") -> Following:
+def follow(
+    craft: Spacecraft,
+    task: Task,
+    tracker: Controller,
+    planner: LookAhead,
+    timing: Timing,
+    seed: int,
+    count: int,
+    engine: EngineName = "fast",
+) -> Following:
     """Fly along a path, in float64.
 
     Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point. `ConfigError`
@@ -187,23 +251,32 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
     """
     speeds: Any = getattr(task, "target_speed", None)
     if "track-velocity" in task.parts():
-        raise ConfigError(f"{tracker.name} knows several tasks: pick one, as in "
-                          f"{tracker.name}#track-velocity.")
+        raise ConfigError(
+            f"{tracker.name} knows several tasks: pick one, as in {tracker.name}#track-velocity."
+        )
     if speeds is None or task.tolerances().keys() != {"velocity"}:
-        raise ConfigError("only an agent trained for track-velocity can follow a path, but "
-                          f"{tracker.name} was trained for another task.")
+        raise ConfigError(
+            "only an agent trained for track-velocity can follow a path, but "
+            f"{tracker.name} was trained for another task."
+        )
     if planner.speed > speeds[1]:
-        raise ConfigError(f"the speed must be at most the {speeds[1]:g} m/s that {tracker.name} was trained "
-                          f"for, got {planner.speed:g}.")
+        raise ConfigError(
+            f"the speed must be at most the {speeds[1]:g} m/s that {tracker.name} was trained "
+            f"for, got {planner.speed:g}."
+        )
     if planner.path.dimension > craft.dimension:
-        raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
-                          "give a path of x and y only, such as the circle.")
+        raise ConfigError(
+            f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
+            "give a path of x and y only, such as the circle."
+        )
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
     seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
     if (steps := math.ceil(seconds / timing.control_period)) > MOST_STEPS:
-        raise ConfigError(f"at {planner.speed:g} m/s the path {planner.path.name} takes {steps:,} control "
-                          f"periods, of which a flight has at most {MOST_STEPS:,}: fly faster.")
+        raise ConfigError(
+            f"at {planner.speed:g} m/s the path {planner.path.name} takes {steps:,} control "
+            f"periods, of which a flight has at most {MOST_STEPS:,}: fly faster."
+        )
     long_enough = replace(timing, episode_steps=steps)
     setup = Setup(craft, Guided(task, planner), long_enough)
     return Following(planner, flown(tracker, setup, seed, count, engine).flight)

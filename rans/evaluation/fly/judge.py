@@ -31,9 +31,16 @@ class Flown(NamedTuple):
     """Times that the controller's solver found nothing; 0 of a controller without one."""
 
 
-def flown(controller: Controller, setup: Setup, seed: int, episodes: int, engine: EngineName = "fast",
-          workers: int | None = None, progress: Callable[[int], object] = lambda _: None,
-          first: int = 0) -> Flown:
+def flown(
+    controller: Controller,
+    setup: Setup,
+    seed: int,
+    episodes: int,
+    engine: EngineName = "fast",
+    workers: int | None = None,
+    progress: Callable[[int], object] = lambda _: None,
+    first: int = 0,
+) -> Flown:
     """Fly from the task's starts; `RansError` if Drake refuses the mass properties, or a process died.
 
     Args:
@@ -54,8 +61,13 @@ def flown(controller: Controller, setup: Setup, seed: int, episodes: int, engine
         only = _flown(controller, setup, engine, *jobs[0])
         progress(episodes)
         return only
-    with submitted(_work, jobs, min(len(jobs), workers) if workers else None, _load,
-                   (controller, setup, engine)) as futures:
+    with submitted(
+        _work,
+        jobs,
+        min(len(jobs), workers) if workers else None,
+        _load,
+        (controller, setup, engine),
+    ) as futures:
         with deaths_told(f"flew {controller.name}"):
             for done in as_completed(futures):
                 progress(done.result().flight.commands.shape[1])
@@ -78,13 +90,16 @@ def _work(seed: int, first: int, count: int) -> Flown:
     return _flown(controller, setup, engine, seed, first, count)
 
 
-def _flown(controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int,
-           count: int) -> Flown:
+def _flown(
+    controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int, count: int
+) -> Flown:
     flight = fly_drawn(controller, setup, draws(seed, count, first), engine)
     return Flown(flight, getattr(controller, "failures", 0))
 
 
-def fly_drawn(controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast") -> Flight:
+def fly_drawn(
+    controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast"
+) -> Flight:
     """The N episodes that draw like this, in this process; ``own.first`` are their numbers, (N,)."""
     craft, task, timing, conditions = setup
     starts = drawn(task, craft, own)
@@ -97,11 +112,15 @@ def fly_drawn(controller: Controller, setup: Setup, own: Draws, engine: EngineNa
 
 def _joined(parts: list[Flown]) -> Flown:
     """Flights of other episodes of the same task as one; episodes are the last axis of a field."""
+
     def join(*fields: Any) -> np.ndarray:
         return np.concatenate(fields, axis=-1)
 
     flights = [part.flight for part in parts]
-    joined = replace(flights[0], states=map_leaves(join, *(f.states for f in flights)),
-                     goals=map_leaves(join, *(f.goals for f in flights)),
-                     commands=np.concatenate([f.commands for f in flights], axis=1))
+    joined = replace(
+        flights[0],
+        states=map_leaves(join, *(f.states for f in flights)),
+        goals=map_leaves(join, *(f.goals for f in flights)),
+        commands=np.concatenate([f.commands for f in flights], axis=1),
+    )
     return Flown(joined, sum(part.stopped for part in parts))

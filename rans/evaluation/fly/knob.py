@@ -15,7 +15,9 @@ class HeldKnob:
     """An agent that sees its knob where it is held, after all that a task without a knob shows."""
 
     def __init__(self, agent: Controller, knob: float) -> None:
-        self.name, self.knob, self._agent = f"{agent.name}#{knob:g}", knob, agent
+        self.name = f"{agent.name}#{knob:g}"
+        self.knob = knob
+        self._agent = agent
         self.slow = getattr(agent, "slow", False)  # one that looks ahead
 
     def reset(self, count: int) -> None:

@@ -53,7 +53,9 @@ class ArrivalCost:
             if not (is_finite(price) and price >= 0):
                 raise ConfigError(f"the price {name} must be finite and >= 0, got {price!r}.")
 
-    def cost(self, shares: np.ndarray, there: np.ndarray, errors: dict[str, np.ndarray]) -> np.ndarray:
+    def cost(
+        self, shares: np.ndarray, there: np.ndarray, errors: dict[str, np.ndarray]
+    ) -> np.ndarray:
         """(M,) of seconds with these shares of all thrust; errors are shares of their tolerances."""
         off = sum(getattr(self, name, 0.0) * error**2 for name, error in errors.items())
         return shares + np.where(there, off, self.late)
@@ -86,11 +88,18 @@ class Lookahead:
     slow = True
     """Many episodes are flown by many processes."""
 
-    def __init__(self, run: LoadedRun, horizon: float = HORIZON, change_within: float = CHANGE_WITHIN,
-                 arrival: ArrivalCost | None = None) -> None:
+    def __init__(
+        self,
+        run: LoadedRun,
+        horizon: float = HORIZON,
+        change_within: float = CHANGE_WITHIN,
+        arrival: ArrivalCost | None = None,
+    ) -> None:
         if not isinstance(run, LoadedRun):
-            raise ConfigError("who looks ahead is what rans.load_agent gave, as in rans.Lookahead("
-                              f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}.")
+            raise ConfigError(
+                "who looks ahead is what rans.load_agent gave, as in rans.Lookahead("
+                f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}."
+            )
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
         agent, craft, task, timing, _ = run
@@ -100,26 +109,40 @@ class Lookahead:
         """What an agent with a knob is shown of it, after all that others are shown."""
         if isinstance(task, GoToPosePriced):
             if not task.is_held:
-                raise ConfigError(f"{agent.name} cannot look ahead: it has a knob; hold it, as in "
-                                  f"{PREFIX}:{agent.name}#0.5.")
-            self._knob, task = np.full((1, 1), task.knob[0], np.float32), task.plain()
+                raise ConfigError(
+                    f"{agent.name} cannot look ahead: it has a knob; hold it, as in "
+                    f"{PREFIX}:{agent.name}#0.5."
+                )
+            self._knob = np.full((1, 1), task.knob[0], np.float32)
+            task = task.plain()
         if craft.actuators != ON_OFF:
-            raise ConfigError(f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
-                              f"those of {craft.name} are {craft.actuators.kind}.")
-        for what, given in (("the horizon", horizon), ("the time that changes come within", change_within)):
+            raise ConfigError(
+                f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
+                f"those of {craft.name} are {craft.actuators.kind}."
+            )
+        for what, given in (
+            ("the horizon", horizon),
+            ("the time that changes come within", change_within),
+        ):
             if not (is_finite(given) and given > 0):
                 raise ConfigError(f"{what} must be finite and > 0 s, got {given!r}.")
-        self.name, self._horizon, self.arrival = f"{PREFIX}:{agent.name}", horizon, arrival
+        self.name = f"{PREFIX}:{agent.name}"
+        self._horizon = horizon
+        self.arrival = arrival
         self._run = run
-        self._network, self._world = agent.network, World(craft, task, timing)
-        self._periods, last = (math.ceil(s / timing.control_period - 1e-9)
-                               for s in (horizon, min(change_within, horizon)))
+        self._network = agent.network
+        self._world = World(craft, task, timing)
+        self._periods, last = (
+            math.ceil(s / timing.control_period - 1e-9)
+            for s in (horizon, min(change_within, horizon))
+        )
         forces = np.array([thruster.force for thruster in craft.thrusters])
-        self._shares, count = forces / forces.sum(), len(forces)
+        self._shares = forces / forces.sum()
+        count = len(forces)
         # (periods, choices, thrusters): nothing else, or one thruster in one of the periods.
         self._changes = torch.zeros(self._periods, 1 + last * count, count)
         for period in range(last):
-            self._changes[period, 1 + period * count:][:count] = torch.eye(count)
+            self._changes[period, 1 + period * count :][:count] = torch.eye(count)
         self.reset(0)
 
     def __repr__(self) -> str:
@@ -138,7 +161,8 @@ class Lookahead:
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation and at the state."""
-        count, choices = len(observation), self._changes.shape[1]
+        count = len(observation)
+        choices = self._changes.shape[1]
         if self._knob.size:  # held, it is nobody's goal
             goal = replace(goal, notes=())
         if self.arrival is not None:
@@ -150,10 +174,13 @@ class Lookahead:
         worth = self._earned if self.arrival is None else self._spared
         best = worth(here, there, command, after).reshape(count, choices).argmax(axis=1)
         best += np.arange(count) * choices
-        self._memory, self._last = None if after is None else after[best], command[best].double().numpy()
+        self._memory = None if after is None else after[best]
+        self._last = command[best].double().numpy()
         return self._last
 
-    def _changed(self, seen: np.ndarray, memory: Tensor | None, period: int) -> tuple[Tensor, Tensor | None]:
+    def _changed(
+        self, seen: np.ndarray, memory: Tensor | None, period: int
+    ) -> tuple[Tensor, Tensor | None]:
         """Commands (M, thrusters) of this period to come, with each choice's change, and the memory after."""
         output, columns = self._network.shown(torch.from_numpy(seen), memory)
         change = self._changes[period]
@@ -162,7 +189,8 @@ class Lookahead:
 
     def _earned(self, state: Any, goal: Any, command: Tensor, memory: Tensor | None) -> np.ndarray:
         """(M,) what is earned after commands (M, thrusters), with what the agent remembers after them."""
-        earned, lost = np.zeros(len(command)), np.zeros(len(command), dtype=bool)
+        earned = np.zeros(len(command))
+        lost = np.zeros(len(command), dtype=bool)
         for outcome in self._ahead(state, goal, command, memory):
             earned += np.where(lost, 0.0, paid(outcome.terms, outcome.terminated)[1])
             lost |= outcome.terminated
@@ -171,23 +199,32 @@ class Lookahead:
     def _spared(self, state: Any, goal: Any, command: Tensor, memory: Tensor | None) -> np.ndarray:
         """(M,) the same of what arrival costs, below 0; a change that does not end there is none."""
         assert self.arrival is not None
-        task, bounds, spared = self._world.task, self._world.task.tolerances(), np.zeros(len(command))
+        task = self._world.task
+        bounds = self._world.task.tolerances()
+        spared = np.zeros(len(command))
         been = there = np.repeat(self._been, self._changes.shape[1])
         for outcome in self._ahead(state, goal, command, memory):
             now = outcome.episode.state, outcome.episode.goal
             been = been | arrived(task, *now)
             there = been & outcome.reached
             errors = task.errors(*now)
-            spared -= self.arrival.cost(np.stack(outcome.command, axis=1) @ self._shares, there,
-                                        {name: errors[name] / bound for name, bound in bounds.items()})
+            spared -= self.arrival.cost(
+                np.stack(outcome.command, axis=1) @ self._shares,
+                there,
+                {name: errors[name] / bound for name, bound in bounds.items()},
+            )
         own = np.arange(len(command)) % self._changes.shape[1] == 0
         return np.where(there | own, spared, -math.inf)
 
-    def _ahead(self, state: Any, goal: Any, command: Tensor, memory: Tensor | None) -> Iterator[Outcome]:
+    def _ahead(
+        self, state: Any, goal: Any, command: Tensor, memory: Tensor | None
+    ) -> Iterator[Outcome]:
         """What every period gives that begins with commands (M, thrusters), as far as it looks."""
         now = self._world.begin(state, goal)
         if now.commands:  # the reward looks at what was open before
-            now = replace(now, commands=(tuple(np.repeat(self._last, self._changes.shape[1], axis=0).T),))
+            now = replace(
+                now, commands=(tuple(np.repeat(self._last, self._changes.shape[1], axis=0).T),)
+            )
         for period in range(1, self._periods + 1):
             outcome = step(self._world, now, tuple(command.double().numpy().T))
             yield outcome

@@ -19,7 +19,8 @@ SPACING = 0.005
 corner that falls between two points is cut by less than a millimetre or two."""
 _FARTHEST = 1e4
 """Bound of a coordinate, m."""
-_SHORTEST, _LONGEST = 0.1, 5e3
+_SHORTEST = 0.1
+_LONGEST = 5e3
 """Bounds of a path's length, m: five kilometres are a million points, and five hours at 0.25 m/s."""
 _DRAWN = 3600
 """Points of a curve per turn before they are spaced (original system)."""
@@ -59,7 +60,9 @@ class Path:
     @property
     def length(self) -> float:
         """Of one way along it, m."""
-        return float(np.linalg.norm(np.diff(self.at(np.arange(self.last + 1)), axis=0), axis=1).sum())
+        return float(
+            np.linalg.norm(np.diff(self.at(np.arange(self.last + 1)), axis=0), axis=1).sum()
+        )
 
     @property
     def last(self) -> int:
@@ -68,7 +71,9 @@ class Path:
 
     def at(self, index: np.ndarray) -> np.ndarray:
         """Points (..., d) at any indices: they go round a closed path, and stop at open ends."""
-        return self.points[index % len(self.points) if self.closed else np.clip(index, 0, self.last)]
+        return self.points[
+            index % len(self.points) if self.closed else np.clip(index, 0, self.last)
+        ]
 
     def in_space(self) -> Path:
         """The same path with z = 0 if it is planar."""
@@ -81,7 +86,8 @@ class Path:
         """
         count = math.ceil(reach / SPACING)
         around = self.at(progress[:, None] + np.arange(-count, count + 1))
-        start, way = around[:, :-1], np.diff(around, axis=1)
+        start = around[:, :-1]
+        way = np.diff(around, axis=1)
         squared = np.maximum((way * way).sum(axis=2), np.finfo(float).tiny)  # beyond an open end: 0
         share = (((position[:, None] - start) * way).sum(axis=2) / squared).clip(0.0, 1.0)
         nearest = start + share[:, :, None] * way
@@ -124,11 +130,14 @@ def helix(radius: float = 1.5, pitch: float = 0.5, turns: float = 3.0) -> Path:
 def _around(turns: float, inner: float, outer: float) -> np.ndarray:
     """Points (n, 2) counter-clockwise about the origin from (inner, 0), ever farther away or nearer, m."""
     angle = np.linspace(0.0, math.tau * turns, math.ceil(_DRAWN * turns) + 1)
-    return np.linspace(inner, outer, len(angle))[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    return np.linspace(inner, outer, len(angle))[:, None] * np.stack(
+        (np.cos(angle), np.sin(angle)), axis=1
+    )
 
 
 PATHS: dict[str, Callable[[], Path]] = {
-    make.__name__: make for make in (circle, spiral, square, lemniscate, helix)}
+    make.__name__: make for make in (circle, spiral, square, lemniscate, helix)
+}
 """Every path by the name the command line uses."""
 
 
@@ -138,8 +147,10 @@ def find_path(name: str) -> Path:
         return PATHS[name]()
     if name.lower().endswith(".csv"):
         return read_path(FilePath(name))
-    raise ConfigError(f"there is no path named {brief(name)}{meant(name, PATHS)}; known are "
-                      f"{', '.join(PATHS)}, and files whose name ends in .csv.")
+    raise ConfigError(
+        f"there is no path named {brief(name)}{meant(name, PATHS)}; known are "
+        f"{', '.join(PATHS)}, and files whose name ends in .csv."
+    )
 
 
 def read_path(file: FilePath) -> Path:
@@ -157,15 +168,21 @@ def read_path(file: FilePath) -> Path:
     numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
     if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
         del numbered[0]
-    points = [p for p, _ in groupby(_point(file, line, row, numbered[0][1]) for line, row in numbered)]
+    points = [
+        p for p, _ in groupby(_point(file, line, row, numbered[0][1]) for line, row in numbered)
+    ]
     if len(points) < 2:
-        raise ConfigError(f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
-                          f"{len(points)}.")
+        raise ConfigError(
+            f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
+            f"{len(points)}."
+        )
     closed = len(points) > 3 and points[0] == points[-1]
     length = sum(math.dist(a, b) for a, b in pairwise(points))
     if not _SHORTEST <= length <= _LONGEST:
-        raise ConfigError(f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
-                          f"{length:g} m; are the coordinates in metres?")
+        raise ConfigError(
+            f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
+            f"{length:g} m; are the coordinates in metres?"
+        )
     return Path.through(file.stem, np.array(points[:-1] if closed else points), closed)
 
 
@@ -177,8 +194,10 @@ def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple
         raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)}.")
     for cell in row:
         if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
-            raise ConfigError(f"{file}, line {line}: expected a number within +-{_FARTHEST:g} m, got "
-                              f"{cell.strip()!r}.")
+            raise ConfigError(
+                f"{file}, line {line}: expected a number within +-{_FARTHEST:g} m, got "
+                f"{cell.strip()!r}."
+            )
     return tuple(map(float, row))
 
 
@@ -214,8 +233,10 @@ class LookAhead:
         if not 0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a finite number > 0 m/s, got {self.speed}.")
         if not 2 * SPACING <= self.radius < math.inf:
-            raise ConfigError(f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two "
-                              f"gaps between a path's points, got {self.radius}.")
+            raise ConfigError(
+                f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two "
+                f"gaps between a path's points, got {self.radius}."
+            )
 
     @property
     def window(self) -> int:

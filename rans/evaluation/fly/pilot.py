@@ -37,8 +37,11 @@ class Pilot:
     def __init__(self, who: str | LoadedRun | Lookahead, env: gymnasium.Env[Any, Any]) -> None:
         found = env.unwrapped if isinstance(env, gymnasium.Env) else env
         if not isinstance(found, Environment):
-            raise ConfigError(f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}.")
-        self._env, self._space = found, env.action_space
+            raise ConfigError(
+                f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}."
+            )
+        self._env = found
+        self._space = env.action_space
         setup = Setup(found.craft, found.task, found.timing)
         self._controller = controller(who, setup) if isinstance(who, str) else _agent(who, setup)
         self.reset()
@@ -52,17 +55,22 @@ class Pilot:
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The action for what is seen now: (thrusters,), of the environment's action space."""
-        state, goal = (map_leaves(lambda x: np.array([x], np.float64), s)
-                       for s in (self._env.state, self._env.goal))
+        state, goal = (
+            map_leaves(lambda x: np.array([x], np.float64), s)
+            for s in (self._env.state, self._env.goal)
+        )
         return self._controller.act(state, goal, observation[None])[0].astype(self._space.dtype)
 
 
 def _agent(who: LoadedRun | Lookahead, setup: Setup) -> Controller:
     run = who.run if isinstance(who, Lookahead) else who
     if not isinstance(run, LoadedRun):
-        raise ConfigError("a pilot is the name of a controller, or what rans.load_agent gave, got "
-                          f"{brief(run)}.")
+        raise ConfigError(
+            f"a pilot is the name of a controller, or what rans.load_agent gave, got {brief(run)}."
+        )
     if run.craft != setup.craft or type(run.task) is not type(setup.task):
-        raise ConfigError(f"{run!r} cannot fly {type(setup.task).__name__} with {setup.craft.name}; make the "
-                          "environment of its task, with its spacecraft.")
+        raise ConfigError(
+            f"{run!r} cannot fly {type(setup.task).__name__} with {setup.craft.name}; make the "
+            "environment of its task, with its spacecraft."
+        )
     return run.controller

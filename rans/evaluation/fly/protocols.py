@@ -14,7 +14,10 @@ from rans.tasks import Task
 
 ProtocolName = Literal["own", "paper", "original"]
 
-_SPACECRAFT: dict[ProtocolName, str] = {"paper": "floating-platform", "original": "floating-platform-shared"}
+_SPACECRAFT: dict[ProtocolName, str] = {
+    "paper": "floating-platform",
+    "original": "floating-platform-shared",
+}
 _STEPS = 250
 """50 s at 5 Hz (original system's evaluations)."""
 _START = (3.0, 4.0)
@@ -34,8 +37,10 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
         return own
     craft = load_spacecraft(_SPACECRAFT[protocol])
     if (own.craft.dimension, len(own.craft.thrusters)) != (craft.dimension, len(craft.thrusters)):
-        raise ConfigError(f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
-                          f"thrusters, but {own.craft.name} is another kind; use --protocol own.")
+        raise ConfigError(
+            f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
+            f"thrusters, but {own.craft.name} is another kind; use --protocol own."
+        )
     return Setup(craft, _started_away(own.task), replace(Timing(), episode_steps=_STEPS))
 
 

@@ -56,7 +56,9 @@ class Tuned:
         try:
             return cls(**read_json(file))
         except TypeError as error:
-            raise ConfigError(f"{file} is damaged: {error}; write it anew with rans tune.") from error
+            raise ConfigError(
+                f"{file} is damaged: {error}; write it anew with rans tune."
+            ) from error
         except ConfigError as error:
             raise ConfigError(f"{error} Delete it: what comes with RANS serves then.") from error
 
@@ -67,9 +69,13 @@ class Tuned:
     def fits(self, name: str, setup: Setup) -> bool:
         """Whether they were found for this; starts, length of episodes and conditions may differ."""
         craft, task, timing, _ = setup
-        return (self.controller == name and self.tolerances == task.tolerances()
-                and self.task == task_name(task) and self.control_period == timing.control_period
-                and self.spacecraft == to_toml(craft))
+        return (
+            self.controller == name
+            and self.tolerances == task.tolerances()
+            and self.task == task_name(task)
+            and self.control_period == timing.control_period
+            and self.spacecraft == to_toml(craft)
+        )
 
     def outlasts(self, other: Tuned) -> bool:
         """Whether these stay: others for the same were found on fewer starts, or cost no less on as many."""
@@ -112,15 +118,18 @@ def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]
     Raises:
         ConfigError: the controller has no such argument, or it has no default that is, or holds, a number.
     """
-    parameters, found = inspect.signature(maker).parameters, {}
+    parameters = inspect.signature(maker).parameters
+    found = {}
     for key in keys:
         group, _, field = key.partition(".")
         default = getattr(parameters.get(group), "default", None)
         found[key] = getattr(default, field, None) if field else default
         if not is_finite(found[key]):
-            raise ConfigError(f"`tunable` names {key!r}, which must be an argument of the controller, or a "
-                              "field of a dataclass that is one (as \"weights.position\"), with a number as "
-                              "its default.")
+            raise ConfigError(
+                f"`tunable` names {key!r}, which must be an argument of the controller, or a "
+                'field of a dataclass that is one (as "weights.position"), with a number as '
+                "its default."
+            )
     return found
 
 
@@ -138,8 +147,13 @@ def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[
         group, _, field = key.partition(".")
         groups.setdefault(group, {})[field] = value
     try:
-        return {group: values[""] if "" in values else replace(default, **values)
-                for group, values in groups.items() for default in [parameters[group].default]}
+        return {
+            group: values[""] if "" in values else replace(default, **values)
+            for group, values in groups.items()
+            for default in [parameters[group].default]
+        }
     except (KeyError, TypeError) as error:
-        raise ConfigError(f"settings {', '.join(settings)} are not those of the controller: {error}; tune it "
-                          "again with rans tune.") from error
+        raise ConfigError(
+            f"settings {', '.join(settings)} are not those of the controller: {error}; tune it "
+            "again with rans tune."
+        ) from error

@@ -74,36 +74,47 @@ class Metrics(Shown):
     @classmethod
     def from_json(cls, table: dict[str, Any]) -> Metrics:
         """The metrics that `to_json` gave."""
-        rows = [Metric(**(row | {k: number(row[k]) for k in ("value", "low", "high")}))
-                for row in table["rows"]]
+        rows = [
+            Metric(**(row | {k: number(row[k]) for k in ("value", "low", "high")}))
+            for row in table["rows"]
+        ]
         return cls(**{**table, "rows": tuple(rows)})
 
     def title(self) -> str:
         """What was measured, in one line."""
         duration = self.steps * self.control_period
-        return (f"{self.controller}: {counted(self.episodes, 'episode')} of {duration:g} s with "
-                f"{self.spacecraft} ({self.engine} engine)")
+        return (
+            f"{self.controller}: {counted(self.episodes, 'episode')} of {duration:g} s with "
+            f"{self.spacecraft} ({self.engine} engine)"
+        )
 
     def lines(self) -> Iterator[tuple[str, tuple[str, str, str, str]]]:
         """Group and texts of `COLUMNS`, as tables show them.
 
         Metrics that differ in a bound only share a line; their interval is then the widest, as ±.
         """
-        for (group, _, _), rows in itertools.groupby(self.rows, lambda r: (r.group, r.meaning, r.unit)):
+        for (group, _, _), rows in itertools.groupby(
+            self.rows, lambda r: (r.group, r.meaning, r.unit)
+        ):
             yield group, _line(tuple(rows))
 
     def table(self, width: int = ROOM) -> Table:
         """A table for a terminal of so many columns; a narrow one is not told what each metric means."""
         shown = COLUMNS if width >= ROOM else COLUMNS[:-1]
         hint = f"A terminal of {ROOM} columns or more shows what each of them means."
-        table = Table(*shown, title=self.title(), title_justify="left", caption_justify="left",
-                      caption=None if width >= ROOM else hint)
+        table = Table(
+            *shown,
+            title=self.title(),
+            title_justify="left",
+            caption_justify="left",
+            caption=None if width >= ROOM else hint,
+        )
         for column in table.columns[1:3]:
             column.no_wrap = True
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
             table.add_row(Text(group, "bold"))
             for _, texts in lines:
-                table.add_row(*texts[:len(shown)])
+                table.add_row(*texts[: len(shown)])
             table.add_section()
         return table
 
@@ -117,12 +128,22 @@ def measure(flight: Flight) -> Metrics:
     bootstrap = Bootstrap(episodes)
 
     def estimated(one: Sample) -> Estimate:
-        return (share(one.values).scaled(100.0) if one.values.dtype == bool else
-                bootstrap.of(one.centre, one.values))
+        return (
+            share(one.values).scaled(100.0)
+            if one.values.dtype == bool
+            else bootstrap.of(one.centre, one.values)
+        )
 
     rows = [Metric(*one[:4], *dataclasses.astuple(estimated(one))) for one in samples(flight)]
-    return Metrics(flight.controller, flight.engine, flight.craft.name, episodes, steps,
-                   flight.timing.control_period, tuple(rows))
+    return Metrics(
+        flight.controller,
+        flight.engine,
+        flight.craft.name,
+        episodes,
+        steps,
+        flight.timing.control_period,
+        tuple(rows),
+    )
 
 
 def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:

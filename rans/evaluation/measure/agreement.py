@@ -14,8 +14,12 @@ from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estim
 from rans.flight import Flight
 from rans.terminal import table, verdict
 
-MEDIAN_BOUNDS = {"position": 1e-3, "attitude": math.radians(0.1),
-                 "velocity": 1e-3, "spin": math.radians(0.1)}
+MEDIAN_BOUNDS = {
+    "position": 1e-3,
+    "attitude": math.radians(0.1),
+    "velocity": 1e-3,
+    "spin": math.radians(0.1),
+}
 """Largest difference of median final errors that counts as the same: 1 mm, 0.1 degree, 1 mm/s,
 0.1 degree/s; a fiftieth of what tasks tolerate."""
 
@@ -35,7 +39,8 @@ class Pair:
     @property
     def difference(self) -> float:
         """Drake less fast; 0 where both are infinite."""
-        ours, theirs = self.fast.value, self.drake.value
+        ours = self.fast.value
+        theirs = self.drake.value
         return 0.0 if ours == theirs else theirs - ours
 
     @property
@@ -60,18 +65,38 @@ class EngineComparison:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        pairs = [{"name": p.name, "meaning": p.meaning, "unit": p.unit,
-                  "fast": p.fast.value, "fast_interval": (p.fast.low, p.fast.high),
-                  "drake": p.drake.value, "drake_interval": (p.drake.low, p.drake.high),
-                  "difference": p.difference, "bound": p.bound, "passed": p.passed} for p in self.pairs]
-        return {"title": self.title, "passed": self.passed, "same_commands": self.same_commands,
-                "bootstrap": {"resamples": RESAMPLES, "seed": SEED}, "pairs": pairs}
+        pairs = [
+            {
+                "name": p.name,
+                "meaning": p.meaning,
+                "unit": p.unit,
+                "fast": p.fast.value,
+                "fast_interval": (p.fast.low, p.fast.high),
+                "drake": p.drake.value,
+                "drake_interval": (p.drake.low, p.drake.high),
+                "difference": p.difference,
+                "bound": p.bound,
+                "passed": p.passed,
+            }
+            for p in self.pairs
+        ]
+        return {
+            "title": self.title,
+            "passed": self.passed,
+            "same_commands": self.same_commands,
+            "bootstrap": {"resamples": RESAMPLES, "seed": SEED},
+            "pairs": pairs,
+        }
 
     def table(self) -> Table:
         """For the terminal."""
         columns = ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict")
-        return table(self.title, columns, map(_texts, self.pairs), f"In {self.same_commands:.2%} of all "
-                     "control periods both opened the same thrusters.")
+        return table(
+            self.title,
+            columns,
+            map(_texts, self.pairs),
+            f"In {self.same_commands:.2%} of all control periods both opened the same thrusters.",
+        )
 
 
 def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
@@ -83,23 +108,55 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     episodes = fast.commands.shape[1]
     median = Bootstrap(episodes).median
     ours, drakes = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
-    pairs = [Pair("solved", "within all tolerances at every step of the last fifth", "%", ours, drakes,
-                  (min(0.0, ours.low - ours.value), max(0.0, ours.high - ours.value)))]
+    pairs = [
+        Pair(
+            "solved",
+            "within all tolerances at every step of the last fifth",
+            "%",
+            ours,
+            drakes,
+            (min(0.0, ours.low - ours.value), max(0.0, ours.high - ours.value)),
+        )
+    ]
     theirs = final_errors(drake)
     for name, error in final_errors(fast).items():
         factor, unit = DISPLAY[name]
         bound = factor * MEDIAN_BOUNDS[name]
-        pairs.append(Pair(f"{name} error", "median of the mean over the last fifth", unit,
-                          median(factor * error), median(factor * theirs[name]), (-bound, bound)))
-    pairs.append(Pair("settling time", "median time to enter and stay", "s", median(settling_times(fast)),
-                      median(settling_times(drake)), None))
+        pairs.append(
+            Pair(
+                f"{name} error",
+                "median of the mean over the last fifth",
+                unit,
+                median(factor * error),
+                median(factor * theirs[name]),
+                (-bound, bound),
+            )
+        )
+    pairs.append(
+        Pair(
+            "settling time",
+            "median time to enter and stay",
+            "s",
+            median(settling_times(fast)),
+            median(settling_times(drake)),
+            None,
+        )
+    )
     same = (fast.commands == drake.commands).all(axis=2).mean()
-    title = (f"{fast.controller}: the same {episodes} episodes of {fast.times[-1]:g} s with "
-             f"{fast.craft.name} in both engines")
+    title = (
+        f"{fast.controller}: the same {episodes} episodes of {fast.times[-1]:g} s with "
+        f"{fast.craft.name} in both engines"
+    )
     return EngineComparison(title, tuple(pairs), float(same))
 
 
 def _texts(pair: Pair) -> tuple[str | Text, ...]:
     allowed = "" if pair.bound is None else f"{pair.bound[0]:+.2g}, {pair.bound[1]:+.2g}"
-    return (f"{pair.name}, {pair.unit}", pair.fast.text(), pair.drake.text(), f"{pair.difference:+.1e}",
-            allowed, "" if pair.passed is None else verdict(pair.passed))
+    return (
+        f"{pair.name}, {pair.unit}",
+        pair.fast.text(),
+        pair.drake.text(),
+        f"{pair.difference:+.1e}",
+        allowed,
+        "" if pair.passed is None else verdict(pair.passed),
+    )

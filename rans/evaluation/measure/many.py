@@ -21,34 +21,58 @@ def measure_many(verdicts: Verdicts, controller: str, setup: Setup) -> Metrics:
     """
     period = setup.timing.control_period
     engine = f"fast; {', '.join(sorted(verdicts.ways))}"
-    return Metrics(controller, engine, setup.craft.name, verdicts.flights, verdicts.steps, period,
-                   tuple(_rows(verdicts, period)))
+    return Metrics(
+        controller,
+        engine,
+        setup.craft.name,
+        verdicts.flights,
+        verdicts.steps,
+        period,
+        tuple(_rows(verdicts, period)),
+    )
 
 
 def _rows(found: Verdicts, period: float) -> Iterator[Metric]:
     count = found.flights
-    yield _share("success", "solved", "within all tolerances at every step of the last fifth",
-                 count - found.failed, count)
+    yield _share(
+        "success",
+        "solved",
+        "within all tolerances at every step of the last fifth",
+        count - found.failed,
+        count,
+    )
     yield _share("success", "settled", "enters all tolerances and stays", found.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
-    median, low, high = (period * found.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width))
-    yield Metric("success", "settling time", "median time to enter and stay", "s", median, low, high)
+    median, low, high = (
+        period * found.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width)
+    )
+    yield Metric(
+        "success", "settling time", "median time to enter and stay", "s", median, low, high
+    )
     ended = found.failures[Failure.TERMINATED] + found.failures[Failure.NOT_FINITE]
     yield _share("success", "failed", "declared failed by the task at any time", ended, count)
     yield _share("failures", "not solved", "in any of these ways", found.failed, count)
     for kind, failures in found.failures.items():
         yield _share("failures", kind.name.lower().replace("_", " "), kind.meaning, failures, count)
     for name, meaning, unit, factor in (
-            ("duty at rest", "mean share of thrusters open over the last fifth", "%", 100.0),
-            ("impulse", "thrust spent an episode, up to a failure", "N s", 1.0),
-            ("return", "sum of rewards of an episode, up to a failure", "", 1.0)):
+        ("duty at rest", "mean share of thrusters open over the last fifth", "%", 100.0),
+        ("impulse", "thrust spent an episode, up to a failure", "N s", 1.0),
+        ("return", "sum of rewards of an episode, up to a failure", "", 1.0),
+    ):
         yield Metric("effort", name, meaning, unit, *_mean(found.sums[name], factor))
 
 
 def _share(group: str, name: str, meaning: str, successes: int, count: int) -> Metric:
     interval = binomtest(successes, count).proportion_ci(method="exact")
-    return Metric(group, name, meaning, "%", 100.0 * successes / count, 100.0 * interval.low,
-                  100.0 * interval.high)
+    return Metric(
+        group,
+        name,
+        meaning,
+        "%",
+        100.0 * successes / count,
+        100.0 * interval.low,
+        100.0 * interval.high,
+    )
 
 
 def _mean(sums: Sums, factor: float) -> tuple[float, float, float]:

@@ -20,18 +20,29 @@ from rans.model.dynamics import thrust
 from rans.model.fields import map_leaves
 from rans.tasks.base import UNITS
 
-DISPLAY = {"position": (100.0, "cm"), "attitude": (math.degrees(1.0), "deg"),
-           "velocity": (100.0, "cm/s"), "spin": (math.degrees(1.0), "deg/s")}
+DISPLAY = {
+    "position": (100.0, "cm"),
+    "attitude": (math.degrees(1.0), "deg"),
+    "velocity": (100.0, "cm/s"),
+    "spin": (math.degrees(1.0), "deg/s"),
+}
 """Factor from the SI unit and the unit in which people read an error."""
 
-_TIME_WITHIN = {"position": ("PT", (10, 5, 2, 1)), "attitude": ("OT", (5, 2, 1)),
-                "velocity": ("VT", (10, 5, 2, 1)), "spin": ("ST", (20, 10, 5, 2, 1))}
+_TIME_WITHIN = {
+    "position": ("PT", (10, 5, 2, 1)),
+    "attitude": ("OT", (5, 2, 1)),
+    "velocity": ("VT", (10, 5, 2, 1)),
+    "spin": ("ST", (20, 10, 5, 2, 1)),
+}
 """Name and bounds, in the units of `DISPLAY`, of the time within. PT and OT are the original system's
 (2023), VT10, VT5 and VT2 its VE1, VE05 and VE02 (2024); ST continues them."""
 
-_REACH = {"position": (0.02, "2 cm", "1 cm", "15 cm"), "attitude": (0.087, "5 deg", "2.5 deg", "37 deg"),
-          "velocity": (0.15, "15 cm/s", "7.5 cm/s", "113 cm/s"),
-          "spin": (0.3, "0.3 rad/s", "0.15 rad/s", "2.25 rad/s")}
+_REACH = {
+    "position": (0.02, "2 cm", "1 cm", "15 cm"),
+    "attitude": (0.087, "5 deg", "2.5 deg", "37 deg"),
+    "velocity": (0.15, "15 cm/s", "7.5 cm/s", "113 cm/s"),
+    "spin": (0.3, "0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
+}
 """The original system's success threshold (2023), SI; and it, its half and 7.5 times it in words."""
 _STAY = 7.5
 
@@ -92,7 +103,9 @@ def impulses(flight: Flight) -> np.ndarray:
 def forces(flight: Flight) -> np.ndarray:
     """Forces of all thrusters of each episode in every control period, added up, (T, N) N."""
     shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
-    return np.sum([share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0)
+    return np.sum(
+        [share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0
+    )
 
 
 def final_errors(flight: Flight) -> dict[str, np.ndarray]:
@@ -105,8 +118,11 @@ def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
     Infinite where a state is lost; of errors that have a tolerance.
     """
-    found, bounds = flight.errors(), flight.task.tolerances()
-    worst = {name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds}
+    found = flight.errors()
+    bounds = flight.task.tolerances()
+    worst = {
+        name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds
+    }
     return reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]), worst
 
 
@@ -122,30 +138,46 @@ def solved(flight: Flight) -> np.ndarray:
 
 def last_fifth(instants: np.ndarray) -> np.ndarray:
     """The end of an array whose first axis is the T + 1 instants."""
-    return instants[-verdicts.last_fifth(len(instants) - 1):]
+    return instants[-verdicts.last_fifth(len(instants) - 1) :]
 
 
 def _success(flight: Flight) -> Iterator[Sample]:
-    means, settling = final_errors(flight), settling_times(flight)
+    means = final_errors(flight)
+    settling = settling_times(flight)
     mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
     for name, meaning, inside in (
-            ("solved", "within all tolerances at every step of the last fifth", solved(flight)),
-            ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
-            ("settled", "enters all tolerances and stays", np.isfinite(settling))):
+        ("solved", "within all tolerances at every step of the last fifth", solved(flight)),
+        ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
+        ("settled", "enters all tolerances and stays", np.isfinite(settling)),
+    ):
         yield Sample("success", name, meaning, "%", inside)
-    yield Sample("success", "settling time", "median time to enter and stay", "s", settling, np.median)
-    yield Sample("success", "failed", "declared failed by the task at any time", "%", flight.failed())
+    yield Sample(
+        "success", "settling time", "median time to enter and stay", "s", settling, np.median
+    )
+    yield Sample(
+        "success", "failed", "declared failed by the task at any time", "%", flight.failed()
+    )
 
 
 def _held(flight: Flight) -> Iterator[Sample]:
     """Like "solved", with other bounds than the task's tolerances."""
-    ends = {name: DISPLAY[name][0] * last_fifth(error) for name, error in flight.errors().items()
-            if name in flight.task.tolerances()}
+    ends = {
+        name: DISPLAY[name][0] * last_fifth(error)
+        for name, error in flight.errors().items()
+        if name in flight.task.tolerances()
+    }
     for grade in range(3):
-        inside = np.all([(end < _HELD[name][grade]).all(axis=0) for name, end in ends.items()], axis=0)
+        inside = np.all(
+            [(end < _HELD[name][grade]).all(axis=0) for name, end in ends.items()], axis=0
+        )
         bounds = " ".join(f"{_HELD[name][grade]} {DISPLAY[name][1]}" for name in ends)
-        yield Sample("success", f"held {bounds}", "within so much at every step of the last fifth", "%",
-                     inside)
+        yield Sample(
+            "success",
+            f"held {bounds}",
+            "within so much at every step of the last fifth",
+            "%",
+            inside,
+        )
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
@@ -153,20 +185,40 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
     after = error[1:]
     short, bounds = _TIME_WITHIN[quantity]
     for bound in bounds:
-        yield Sample(quantity, f"{short}{bound}", f"time steps with {quantity} error below so many {unit}",
-                     "%", 100.0 * (factor * after < bound).mean(axis=0))
+        yield Sample(
+            quantity,
+            f"{short}{bound}",
+            f"time steps with {quantity} error below so many {unit}",
+            "%",
+            100.0 * (factor * after < bound).mean(axis=0),
+        )
     threshold, whole, half, margin = _REACH[quantity]
     for bound, text in ((threshold, whole), (threshold / 2, half)):
         ever: Any = (after < bound).any(axis=0)
         yield Sample(quantity, f"reach {text}", "ever closer than that", "%", ever)
-    yield Sample(quantity, f"stay {margin}", f"once closer than {whole}, never farther than that", "%",
-                 _stays(after, threshold))
-    yield Sample(quantity, f"{quantity} error", "mean over the last fifth", unit,
-                 factor * last_fifth(error).mean(axis=0))
+    yield Sample(
+        quantity,
+        f"stay {margin}",
+        f"once closer than {whole}, never farther than that",
+        "%",
+        _stays(after, threshold),
+    )
+    yield Sample(
+        quantity,
+        f"{quantity} error",
+        "mean over the last fifth",
+        unit,
+        factor * last_fifth(error).mean(axis=0),
+    )
     tracked = flight.times > _TRANSIENT
     if "position" not in flight.errors() and tracked.any():
-        yield Sample(quantity, f"{quantity} error after {_TRANSIENT:g} s", "mean from then on",
-                     UNITS[quantity], error[tracked].mean(axis=0))
+        yield Sample(
+            quantity,
+            f"{quantity} error after {_TRANSIENT:g} s",
+            "mean from then on",
+            UNITS[quantity],
+            error[tracked].mean(axis=0),
+        )
 
 
 def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
@@ -184,20 +236,31 @@ def _motion(flight: Flight) -> Iterator[Sample]:
     spin: Any = np.linalg.norm(after.spin(), axis=0)
     yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", after.v.norm().mean(axis=0))
     yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin.mean(axis=0))
-    yield Sample("motion", "spin at rest", "the same over the last fifth", "rad/s",
-                 last_fifth(spin).mean(axis=0))
+    yield Sample(
+        "motion",
+        "spin at rest",
+        "the same over the last fifth",
+        "rad/s",
+        last_fifth(spin).mean(axis=0),
+    )
 
 
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
-    last = flight.commands[-verdicts.last_fifth(len(flight.commands)):]
+    last = flight.commands[-verdicts.last_fifth(len(flight.commands)) :]
     for name, meaning, unit, values in (
-            ("duty", "mean share of thrusters open (AAC)", "%", 100.0 * flight.commands.mean(axis=(0, 2))),
-            ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
-            ("openings", "times a thruster opens, an episode", "", opened),
-            ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
-            ("impulse", "thrust spent an episode", "N s", impulses(flight)),
-            ("return", "sum of rewards of the full episode", "", returns(flight))):
+        (
+            "duty",
+            "mean share of thrusters open (AAC)",
+            "%",
+            100.0 * flight.commands.mean(axis=(0, 2)),
+        ),
+        ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
+        ("openings", "times a thruster opens, an episode", "", opened),
+        ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
+        ("impulse", "thrust spent an episode", "N s", impulses(flight)),
+        ("return", "sum of rewards of the full episode", "", returns(flight)),
+    ):
         yield Sample("effort", name, meaning, unit, values)
 
 
@@ -210,6 +273,8 @@ def outran(flight: Flight) -> str:
     bound = fastest(flight.craft, flight.timing)
     if spin <= bound:
         return ""
-    return (f"{flight.controller} spins {flight.craft.name} at up to {spin:.3g} rad/s, but its motion is "
-            f"accurate up to {bound:.3g} rad/s; set timing.substeps {math.ceil(spin / bound)} times as high, "
-            "or keep the agent from tumbling.")
+    return (
+        f"{flight.controller} spins {flight.craft.name} at up to {spin:.3g} rad/s, but its motion is "
+        f"accurate up to {bound:.3g} rad/s; set timing.substeps {math.ceil(spin / bound)} times as high, "
+        "or keep the agent from tumbling."
+    )

@@ -98,8 +98,11 @@ def share(successes: np.ndarray) -> Estimate:
 
     It has a width even at 0 and 1 (Wilson, JASA 22, 1927).
     """
-    value, count, z2 = float(np.mean(successes)), len(successes), NORMAL_95**2
-    centre, whole = value + z2 / (2 * count), 1 + z2 / count
+    value = float(np.mean(successes))
+    count = len(successes)
+    z2 = NORMAL_95**2
+    centre = value + z2 / (2 * count)
+    whole = 1 + z2 / count
     half = NORMAL_95 * math.sqrt(value * (1 - value) / count + z2 / (4 * count**2))
     return Estimate(value, max(0.0, (centre - half) / whole), min(1.0, (centre + half) / whole))
 

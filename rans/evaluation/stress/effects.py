@@ -74,6 +74,7 @@ def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
 
 def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
     """Worlds where one setting has the size, times its unit, and all else is perfect."""
+
     def world(size: float) -> Conditions:
         perfect = Conditions()
         return replace(perfect, **{part: replace(getattr(perfect, part), **{name: size * unit})})
@@ -82,26 +83,39 @@ def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditio
 
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
-    yield Effect("Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency"))
+    yield Effect(
+        "Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency")
+    )
     yield Effect("Valves", "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
     if not craft.actuators.is_continuous:
         periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
-        yield Effect("Valves", "least on-time", "s", timing.control_period, periods,
-                     _only("thrusters", "least_on"))
+        yield Effect(
+            "Valves",
+            "least on-time",
+            "s",
+            timing.control_period,
+            periods,
+            _only("thrusters", "least_on"),
+        )
     yield Effect("Valves", "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
     yield Effect("Valves", "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
 
 
 def _uneven(percent: float) -> Conditions:
-    return Conditions(thrusters=ThrusterConditions(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0)))
+    return Conditions(
+        thrusters=ThrusterConditions(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0))
+    )
 
 
 def _weak(percent: float) -> Conditions:
-    return Conditions(faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0))
+    return Conditions(
+        faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0)
+    )
 
 
 def _of_body() -> Iterator[Effect]:
-    more, less = (1.25, 1.5, 2.0, 3.0), (0.8, 0.65, 0.5, 0.35)
+    more = (1.25, 1.5, 2.0, 3.0)
+    less = (0.8, 0.65, 0.5, 0.35)
     for quantity in ("mass", "inertia"):
         for name, factors in ((f"more {quantity}", more), (f"less {quantity}", less)):
             yield Effect("Body", name, "times", 1.0, factors, _only("body", quantity))
@@ -110,24 +124,45 @@ def _of_body() -> Iterator[Effect]:
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
-    wrenches, size = np.array(craft.wrench_map), craft.dimension
-    force, torque = (float(np.linalg.norm(part, axis=1).max())
-                     for part in (wrenches[:, :size], wrenches[:, size:]))
+    wrenches = np.array(craft.wrench_map)
+    size = craft.dimension
+    force, torque = (
+        float(np.linalg.norm(part, axis=1).max())
+        for part in (wrenches[:, :size], wrenches[:, size:])
+    )
     for name, unit, most in (("force", "N", force), ("torque", "N m", torque)):
-        sizes = tuple(float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0)
+        sizes = tuple(
+            float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0
+        )
         yield Effect("Disturbances", name, unit, 0.0, sizes, _only("disturbances", name))
 
 
 def _readings() -> Iterator[Effect]:
-    yield Effect("Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _only("sensors", "delay"))
+    yield Effect(
+        "Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _only("sensors", "delay")
+    )
     sizes = (1.0, 2.0, 3.0, 5.0)
-    for quantity, unit, factor in (("position", "cm", 0.01), ("attitude", "degrees", radians(1.0)),
-                                   ("velocity", "cm/s", 0.01), ("spin", "degrees/s", radians(1.0))):
-        yield Effect("Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor))
+    for quantity, unit, factor in (
+        ("position", "cm", 0.01),
+        ("attitude", "degrees", radians(1.0)),
+        ("velocity", "cm/s", 0.01),
+        ("spin", "degrees/s", radians(1.0)),
+    ):
+        yield Effect(
+            "Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor)
+        )
     for quantity in ("position", "attitude", "velocity", "spin", "all"):
-        yield Effect("Readings", f"missed readings of {quantity}", "%", 0.0, (3.0, 10.0, 30.0, 50.0),
-                     partial(_missed, quantity))
-    yield Effect("Readings", "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors", "outage"))
+        yield Effect(
+            "Readings",
+            f"missed readings of {quantity}",
+            "%",
+            0.0,
+            (3.0, 10.0, 30.0, 50.0),
+            partial(_missed, quantity),
+        )
+    yield Effect(
+        "Readings", "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors", "outage")
+    )
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:
@@ -143,5 +178,11 @@ def _missed(quantity: str, percent: float) -> Conditions:
 
 def failures() -> list[Level]:
     """Which have no size: one thruster that fails as the episode begins, any of them."""
-    return [Level(f"one thruster {kind}", None, Conditions(faults=FaultConditions(count=1.0, kinds=(kind,))))
-            for kind in ("dead", "stuck-open")]
+    return [
+        Level(
+            f"one thruster {kind}",
+            None,
+            Conditions(faults=FaultConditions(count=1.0, kinds=(kind,))),
+        )
+        for kind in ("dead", "stuck-open")
+    ]

@@ -34,7 +34,9 @@ class Outcome:
     @classmethod
     def joined(cls, parts: Sequence[Outcome]) -> Outcome:
         """Those of consecutive episodes as one."""
-        errors = {name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors}
+        errors = {
+            name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors
+        }
         return cls(errors, np.concatenate([part.excess for part in parts]))
 
     @property
@@ -55,7 +57,9 @@ class Outcome:
 
 def holds_to(sizes: Sequence[float], shares: Sequence[Estimate]) -> float | None:
     """The size up to which at every flown one 99 % are held; None if not even at the first."""
-    held = [size for k, size in enumerate(sizes) if all(one.value >= WANTED for one in shares[:k + 1])]
+    held = [
+        size for k, size in enumerate(sizes) if all(one.value >= WANTED for one in shares[: k + 1])
+    ]
     return held[-1] if held else None
 
 
@@ -77,7 +81,9 @@ class BreakEven(NamedTuple):
         return f"{names[self.before]} to {self.size:.3g} {unit}, then {names[self.after]}"
 
 
-def break_even(sizes: Sequence[float], first: Sequence[Estimate], second: Sequence[Estimate]) -> BreakEven:
+def break_even(
+    sizes: Sequence[float], first: Sequence[Estimate], second: Sequence[Estimate]
+) -> BreakEven:
     """Who bears more of a trouble; who is ahead is only where the two intervals share no point.
 
     Where the lead changes hands, that is where the straight line between two sizes' differences is zero.
@@ -92,4 +98,6 @@ def break_even(sizes: Sequence[float], first: Sequence[Estimate], second: Sequen
         last = max(k for k in range(turned) if leads[k] == leader)
         a, b = (first[k].value - second[k].value for k in (last, turned))
         return BreakEven(sizes[last] + (sizes[turned] - sizes[last]) * a / (a - b), leader, -leader)
-    return BreakEven(None, leader, leader) if begins == 0 else BreakEven(sizes[begins - 1], 0, leader)
+    return (
+        BreakEven(None, leader, leader) if begins == 0 else BreakEven(sizes[begins - 1], 0, leader)
+    )

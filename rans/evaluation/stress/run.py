@@ -23,7 +23,8 @@ from rans.processes import deaths_told, submitted
 from rans.scenario import draws, scenarios
 
 _PERFECT = Level("perfect", None, Conditions())
-_SHARE, _SLOW_SHARE = 1024, 8
+_SHARE = 1024
+_SLOW_SHARE = 8
 """Episodes that a process flies at once; of a controller that solves a problem for each."""
 
 
@@ -64,23 +65,39 @@ class Stress:
 
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
         """Sizes that somebody was flown at, the perfect world's first, and the shares held there."""
-        sizes, worlds = (effect.nominal, *effect.sizes), (_PERFECT, *effect.levels())
-        flown = [(size, self.outcomes[level.name, name].share) for size, level in
-                 zip(sizes, worlds, strict=True) if (level.name, name) in self.outcomes]
+        sizes = (effect.nominal, *effect.sizes)
+        worlds = (_PERFECT, *effect.levels())
+        flown = [
+            (size, self.outcomes[level.name, name].share)
+            for size, level in zip(sizes, worlds, strict=True)
+            if (level.name, name) in self.outcomes
+        ]
         return [size for size, _ in flown], [found for _, found in flown]
 
     def break_even(self, effect: Effect, other: str) -> BreakEven | None:
         """Of the first contestant and another one, over the sizes that both flew; None: too few of them."""
-        (sizes, first), (others, second) = (self.curve(effect, name) for name in (self.names[0], other))
+        (sizes, first), (others, second) = (
+            self.curve(effect, name) for name in (self.names[0], other)
+        )
         both = [size for size in sizes if size in others]
         if len(both) < 2:
             return None
-        return break_even(both, *([found[have.index(size)] for size in both]
-                                  for have, found in ((sizes, first), (others, second))))
+        return break_even(
+            both,
+            *(
+                [found[have.index(size)] for size in both]
+                for have, found in ((sizes, first), (others, second))
+            ),
+        )
 
 
-def prepared(contest: Contest, specs: Sequence[str], conditions: Sequence[str], only: Sequence[str],
-             slow_episodes: int) -> Stress:
+def prepared(
+    contest: Contest,
+    specs: Sequence[str],
+    conditions: Sequence[str],
+    only: Sequence[str],
+    slow_episodes: int,
+) -> Stress:
     """What is to be flown.
 
     Args:
@@ -97,14 +114,28 @@ def prepared(contest: Contest, specs: Sequence[str], conditions: Sequence[str], 
     known = effects(contest.craft, contest.timing)
     for name in only:
         if name not in [effect.name for effect in known]:
-            raise ConfigError(f"there is no effect named {name!r}{meant(name, [e.name for e in known])}; "
-                              f"for {contest.craft.name} there are {', '.join(e.name for e in known)}.")
-    named = [_PERFECT, *(Level(name, None, load_conditions(name)) for name in dict.fromkeys(conditions)
-                         if name != _PERFECT.effect), *(() if only else failures())]
+            raise ConfigError(
+                f"there is no effect named {name!r}{meant(name, [e.name for e in known])}; "
+                f"for {contest.craft.name} there are {', '.join(e.name for e in known)}."
+            )
+    named = [
+        _PERFECT,
+        *(
+            Level(name, None, load_conditions(name))
+            for name in dict.fromkeys(conditions)
+            if name != _PERFECT.effect
+        ),
+        *(() if only else failures()),
+    ]
     for level in named:
         level.conditions.check_valves(contest.craft)
-    return Stress(contest, named, [e for e in known if not only or e.name in only], slow_episodes,
-                  enlisted(specs, contest))
+    return Stress(
+        contest,
+        named,
+        [e for e in known if not only or e.name in only],
+        slow_episodes,
+        enlisted(specs, contest),
+    )
 
 
 class _Job(NamedTuple):
@@ -121,8 +152,9 @@ class _Part(NamedTuple):
     stopped: int
 
 
-def fill(stress: Stress, progress: Callable[[int], object] = lambda _: None,
-         workers: int | None = None) -> None:
+def fill(
+    stress: Stress, progress: Callable[[int], object] = lambda _: None, workers: int | None = None
+) -> None:
     """Fly everyone; a contestant that fails is told in ``stress.failures`` and flies no more.
 
     Args:
@@ -130,14 +162,19 @@ def fill(stress: Stress, progress: Callable[[int], object] = lambda _: None,
         progress: called with the number of episodes that were flown since the last call.
         workers: processes, by default one per processor; 1: this one.
     """
-    made, jobs = list(stress.contestants.values()), list(_jobs(stress))
-    given = (stress.contest, [one.controller for one in made],
-             [level.conditions.or_none for level in stress.levels])
+    made = list(stress.contestants.values())
+    jobs = list(_jobs(stress))
+    given = (
+        stress.contest,
+        [one.controller for one in made],
+        [level.conditions.or_none for level in stress.levels],
+    )
     parts: dict[tuple[int, int], dict[int, _Part]] = {}
     lost: set[int] = set()
     for job, answer in _answers(jobs, given, workers):
         progress(job.episodes)
-        name, level = made[job.contestant].name, stress.levels[job.level]
+        name = made[job.contestant].name
+        level = stress.levels[job.level]
         if job.contestant in lost:
             continue
         if isinstance(answer, str):
@@ -147,8 +184,12 @@ def fill(stress: Stress, progress: Callable[[int], object] = lambda _: None,
         flown = parts.setdefault((job.level, job.contestant), {})
         flown[job.first] = answer
         stress.stopped[name] = stress.stopped.get(name, 0) + answer.stopped
-        if sum(len(part.outcome.excess) for part in flown.values()) == stress.episodes(made[job.contestant]):
-            stress.outcomes[level.name, name] = Outcome.joined([flown[k].outcome for k in sorted(flown)])
+        if sum(len(part.outcome.excess) for part in flown.values()) == stress.episodes(
+            made[job.contestant]
+        ):
+            stress.outcomes[level.name, name] = Outcome.joined(
+                [flown[k].outcome for k in sorted(flown)]
+            )
 
 
 def _jobs(stress: Stress) -> Iterator[_Job]:
@@ -161,8 +202,9 @@ def _jobs(stress: Stress) -> Iterator[_Job]:
                 yield _Job(level, k, first, min(share, count - first))
 
 
-def _answers(jobs: list[_Job], given: tuple[Any, ...],
-             workers: int | None) -> Iterator[tuple[_Job, _Part | str]]:
+def _answers(
+    jobs: list[_Job], given: tuple[Any, ...], workers: int | None
+) -> Iterator[tuple[_Job, _Part | str]]:
     """Each job with what came of it, or what went wrong, as they end."""
     if workers == 1:
         _given[:] = given
@@ -188,7 +230,9 @@ def _load(*given: Any) -> None:
 def _tried(*job: int) -> _Part | str:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # who cannot bear a world may well tumble and overflow there
+            warnings.simplefilter(
+                "ignore"
+            )  # who cannot bear a world may well tumble and overflow there
             return _flown(*job)
     except RansError as error:
         return str(error)
@@ -198,7 +242,15 @@ def _tried(*job: int) -> _Part | str:
 
 def _flown(level: int, contestant: int, first: int, count: int) -> _Part:
     contest, controllers, worlds = _given
-    controller, (craft, task, timing, _) = controllers[contestant], contest.setup
-    flight = fly(craft, task, controller, scenarios(task, craft, contest.seed, count, first), timing,
-                 conditions=worlds[level], draws=draws(contest.seed, count, first))
+    controller = controllers[contestant]
+    (craft, task, timing, _) = contest.setup
+    flight = fly(
+        craft,
+        task,
+        controller,
+        scenarios(task, craft, contest.seed, count, first),
+        timing,
+        conditions=worlds[level],
+        draws=draws(contest.seed, count, first),
+    )
     return _Part(Outcome.of(flight), getattr(controller, "failures", 0))

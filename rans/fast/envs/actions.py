@@ -20,7 +20,8 @@ class Actions:
     """
 
     def __init__(self, engine: Engine) -> None:
-        self._engine, self._shape = engine, (engine.num_envs, len(engine.craft.thrusters))
+        self._engine = engine
+        self._shape = (engine.num_envs, len(engine.craft.thrusters))
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
         """Whether any was wrong."""
         self._wrong = torch.zeros((), dtype=torch.bool, pin_memory=engine.device.type == "cuda")
@@ -72,8 +73,10 @@ class Actions:
             if self._wrong:
                 self._done = None
                 self._found.zero_()
-                raise ConfigError("an action of before was not what the thrusters take: "
-                                  f"{self._engine.craft.actuators.allowed}.")
+                raise ConfigError(
+                    "an action of before was not what the thrusters take: "
+                    f"{self._engine.craft.actuators.allowed}."
+                )
         self._wrong.copy_(self._found, non_blocking=True)
         self._done = torch.cuda.Event()
         self._done.record()

@@ -28,12 +28,16 @@ class DiscreteThrusters(gymnasium.ActionWrapper[np.ndarray, np.int64, np.ndarray
         super().__init__(env)
         given: Any = env.action_space
         if not isinstance(given, spaces.MultiDiscrete) or (given.nvec != 2).any():
-            raise ConfigError(f"DiscreteThrusters needs on/off thrusters, got the action space {given}; SAC "
-                              "and TD3 train thrusters that take numbers from 0 to 1.")
+            raise ConfigError(
+                f"DiscreteThrusters needs on/off thrusters, got the action space {given}; SAC "
+                "and TD3 train thrusters that take numbers from 0 to 1."
+            )
         if given.shape[0] > MOST_THRUSTERS:
-            raise ConfigError(f"DiscreteThrusters is for up to {MOST_THRUSTERS} thrusters, got "
-                              f"{given.shape[0]}, which are {2**given.shape[0]:,} combinations; PPO decides "
-                              "each on its own.")
+            raise ConfigError(
+                f"DiscreteThrusters is for up to {MOST_THRUSTERS} thrusters, got "
+                f"{given.shape[0]}, which are {2 ** given.shape[0]:,} combinations; PPO decides "
+                "each on its own."
+            )
         self._thrusters = np.arange(given.shape[0])
         self.action_space = spaces.Discrete(2 ** given.shape[0])
 

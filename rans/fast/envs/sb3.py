@@ -30,9 +30,13 @@ class SB3VecEnv(VecEnv):
     def __init__(self, engine: Engine) -> None:
         self.engine = engine = checked("engine", engine, Engine)
         self.render_mode = None
-        super().__init__(engine.num_envs, observation_space(engine.task, engine.craft.dimension),
-                         action_space(engine.craft))
-        self._action, self._actions = torch.zeros(0), Actions(engine)
+        super().__init__(
+            engine.num_envs,
+            observation_space(engine.task, engine.craft.dimension),
+            action_space(engine.craft),
+        )
+        self._action = torch.zeros(0)
+        self._actions = Actions(engine)
 
     def __repr__(self) -> str:
         return f"<SB3VecEnv around {self.engine!r}>"
@@ -56,11 +60,15 @@ class SB3VecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
-            final, truncated = _float32(step.final_observation), step.truncated.cpu().numpy()
+            final = _float32(step.final_observation)
+            truncated = step.truncated.cpu().numpy()
             success = (step.truncated & step.reached).cpu().numpy()
             for i in ended:
-                infos[i] = {"terminal_observation": final[i], "TimeLimit.truncated": bool(truncated[i]),
-                            "is_success": bool(success[i])}
+                infos[i] = {
+                    "terminal_observation": final[i],
+                    "TimeLimit.truncated": bool(truncated[i]),
+                    "is_success": bool(success[i]),
+                }
         return _float32(step.observation), _float32(step.reward), done, infos
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -82,8 +90,13 @@ class SB3VecEnv(VecEnv):
         """Set an attribute of the whole batch; single environments do not exist."""
         setattr(self, attr_name, value)
 
-    def env_method(self, method_name: str, *method_args: Any, indices: VecEnvIndices = None,
-                   **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self,
+        method_name: str,
+        *method_args: Any,
+        indices: VecEnvIndices = None,
+        **method_kwargs: Any,
+    ) -> list[Any]:
         """Call a method of the batch, its result once per environment asked for."""
         result = getattr(self, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]

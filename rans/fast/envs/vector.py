@@ -28,7 +28,8 @@ from rans.model.timing import Timing
 from rans.tasks import Task
 from rans.tasks.sight import Dimension
 
-_WIDTH, _HEIGHT = 320, 240
+_WIDTH = 320
+_HEIGHT = 240
 """Of a frame, pixels."""
 _SHOWN = 16
 """Most environments in the window."""
@@ -69,19 +70,42 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         ConfigError: one of these does not exist or does not fit the others.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP,  # noqa: RUF012  (Gymnasium's)
-                "render_modes": ["human", "rgb_array"], "render_fps": 5}
+    metadata = {  # noqa: RUF012
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 5,
+    }
 
-    def __init__(self, num_envs: int, task_name: str, dimension: Dimension, *,
-                 spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
-                 timing: Timing | None = None, device: str | torch.device = "cpu",
-                 dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 render_mode: str | None = None, conditions: str | Path | Conditions | None = None,
-                 autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP) -> None:
-        self.render_mode, self.autoreset_mode = checked_render_mode(render_mode), _mode(autoreset_mode)
+    def __init__(
+        self,
+        num_envs: int,
+        task_name: str,
+        dimension: Dimension,
+        *,
+        spacecraft: str | Path | Spacecraft | None = None,
+        task: Task | None = None,
+        timing: Timing | None = None,
+        device: str | torch.device = "cpu",
+        dtype: torch.dtype = torch.float32,
+        compiled: bool | None = None,
+        render_mode: str | None = None,
+        conditions: str | Path | Conditions | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+    ) -> None:
+        self.render_mode = checked_render_mode(render_mode)
+        self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
-        self._made = partial(Engine, craft, task, num_envs, timing, device=device, dtype=dtype,
-                             compiled=compiled, conditions=conditions)
+        self._made = partial(
+            Engine,
+            craft,
+            task,
+            num_envs,
+            timing,
+            device=device,
+            dtype=dtype,
+            compiled=compiled,
+            conditions=conditions,
+        )
         self.engine = self._made()
         self._actions = Actions(self.engine)
         self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.engine.device)
@@ -93,8 +117,11 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeded = False
         self._terms = [f"reward/{name}" for name in self.engine.term_names]
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode,
-                         "render_fps": 1.0 / self.engine.timing.control_period}
+        self.metadata = {
+            **self.metadata,
+            "autoreset_mode": self.autoreset_mode,
+            "render_fps": 1.0 / self.engine.timing.control_period,
+        }
         self._film = None if render_mode is None else Film(self.engine, render_mode)
 
     @property
@@ -107,8 +134,12 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         steps = self.engine.timing.episode_steps
         self._spec = None if spec is None else replace(spec, max_episode_steps=steps)
 
-    def reset(self, *, seed: int | Sequence[int | None] | None = None,
-              options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Tensor, dict[str, Any]]:
         """Start a new episode everywhere; the observation is (N, width).
 
         Episodes count from 0 under a given seed; by default they go on counting, or at first under a random
@@ -117,7 +148,9 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         """
         mask = self._mask(checked("the options of reset", options or {}, dict), seed)
         if mask is not None:
-            with self.engine.holding(~mask | self._over):  # the next episode waits where one is over
+            with self.engine.holding(
+                ~mask | self._over
+            ):  # the next episode waits where one is over
                 self.engine.reset()
             self._over &= ~mask
             return self.engine.observe().contiguous(), {}
@@ -126,7 +159,9 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         if seeds is None and not self._seeded:
             seeds = int(self.np_random.integers(2**63))
         self._seeded = True
-        if seeds is not None and self.engine.members != (1 if isinstance(seeds, int) else self.num_envs):
+        if seeds is not None and self.engine.members != (
+            1 if isinstance(seeds, int) else self.num_envs
+        ):
             self._exchange(self._made(seed=seeds))
         observation = self.engine.reset(seeds).contiguous()
         self._over.fill_(False)
@@ -153,12 +188,17 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         ended = step.terminated | step.truncated
         if self._film is not None:
             self._film.advance(actions, ended)
-        info = {**dict(zip(self._terms, step.terms, strict=True)),
-                "final_obs": step.final_observation, "_final_obs": ended,
-                "final_info": {"is_success": step.reached & step.truncated}, "_final_info": ended}
+        info = {
+            **dict(zip(self._terms, step.terms, strict=True)),
+            "final_obs": step.final_observation,
+            "_final_obs": ended,
+            "final_info": {"is_success": step.reached & step.truncated},
+            "_final_info": ended,
+        }
         observation = step.observation
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
-            observation, self._over = torch.where(ended[:, None], step.final_observation, observation), ended
+            observation = torch.where(ended[:, None], step.final_observation, observation)
+            self._over = ended
         return observation.contiguous(), step.reward, step.terminated, step.truncated, info
 
     def _stepped(self, actions: Tensor) -> Step:
@@ -167,46 +207,64 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             return self.engine.step(actions)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
             over = self._over.nonzero().flatten().tolist()
-            raise ResetNeeded(f"the episodes of environments {brief(over)} are over: reset them with "
-                              'options={"reset_mask": ...}.')
+            raise ResetNeeded(
+                f"the episodes of environments {brief(over)} are over: reset them with "
+                'options={"reset_mask": ...}.'
+            )
         held = self._over
         with self.engine.holding(held):
             step = self.engine.step(actions)
         return step._replace(
             observation=torch.where(held[:, None], self.engine.observe(), step.observation),
-            reward=step.reward.masked_fill(held, 0.0), terminated=step.terminated & ~held,
-            truncated=step.truncated & ~held, reached=step.reached & ~held,
-            terms=step.terms.masked_fill(held, 0.0))
+            reward=step.reward.masked_fill(held, 0.0),
+            terminated=step.terminated & ~held,
+            truncated=step.truncated & ~held,
+            reached=step.reached & ~held,
+            terms=step.terms.masked_fill(held, 0.0),
+        )
 
     def _mask(self, options: dict[str, Any], seed: Any) -> Tensor | None:
         """Where a new episode starts, (N,); None: everywhere."""
         if unknown := sorted(options.keys() - {"reset_mask"}):
-            raise ConfigError(f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".')
+            raise ConfigError(
+                f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".'
+            )
         if not options:
             return None
         if self.autoreset_mode != AutoresetMode.DISABLED or seed is not None or not self._seeded:
-            raise ConfigError('the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
-                              "reset and without a seed.")
+            raise ConfigError(
+                'the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
+                "reset and without a seed."
+            )
         try:
             mask = torch.as_tensor(dense(options["reset_mask"]), device=self.device)
         except (TypeError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got "
-                              f"{brief(options['reset_mask'])}.") from error
+            raise ConfigError(
+                f"reset_mask must be {self.num_envs} of True and False, got "
+                f"{brief(options['reset_mask'])}."
+            ) from error
         if mask.dtype != torch.bool or mask.shape != (self.num_envs,):
-            raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got {mask.dtype} of "
-                              f"shape {tuple(mask.shape)}.")
+            raise ConfigError(
+                f"reset_mask must be {self.num_envs} of True and False, got {mask.dtype} of "
+                f"shape {tuple(mask.shape)}."
+            )
         return mask
 
     def _exchange(self, engine: Engine) -> None:
         """Fly on with an engine whose environments have other seeds."""
-        self.engine, self._actions = engine, Actions(engine)
+        self.engine = engine
+        self._actions = Actions(engine)
         if self._film is not None:
             self._film.engine = engine
 
     def render(self) -> Any:
         """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array"; first comes `reset`."""
         self._require_reset()
-        return self._film.frames() if self._film is not None and self.render_mode == "rgb_array" else None
+        return (
+            self._film.frames()
+            if self._film is not None and self.render_mode == "rgb_array"
+            else None
+        )
 
     def _require_reset(self) -> None:
         if not self._seeded:
@@ -222,8 +280,10 @@ def _mode(given: AutoresetMode | str) -> AutoresetMode:
     try:
         return given if isinstance(given, AutoresetMode) else AutoresetMode[str(given).upper()]
     except KeyError as error:
-        raise ConfigError(f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
-                          f"{brief(given)}.") from error
+        raise ConfigError(
+            f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
+            f"{brief(given)}."
+        ) from error
 
 
 def _seeds(given: Any, count: int) -> int | list[int] | None:
@@ -232,10 +292,14 @@ def _seeds(given: Any, count: int) -> int | list[int] | None:
         return None
     many = isinstance(given, list | tuple) or getattr(given, "ndim", 0) > 0
     each: list[Any] = list(given) if many else [given]
-    whole = all(isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each)
+    whole = all(
+        isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each
+    )
     if not whole or (many and len(each) != count):
-        raise ConfigError("the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
-                          f"of {count}, got {brief(given)}.")
+        raise ConfigError(
+            "the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
+            f"of {count}, got {brief(given)}."
+        )
     return [int(x) for x in each] if len(each) > 1 else int(each[0])
 
 
@@ -247,7 +311,8 @@ class Film:
         from rans.window import Window
 
         shown = render_mode == "human"
-        self.engine, self._count = engine, min(engine.num_envs, _SHOWN) if shown else engine.num_envs
+        self.engine = engine
+        self._count = min(engine.num_envs, _SHOWN) if shown else engine.num_envs
         self._scene = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT)
         self._window = Window(1.0 / engine.timing.control_period) if shown else None
 
@@ -259,18 +324,27 @@ class Film:
 
     def advance(self, actions: Tensor, ended: Tensor) -> None:
         """The engine took these actions (N, thrusters); where ``ended``, (N,) bool, a new episode began."""
-        fresh = ended[:self._count].cpu().numpy()
-        self._commands = np.where(fresh[:, None], 0.0, actions[:self._count].cpu().numpy())
+        fresh = ended[: self._count].cpu().numpy()
+        self._commands = np.where(fresh[:, None], 0.0, actions[: self._count].cpu().numpy())
         for index in np.flatnonzero(fresh):
             self._trails[index] = []
         self._remember()
 
     def frames(self) -> tuple[np.ndarray, ...]:
         """A frame (240, 320, 3) uint8 of every environment that is filmed."""
-        given, filmed = self.engine, zip(self._states, self._rows(self.engine.goal), self._commands,
-                                          self._trails, strict=True)
-        return tuple(self._scene.render(unflatten(given.state, state), unflatten(given.goal, goal), command,
-                                        np.array(trail[:-1])) for state, goal, command, trail in filmed)
+        given = self.engine
+        filmed = zip(
+            self._states, self._rows(self.engine.goal), self._commands, self._trails, strict=True
+        )
+        return tuple(
+            self._scene.render(
+                unflatten(given.state, state),
+                unflatten(given.goal, goal),
+                command,
+                np.array(trail[:-1]),
+            )
+            for state, goal, command, trail in filmed
+        )
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -281,7 +355,7 @@ class Film:
     def _remember(self) -> None:
         self._states = self._rows(self.engine.state)
         for trail, state in zip(self._trails, self._states, strict=True):
-            trail.append(state[:self.engine.craft.dimension])
+            trail.append(state[: self.engine.craft.dimension])
         if self._window is not None:
             from rans.window import tiled
 
@@ -289,5 +363,7 @@ class Film:
 
     def _rows(self, states: Any) -> np.ndarray:
         """Fields as rows, (filmed, fields) float64; the position comes first."""
-        columns = [np.atleast_1d(torch.as_tensor(x).cpu().numpy())[:self._count] for x in leaves(states)]
+        columns = [
+            np.atleast_1d(torch.as_tensor(x).cpu().numpy())[: self._count] for x in leaves(states)
+        ]
         return np.stack(np.broadcast_arrays(*columns), axis=1, dtype=np.float64)

@@ -47,8 +47,10 @@ class Design:
         if not given.layers or max(given.layers) > WIDEST:
             raise DoesNotFit(f"a policy with layers of {given.layers} units; it has up to {WIDEST}")
         if self.warps < 1:
-            raise DoesNotFit(f"a policy that takes {self.per_warp:,} bytes for 32 flights; it has "
-                             f"{self.shared:,}")
+            raise DoesNotFit(
+                f"a policy that takes {self.per_warp:,} bytes for 32 flights; it has "
+                f"{self.shared:,}"
+            )
 
     @property
     def columns(self) -> int:
@@ -89,17 +91,28 @@ class Design:
     @cached_property
     def places(self) -> dict[str, int]:
         """First byte of every part of `packed`; "small" is the end of single numbers, "end" that of all."""
-        sizes = {"mean": self.given.seen, "scale": self.given.seen, "zoom": self.given.seen,
-                 **{f"bias_{i}": width for i, width in enumerate(self.widths[1:])}, "constant": self.outputs}
-        found, at = {}, 0
+        sizes = {
+            "mean": self.given.seen,
+            "scale": self.given.seen,
+            "zoom": self.given.seen,
+            **{f"bias_{i}": width for i, width in enumerate(self.widths[1:])},
+            "constant": self.outputs,
+        }
+        found = {}
+        at = 0
         for name, size in sizes.items():
             found[name], at = at, at + 4 * up(size, 4)
         found["small"] = at
-        blocks = {"head": self.outputs * self.widths[-1],
-                  **{f"layer_{i}": a * b for i, (a, b) in enumerate(
-                      zip(self.widths, self.widths[1:], strict=False))}}
+        blocks = {
+            "head": self.outputs * self.widths[-1],
+            **{
+                f"layer_{i}": a * b
+                for i, (a, b) in enumerate(zip(self.widths, self.widths[1:], strict=False))
+            },
+        }
         for name, size in sorted(blocks.items(), key=lambda block: block[1]):
-            found[name], at = at, at + 2 * self.parts * size
+            found[name] = at
+            at = at + 2 * self.parts * size
         return found | {"end": at}
 
     @cached_property
@@ -143,14 +156,21 @@ class Design:
     def packed(self, tensors: Mapping[str, Tensor]) -> Tensor:
         """Weights and statistics of one member in one piece, uint8 on the CPU, in the order of `places`."""
         table = {name: x.detach().cpu().float() for name, x in tensors.items()}
-        mean, variance = table[f"{EXTRACTOR}mean"], table[f"{EXTRACTOR}variance"]
+        mean = table[f"{EXTRACTOR}mean"]
+        variance = table[f"{EXTRACTOR}variance"]
         scale = torch.rsqrt(variance + 1e-6)
-        weight, bias = table["action_net.weight"], table["action_net.bias"]
+        weight = table["action_net.weight"]
+        bias = table["action_net.bias"]
         if not self.given.continuous:
-            weight, bias = weight[1::2] - weight[0::2], bias[1::2] - bias[0::2]
-        parts = {"mean": mean, "scale": scale, "zoom": scale * self.given.zoom,
-                 "constant": padded(bias, (self.outputs,)),
-                 "head": self._ordered(weight, self.outputs, self.widths[-1], 8)}
+            weight = weight[1::2] - weight[0::2]
+            bias = bias[1::2] - bias[0::2]
+        parts = {
+            "mean": mean,
+            "scale": scale,
+            "zoom": scale * self.given.zoom,
+            "constant": padded(bias, (self.outputs,)),
+            "head": self._ordered(weight, self.outputs, self.widths[-1], 8),
+        }
         for i, (width, units) in enumerate(zip(self.widths, self.widths[1:], strict=False)):
             # torch's modules of a trunk are a linear layer and its activation, by turns.
             own = f"{EXTRACTOR}trunk.{2 * i}"
@@ -159,7 +179,7 @@ class Design:
         whole = torch.zeros(self.places["end"], dtype=torch.uint8)
         for name, part in parts.items():
             data = part.contiguous().view(torch.uint8).flatten()
-            whole[self.places[name]:self.places[name] + len(data)] = data
+            whole[self.places[name] : self.places[name] + len(data)] = data
         return whole
 
     def _ordered(self, weight: Tensor, units: int, width: int, together: int) -> Tensor:
@@ -169,13 +189,18 @@ class Design:
         `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for mma.m16n8k16"); of the head's units,
         columns come first.
         """
-        rest, parts = padded(weight, (units, width)), []
+        rest = padded(weight, (units, width))
+        parts = []
         for _ in range(self.parts):
             parts.append(rest.to(torch.bfloat16))
             rest = rest - parts[-1].float()
         # units: blocks, 8 (a lane's group); columns: blocks, upper half, a lane's place in its group, pair.
-        split = torch.stack(parts).view(-1, units // together, together // 8, 8, width // 16, 2, 4, 2)
-        return split.permute(0, *((1, 4, 3, 6, 2, 5, 7) if together == 16 else (4, 1, 3, 6, 2, 5, 7)))
+        split = torch.stack(parts).view(
+            -1, units // together, together // 8, 8, width // 16, 2, 4, 2
+        )
+        return split.permute(
+            0, *((1, 4, 3, 6, 2, 5, 7) if together == 16 else (4, 1, 3, 6, 2, 5, 7))
+        )
 
 
 def up(number: int, step: int) -> int:

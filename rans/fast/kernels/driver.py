@@ -15,7 +15,9 @@ def open_ahead() -> None:
 
     The driver takes a third of a second, in which it leaves Python alone; torch then finds it open.
     """
-    threading.Thread(target=_open, args=(int(os.environ.get("LOCAL_RANK", "0")),), daemon=True).start()
+    threading.Thread(
+        target=_open, args=(int(os.environ.get("LOCAL_RANK", "0")),), daemon=True
+    ).start()
 
 
 def _open(number: int) -> None:
@@ -24,6 +26,7 @@ def _open(number: int) -> None:
         driver = CDLL(LIBRARY)
     except OSError:
         return
-    device, context = c_int(), c_void_p()
+    device = c_int()
+    context = c_void_p()
     if not driver.cuInit(0) and not driver.cuDeviceGet(byref(device), number):
         driver.cuDevicePrimaryCtxRetain(byref(context), device)

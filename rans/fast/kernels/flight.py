@@ -42,9 +42,18 @@ class FlightKernel:
         TypeError: the task does more than arithmetic on fields.
     """
 
-    def __init__(self, world: World, network: Network, device: torch.device, shared: int,
-                 products: Products, most_warps: int | None = None) -> None:
-        self._world, self._device, self._products = world, device, products
+    def __init__(
+        self,
+        world: World,
+        network: Network,
+        device: torch.device,
+        shared: int,
+        products: Products,
+        most_warps: int | None = None,
+    ) -> None:
+        self._world = world
+        self._device = device
+        self._products = products
         self.design = design = Design(network.architecture, _PARTS[products], shared, most_warps)
         self._policy = design.packed(network.tensors).to(device)
         program = trace_flight(world, network.architecture)
@@ -52,18 +61,24 @@ class FlightKernel:
         """CUDA C++."""
 
     @classmethod
-    def made(cls, world: World, network: Network, device: torch.device, products: Products
-             ) -> FlightKernel | None:
+    def made(
+        cls, world: World, network: Network, device: torch.device, products: Products
+    ) -> FlightKernel | None:
         """A compiled kernel, or None with a warning where there can be none."""
         try:
             chip = torch.cuda.get_device_properties(device)
             if (chip.major, chip.minor) < _OLDEST:
-                raise DoesNotFit(f"a GPU of capability {chip.major}.{chip.minor}, where 8.0 is needed")
+                raise DoesNotFit(
+                    f"a GPU of capability {chip.major}.{chip.minor}, where 8.0 is needed"
+                )
             kernel = cls(world, network, device, chip.shared_memory_per_block_optin, products)
             _ = kernel.function
         except DoesNotFit as error:
-            warnings.warn("these flights are stepped, which is slower: their kernel has no place for "
-                          f"{error}.", stacklevel=4)
+            warnings.warn(
+                "these flights are stepped, which is slower: their kernel has no place for "
+                f"{error}.",
+                stacklevel=4,
+            )
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
             warnings.warn(f"these flights are stepped, which is slower: {error}", stacklevel=4)
@@ -75,30 +90,41 @@ class FlightKernel:
     def function(self) -> Function:
         """The compiled kernel; errors are those of `Function`."""
         with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
-            return Function(self.source, "flights", torch.cuda.get_device_capability(), self.design.used)
+            return Function(
+                self.source, "flights", torch.cuda.get_device_capability(), self.design.used
+            )
 
     def fly(self, first: int, count: int, seed: int, listed: int) -> Verdicts:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
-        steps, device = self._world.timing.episode_steps, self._device
+        steps = self._world.timing.episode_steps
+        device = self._device
         sums = torch.zeros(2 * len(QUANTITIES), dtype=torch.float64, device=device)
         counts = torch.zeros(len(Failure) + steps + 1, dtype=torch.int64, device=device)
         failed = torch.zeros(1, dtype=torch.int32, device=device)
         numbers = torch.zeros(listed, dtype=torch.int32, device=device)
         kinds = torch.zeros(listed, dtype=torch.uint8, device=device)
-        tensors = (self._policy, sums, counts, counts[len(Failure):], failed, numbers, kinds)
+        tensors = (self._policy, sums, counts, counts[len(Failure) :], failed, numbers, kinds)
         low, high = seed_words(seed)
         self._launch([x.data_ptr() for x in tensors], (low, high, first, count, listed))
         met = min(int(failed), listed)
         order = torch.argsort(numbers[:met])
         totals = sums.view(-1, 2).cpu().numpy() * self._scales()
         ended = counts.cpu().numpy()
-        failures = dict(zip(Failure, ended[:len(Failure)].tolist(), strict=True))
+        failures = dict(zip(Failure, ended[: len(Failure)].tolist(), strict=True))
         return Verdicts(
-            count, steps, ended[len(Failure):], failures,
-            numbers[:met][order].cpu().numpy().astype(np.int64), kinds[:met][order].cpu().numpy(),
-            {name: Sums(float(total), float(squares), count)
-             for name, (total, squares) in zip(QUANTITIES, totals, strict=True)}, listed,
-            frozenset({f"flight kernel, {self._products}"}))
+            count,
+            steps,
+            ended[len(Failure) :],
+            failures,
+            numbers[:met][order].cpu().numpy().astype(np.int64),
+            kinds[:met][order].cpu().numpy(),
+            {
+                name: Sums(float(total), float(squares), count)
+                for name, (total, squares) in zip(QUANTITIES, totals, strict=True)
+            },
+            listed,
+            frozenset({f"flight kernel, {self._products}"}),
+        )
 
     def _launch(self, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):

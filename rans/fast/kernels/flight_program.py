@@ -71,7 +71,9 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     kinds = dict[int, Kind]()
     while True:
         # What begins as a number is carried only if some step changes it.
-        inputs = [_carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))]
+        inputs = [
+            _carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))
+        ]
         now, tally = unflatten(begun, inputs)
         outcome = step(world, now, commands, draws)
         after = leaves((outcome.episode, tally.after(world, outcome)))
@@ -81,18 +83,30 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
                 kinds[place] = new.kind
         if len(kinds) == known:
             break
-    carried = tuple(Carried(symbol, Symbol.constant(old), Symbol.constant(new))
-                    for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
-                    if isinstance(symbol, Symbol))
+    carried = tuple(
+        Carried(symbol, Symbol.constant(old), Symbol.constant(new))
+        for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
+        if isinstance(symbol, Symbol)
+    )
     filters = [Symbol.input(f"filter_{i}") for i in range(given.filtering)]
     columns, seen, then, view = shown(given, world.observe(now, draws), filters)
     expected = given.expected((*columns, *filters, *commands))
-    carried += tuple(Carried(symbol, Symbol.constant(0.0), after)
-                     for symbol, after in zip(filters, expected, strict=True))
+    carried += tuple(
+        Carried(symbol, Symbol.constant(0.0), after)
+        for symbol, after in zip(filters, expected, strict=True)
+    )
     return FlightProgram(
-        carried, columns, seen, then, view, tally.going, Symbol.constant(tally.failure()),
-        tally.going & tally.inside, Symbol.constant(tally.settled),
-        tuple(map(Symbol.constant, (tally.gained, tally.impulse, tally.opened))))
+        carried,
+        columns,
+        seen,
+        then,
+        view,
+        tally.going,
+        Symbol.constant(tally.failure()),
+        tally.going & tally.inside,
+        Symbol.constant(tally.settled),
+        tuple(map(Symbol.constant, (tally.gained, tally.impulse, tally.opened))),
+    )
 
 
 def _carried(place: int, value: Any, kind: Kind | None) -> Any:
@@ -103,15 +117,18 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-def shown(given: Architecture, observation: Sequence[Field], filters: Sequence[Symbol] = ()
-          ) -> tuple[_Row, _Row, _Row, Symbol]:
+def shown(
+    given: Architecture, observation: Sequence[Field], filters: Sequence[Symbol] = ()
+) -> tuple[_Row, _Row, _Row, Symbol]:
     """Columns in the body frame, those and earlier ones as they are seen, and from which side.
 
     What filters make of the columns, of what they remember, is seen beside them.
     """
     columns = tuple(map(Symbol.constant, given.layout.in_body(tuple(observation))))
-    body, then = given.layout.body, tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
-    way, blocks = body.ahead(columns), given.filtered((*columns, *filters))
+    body = given.layout.body
+    then = tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
+    way = body.ahead(columns)
+    blocks = given.filtered((*columns, *filters))
     if given.symmetries is None or way is None:
         return columns, tuple(x for _, block in blocks for x in block), then, Symbol.constant(0)
     which, turn, hand = side(given.symmetries, way)
@@ -121,25 +138,34 @@ def shown(given: Architecture, observation: Sequence[Field], filters: Sequence[S
 
 def side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:
     """As `Symmetries.which`: the side with the goal ahead, its matrix and hand."""
-    axes, best = range(len(way)), None
-    which, turn, hand = Symbol.constant(0), [[0.0] * len(way) for _ in axes], 1.0
+    axes = range(len(way))
+    best = None
+    which = Symbol.constant(0)
+    turn = [[0.0] * len(way) for _ in axes]
+    hand = 1.0
     # Rounding noise in a matrix would cost operations.
-    for number, (matrix, mirror) in enumerate(zip(np.round(views.turn, 12).tolist(), views.hand.tolist(),
-                                                  strict=True)):
+    for number, (matrix, mirror) in enumerate(
+        zip(np.round(views.turn, 12).tolist(), views.hand.tolist(), strict=True)
+    ):
         ahead = sum(way[j] * sum(AIM[i] * matrix[i][j] for i in axes) for j in axes)
         if best is None:
-            best, turn, hand = ahead, matrix, mirror
+            best = ahead
+            turn = matrix
+            hand = mirror
             continue
         nearer = ahead > best
-        best, which = where(nearer, ahead, best), where(nearer, number, which)
+        best = where(nearer, ahead, best)
+        which = where(nearer, number, which)
         hand = where(nearer, mirror, hand)
         turn = [[where(nearer, matrix[i][j], turn[i][j]) for j in axes] for i in axes]
     return which, turn, hand
 
 
-def viewed(body: Layout, columns: Sequence[Symbol], turn: list[list[Field]], hand: Field
-            ) -> tuple[Symbol, ...]:
+def viewed(
+    body: Layout, columns: Sequence[Symbol], turn: list[list[Field]], hand: Field
+) -> tuple[Symbol, ...]:
     """As `Symmetries.viewed`."""
+
     def view(u: Sequence[Field]) -> list[Field]:
         return [sum(turn[i][j] * x for j, x in enumerate(u)) for i in range(len(u))]
 

@@ -14,9 +14,20 @@ from rans.fast.kernels.flight_program import FlightProgram
 from rans.fast.kernels.source import Lines, indented
 from rans.model.trace import Symbol
 
-_ARGUMENTS = ("const uint4* policy", "double* sums", "unsigned long long* failures",
-              "unsigned long long* settled_at", "int* failed", "int* numbers", "unsigned char* kinds",
-              "const int low", "const int high", "const int first", "const int count", "const int room")
+_ARGUMENTS = (
+    "const uint4* policy",
+    "double* sums",
+    "unsigned long long* failures",
+    "unsigned long long* settled_at",
+    "int* failed",
+    "int* numbers",
+    "unsigned char* kinds",
+    "const int low",
+    "const int high",
+    "const int first",
+    "const int count",
+    "const int room",
+)
 
 
 def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
@@ -27,14 +38,21 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
     already, and their numbers and kinds; the seed's words, the first scenario's number, how many there are,
     and how many failed ones may be listed.
     """
-    texts = (files("rans.fast.kernels").joinpath(name).read_text()
-             for name in ("functions.cuh", "warp.cuh", "policy.cuh"))
-    return "\n".join((
-        "typedef float real;", *texts, *_views(design),
-        f'extern "C" __global__ void __launch_bounds__({32 * design.warps}, 1) flights(',
-        f"    {', '.join(_ARGUMENTS)}) {{",
-        *indented(_Writer(program, design, steps).body()),
-        "}\n"))
+    texts = (
+        files("rans.fast.kernels").joinpath(name).read_text()
+        for name in ("functions.cuh", "warp.cuh", "policy.cuh")
+    )
+    return "\n".join(
+        (
+            "typedef float real;",
+            *texts,
+            *_views(design),
+            f'extern "C" __global__ void __launch_bounds__({32 * design.warps}, 1) flights(',
+            f"    {', '.join(_ARGUMENTS)}) {{",
+            *indented(_Writer(program, design, steps).body()),
+            "}\n",
+        )
+    )
 
 
 def _views(design: Design) -> Iterator[str]:
@@ -49,7 +67,10 @@ def _views(design: Design) -> Iterator[str]:
 class _Writer(Lines):
     def __init__(self, program: FlightProgram, design: Design, steps: int) -> None:
         super().__init__()
-        self._program, self._design, self._given, self._steps = program, design, design.given, steps
+        self._program = program
+        self._design = design
+        self._given = design.given
+        self._steps = steps
 
     def body(self) -> Iterator[str]:
         """Every warp flies its share, and adds it to the results."""
@@ -62,7 +83,8 @@ class _Writer(Lines):
 
     def _memory(self) -> Iterator[str]:
         """The policy, and where each warp puts what its network is given and answers."""
-        design, threads = self._design, 32 * self._design.warps
+        design = self._design
+        threads = 32 * self._design.warps
         yield "extern __shared__ uint4 shared[];"
         yield f"for (int i = threadIdx.x; i < {design.kept // 16}; i += {threads}) shared[i] = policy[i];"
         yield f"for (int i = threadIdx.x; i < {(design.warps * design.per_warp) // 16}; i += {threads})"
@@ -71,21 +93,32 @@ class _Writer(Lines):
         yield "const int warp = threadIdx.x / 32;"
         for name, place in design.places.items():
             if name not in ("small", "end"):
-                kind = "float" if place < design.places["small"] else "uint2" if name == "head" else "uint4"
+                kind = (
+                    "float"
+                    if place < design.places["small"]
+                    else "uint2"
+                    if name == "head"
+                    else "uint4"
+                )
                 base = "shared" if place < design.kept else "policy"
                 yield f"const {kind}* {name} = reinterpret_cast<const {kind}*>({base} + {place // 16});"
         own = f"shared + {design.kept // 16} + warp * {design.per_warp // 16}"
-        yield (f"const Inputs<{design.parts}> inputs = {{reinterpret_cast<unsigned short*>({own}), "
-               f"{design.stride}}};")
+        yield (
+            f"const Inputs<{design.parts}> inputs = {{reinterpret_cast<unsigned short*>({own}), "
+            f"{design.stride}}};"
+        )
         yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
 
     def _flight(self) -> Iterator[str]:
-        program, recalled = self._program, self._given.rows
+        program = self._program
+        recalled = self._given.rows
         yield "const unsigned index = group * 32 + lane();"
         yield "const int number = first + int(index);"
         yield from self.values(carried.begin for carried in program.carried)
-        yield from (f"{carried.symbol.kind} {carried.symbol.value} = {self.operand(carried.begin)};"
-                    for carried in program.carried)
+        yield from (
+            f"{carried.symbol.kind} {carried.symbol.value} = {self.operand(carried.begin)};"
+            for carried in program.carried
+        )
         if recalled:
             yield f"real memory[{recalled}] = {{}};"
         known = dict(self.names)
@@ -118,33 +151,43 @@ class _Writer(Lines):
 
         What filters tell besides is not normalised.
         """
-        given, seen, place = self._given, list(self._program.seen), 0
+        given = self._given
+        seen = list(self._program.seen)
+        place = 0
         for told in given.told:
             yield "{"
-            yield from indented(self._look(seen[:given.seen], seen[given.seen:given.seen + told], place))
+            yield from indented(
+                self._look(seen[: given.seen], seen[given.seen : given.seen + told], place)
+            )
             yield "}"
-            del seen[:given.seen + told]
+            del seen[: given.seen + told]
             place += given.seen * (2 if given.zoom else 1) + told
         if given.recalled:
             yield from self._recalled()
 
     def _look(self, columns: Sequence[Symbol], told: Sequence[Symbol], place: int) -> Iterator[str]:
-        given, width = self._given, self._given.seen
-        size, clip = width * (2 if given.zoom else 1), f"{given.clip}f"
+        given = self._given
+        width = self._given.seen
+        size = width * (2 if given.zoom else 1)
+        clip = f"{given.clip}f"
         yield from self._row("seen", columns)
         yield f"real shown[{size + len(told)}];"
         yield f"normalise(seen, mean, scale, {clip}, shown);"
         if given.zoom:
             yield f"for (int i = 0; i < {width}; ++i)"
             yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
-        yield from (f"shown[{size + i}] = max(-{clip}, min({clip}, {self.operand(symbol)}));"
-                    for i, symbol in enumerate(told))
+        yield from (
+            f"shown[{size + i}] = max(-{clip}, min({clip}, {self.operand(symbol)}));"
+            for i, symbol in enumerate(told)
+        )
         yield f"inputs.show({place}, shown);"
 
     def _recalled(self) -> Iterator[str]:
         """Averages and moments from the side seen now; thrusters are where they look like in it."""
-        given, program = self._given, self._program
-        first, width = given.inputs - given.rows, given.answered
+        given = self._given
+        program = self._program
+        first = given.inputs - given.rows
+        width = given.answered
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
         yield f"  const int at = row * {given.row};"
         known = dict(self.names)
@@ -163,7 +206,8 @@ class _Writer(Lines):
         if given.symmetries is None:
             yield "  " + f"inputs.show({first} + at + {width}, told);"
         else:
-            view, at = self.operand(program.view), f"{first} + at + {width} + places[{{}}][i]"
+            view = self.operand(program.view)
+            at = f"{first} + at + {width} + places[{{}}][i]"
             yield f"  for (int i = 0; i < {given.thrusters}; ++i) {{"
             yield "    const real one[1] = {told[i]};"
             yield "    " + f"inputs.show({at.format(view)}, one);"
@@ -176,8 +220,11 @@ class _Writer(Lines):
 
     def _network(self) -> Iterator[str]:
         """On tensor cores, for one or two tiles of 16 flights at a time."""
-        design, activation = self._design, self._given.activation.capitalize()
-        parts, tiles, widths = design.parts, design.tiles, design.widths
+        design = self._design
+        activation = self._given.activation.capitalize()
+        parts = design.parts
+        tiles = design.tiles
+        widths = design.widths
         yield "#pragma unroll" if tiles == 2 else "#pragma unroll 1"
         yield f"for (int row = 0; row < 32; row += {16 * tiles}) {{"
         yield f"  const Inputs<{parts}> given = {{inputs.from + row * {design.stride}, {design.stride}}};"
@@ -193,42 +240,61 @@ class _Writer(Lines):
             yield "  }"
         for i, units in enumerate(widths[1:-1]):
             yield f"  Rows<{parts}, {tiles}, {units}> rows_{i};"
-            yield (f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, "
-                   f"bias_{i}, rows_{i});")
+            yield (
+                f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, "
+                f"bias_{i}, rows_{i});"
+            )
             name = f"rows_{i}"
         last = len(widths) - 2
-        yield (f"  answer<{activation}, {parts}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>("
-               f"{name}, layer_{last}, bias_{last}, head, constant, outputs + row * {design.stride_out}, "
-               f"{design.stride_out});")
+        yield (
+            f"  answer<{activation}, {parts}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>("
+            f"{name}, layer_{last}, bias_{last}, head, constant, outputs + row * {design.stride_out}, "
+            f"{design.stride_out});"
+        )
         yield "}"
 
     def _commands(self) -> Iterator[str]:
         """The likeliest ones, of thrusters as the craft has them."""
-        given, program = self._given, self._program
+        given = self._given
+        program = self._program
         for i in range(given.thrusters):
-            unit = f"places[{self.operand(program.view)}][{i}]" if given.symmetries is not None else str(i)
+            unit = (
+                f"places[{self.operand(program.view)}][{i}]"
+                if given.symmetries is not None
+                else str(i)
+            )
             value = f"outputs[lane() * {self._design.stride_out} + {unit}]"
-            chosen = f"min(1.0f, max(0.0f, {value}))" if given.continuous else f"{value} > 0.0f ? 1.0f : 0.0f"
+            chosen = (
+                f"min(1.0f, max(0.0f, {value}))"
+                if given.continuous
+                else f"{value} > 0.0f ? 1.0f : 0.0f"
+            )
             yield f"const real command_{i} = {chosen};"
 
     def _remember(self) -> Iterator[str]:
         """As `rans.fast.learn.network.Network.remember`."""
         given = self._given
-        width, averages = given.row, len(given.averages)
+        width = given.row
+        averages = len(given.averages)
         if not given.recalled:
             return
         if given.answered:
             yield from self._row("newest", self._program.columns)
         told = ", ".join(f"command_{i}" for i in range(given.thrusters))
         yield f"const real told[] = {{{told}}};"
-        parts = [part for part in ((given.answered, "newest", 0), (given.thrusters, "told", given.answered))
-                 if part[0]]
+        parts = [
+            part
+            for part in ((given.answered, "newest", 0), (given.thrusters, "told", given.answered))
+            if part[0]
+        ]
         for row, kept in enumerate(given.averages):
             for count, source, start in parts:
-                at, new = f"memory[{row * width + start} + i]", f"{source}[i]"
+                at = f"memory[{row * width + start} + i]"
+                new = f"{source}[i]"
                 yield f"for (int i = 0; i < {count}; ++i) {at} = {new} + {kept}f * ({at} - {new});"
         if given.history:
-            start, end = averages * width, (given.recalled - 1) * width
+            start = averages * width
+            end = (given.recalled - 1) * width
             yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"
             for count, source, start in parts:
                 yield f"for (int i = 0; i < {count}; ++i) memory[{end + start} + i] = {source}[i];"
@@ -247,8 +313,10 @@ class _Writer(Lines):
             yield f"  atomicAdd(sums + {2 * i}, double(total_{i}));"
             yield f"  atomicAdd(sums + {2 * i + 1}, double(squares_{i}));"
         yield "}"
-        yield (f"if (counts && {self.operand(program.settles)}) "
-               f"atomicAdd(settled_at + int({self.operand(program.settled)}), 1ull);")
+        yield (
+            f"if (counts && {self.operand(program.settles)}) "
+            f"atomicAdd(settled_at + int({self.operand(program.settled)}), 1ull);"
+        )
         failure = self.operand(program.failure)
         yield f"if (counts && {failure}) {{"
         yield f"  atomicAdd(failures + {failure} - 1, 1ull);"

@@ -26,7 +26,10 @@ from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE
 
 _C_TYPES: dict[torch.dtype, Any] = {
-    torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
+    torch.uint8: "unsigned char",
+    torch.float32: "float",
+    torch.float64: "double",
+}
 MANY = 2**18
 """From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
 LONG = 950
@@ -54,28 +57,54 @@ class Function:
 
     def __init__(self, text: str, name: str, capability: tuple[int, int], shared: int = 0) -> None:
         self._driver = CDLL(LIBRARY)
-        self._module, self._function = c_void_p(), c_void_p()
+        self._module = c_void_p()
+        self._function = c_void_p()
         self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
-        self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
+        self._check(
+            self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode())
+        )
         self._shared = shared
         if shared:
-            self._check(self._driver.cuFuncSetAttribute(self._function, _SHARED_BYTES, c_int(shared)))
+            self._check(
+                self._driver.cuFuncSetAttribute(self._function, _SHARED_BYTES, c_int(shared))
+            )
 
-    def launch(self, blocks: int, threads: int, stream: int, pointers: Sequence[int],
-               numbers: Sequence[int]) -> None:
+    def launch(
+        self,
+        blocks: int,
+        threads: int,
+        stream: int,
+        pointers: Sequence[int],
+        numbers: Sequence[int],
+    ) -> None:
         """Queue the kernel; all its pointers come before its 32-bit numbers."""
         values = (*map(c_void_p, pointers), *map(c_int, numbers))
         places = (c_void_p * len(values))(*map(ctypes.addressof, values))
-        one, shared_bytes = c_uint(1), c_uint(self._shared)
-        self._check(self._driver.cuLaunchKernel(
-            self._function, c_uint(blocks), one, one, c_uint(threads), one, one, shared_bytes,
-            c_void_p(stream), places, None))
+        one = c_uint(1)
+        shared_bytes = c_uint(self._shared)
+        self._check(
+            self._driver.cuLaunchKernel(
+                self._function,
+                c_uint(blocks),
+                one,
+                one,
+                c_uint(threads),
+                one,
+                one,
+                shared_bytes,
+                c_void_p(stream),
+                places,
+                None,
+            )
+        )
 
     def _check(self, error: int) -> None:
         if error:
             text = c_char_p()
             self._driver.cuGetErrorString(error, byref(text))
-            raise CudaError(f"the CUDA driver says: {(text.value or b'unknown error').decode()} ({error}).")
+            raise CudaError(
+                f"the CUDA driver says: {(text.value or b'unknown error').decode()} ({error})."
+            )
 
 
 @cache
@@ -86,11 +115,13 @@ def compiled(text: str, capability: tuple[int, int]) -> bytes:
 
 
 def _compiled(text: str, options: Sequence[str]) -> bytes:
-    compiler, program = _compiler(), c_void_p()
+    compiler = _compiler()
+    program = c_void_p()
     array = (c_char_p * len(options))(*(option.encode() for option in options))
     compiler.nvrtcCreateProgram(byref(program), text.encode(), b"step.cu", 0, None, None)
     failed = compiler.nvrtcCompileProgram(program, len(options), array)
-    kind, size = "ProgramLog" if failed else "CUBIN", c_size_t()
+    kind = "ProgramLog" if failed else "CUBIN"
+    size = c_size_t()
     getattr(compiler, f"nvrtcGet{kind}Size")(program, byref(size))
     result = ctypes.create_string_buffer(size.value)
     getattr(compiler, f"nvrtcGet{kind}")(program, result)
@@ -121,21 +152,39 @@ class Kernel:
     are of another dtype.
     """
 
-    def __init__(self, world: World, episode: Episode, draws: Draws, processes: Processes,
-                 dtype: torch.dtype, members: int = 1) -> None:
-        self._program, self._observation = trace(world, episode, dtype), Observation.of(world, episode, dtype)
+    def __init__(
+        self,
+        world: World,
+        episode: Episode,
+        draws: Draws,
+        processes: Processes,
+        dtype: torch.dtype,
+        members: int = 1,
+    ) -> None:
+        self._program = trace(world, episode, dtype)
+        self._observation = Observation.of(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._members = (draws.low, draws.high), members
+        self._seed = (draws.low, draws.high)
+        self._members = members
         self._thrusters = len(world.craft.thrusters)
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         many = self._count >= MANY and self._count % 2 == 0
         self._together = 2 if many and self._program.operations < LONG else 1
-        for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
+        for (
+            given
+        ) in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
-                raise TypeError(f"settings that move must be {self._real} on {self._device}, got "
-                                f"{given.source.dtype} on {given.source.device}.")
-        self._numbers = (self._count, self._count // members, processes.rank, processes.size,
-                         self._blocks_ahead())
+                raise TypeError(
+                    f"settings that move must be {self._real} on {self._device}, got "
+                    f"{given.source.dtype} on {given.source.device}."
+                )
+        self._numbers = (
+            self._count,
+            self._count // members,
+            processes.rank,
+            processes.size,
+            self._blocks_ahead(),
+        )
         self._functions: dict[torch.dtype | None, Function] = {}
 
     @classmethod
@@ -146,7 +195,9 @@ class Kernel:
             kernel.function(kernel._real)
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
-            warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
+            warnings.warn(
+                f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3
+            )
             return None
         return kernel
 
@@ -154,8 +205,14 @@ class Kernel:
         """The kernel's text for actions that are bytes or reals; None: of an observation's."""
         if action is None:
             return self._observation.source(_C_TYPES[self._real], self._members > 1)
-        return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real],
-                      self._together, self._members > 1)
+        return source(
+            self._program,
+            self._thrusters,
+            _C_TYPES[action],
+            _C_TYPES[self._real],
+            self._together,
+            self._members > 1,
+        )
 
     def function(self, action: torch.dtype | None) -> Function:
         """The compiled kernel of such a `source`; errors are those of `Function`."""
@@ -168,22 +225,34 @@ class Kernel:
 
     def __call__(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
-        action, count, shape = self._readable(action), self._count, self._program.shape
+        action = self._readable(action)
+        count = self._count
+        shape = self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
-        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together)
+        self._launch(
+            action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together
+        )
         terms = shape.width + shape.terms
         terminated, truncated, reached = flags
-        return Step(observation=reals[:shape.width].T, reward=reals[terms], terminated=terminated,
-                    truncated=truncated, final_observation=final[:, :shape.width], reached=reached,
-                    terms=reals[shape.width:terms])
+        return Step(
+            observation=reals[: shape.width].T,
+            reward=reals[terms],
+            terminated=terminated,
+            truncated=truncated,
+            final_observation=final[:, : shape.width],
+            reached=reached,
+            terms=reals[shape.width : terms],
+        )
 
     def observe(self) -> Tensor:
         """The current observation, (N, width), see `rans.fast.engine.Engine.observe`."""
         given = self._observation
-        found = torch.empty((len(given.columns), self._count), dtype=self._real, device=self._device)
+        found = torch.empty(
+            (len(given.columns), self._count), dtype=self._real, device=self._device
+        )
         tensors = (*self._seed, found, *(each.source for each in given.inputs))
         self._launch(None, [tensor.data_ptr() for tensor in tensors], self._numbers[:-1], 1)
         return found.T
@@ -195,12 +264,19 @@ class Kernel:
         """
         if self._device.type != "cuda":
             return 0
-        bytes_read = self._thrusters + sum(given.source.element_size() for given in self._program.memory)
+        bytes_read = self._thrusters + sum(
+            given.source.element_size() for given in self._program.memory
+        )
         cache = torch.cuda.get_device_properties(self._device).L2_cache_size
         return cache // (12 * THREADS * self._together * bytes_read)
 
-    def _launch(self, action: torch.dtype | None, pointers: list[int], numbers: tuple[int, ...],
-                together: int) -> None:
+    def _launch(
+        self,
+        action: torch.dtype | None,
+        pointers: list[int],
+        numbers: tuple[int, ...],
+        together: int,
+    ) -> None:
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
             blocks = -(-numbers[0] // (THREADS * together))

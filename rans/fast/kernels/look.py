@@ -54,7 +54,9 @@ class Look(ABC):
     def expected(self, rows: Tensor) -> Tensor:
         """What filters remember after such rows, each with the command that was given."""
 
-    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
+    def whole(
+        self, observation: Tensor, tensors: Mapping[str, Tensor]
+    ) -> tuple[Tensor, Tensor] | None:
         """Log-odds (N, thrusters) and values (N,) of a network with these weights; None: not in one go."""
         return None
 
@@ -67,14 +69,20 @@ def look(given: Architecture, views: Symmetries | None, like: Tensor, programs: 
     plain = TorchLook(given, views)
     if programs and like.is_cuda:
         return CudaLook(given, plain, like.device, like.dtype)
-    return ArrayLook(given, plain) if programs and like.is_cpu and like.dtype == torch.float32 else plain
+    return (
+        ArrayLook(given, plain)
+        if programs and like.is_cpu and like.dtype == torch.float32
+        else plain
+    )
 
 
 class TorchLook(Look):
     """By torch's operations."""
 
     def __init__(self, given: Architecture, views: Symmetries | None) -> None:
-        self._given, self._layout, self._views = given, given.layout, views
+        self._given = given
+        self._layout = given.layout
+        self._views = views
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
@@ -83,7 +91,8 @@ class TorchLook(Look):
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`; there are filters, or several sides and a way to go."""
         blocks = self._given.filtered(rows.unbind(dim=1))
-        way, views = self._layout.body.ahead(blocks[0][1]), self._views
+        way = self._layout.body.ahead(blocks[0][1])
+        views = self._views
         if views is None or way is None:
             seen = torch.stack([x for _, block in blocks for x in block], dim=1)
             return seen, torch.zeros_like(rows[:, 0], dtype=torch.int64)
@@ -126,7 +135,8 @@ class ArrayLook(Look):
     """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
 
     def __init__(self, given: Architecture, plain: TorchLook) -> None:
-        self._given, self._plain = given, plain
+        self._given = given
+        self._plain = plain
         self._answers: tuple[Tensor, CpuLook | None] | None = None
 
     def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture, TorchLook]]:
@@ -135,7 +145,11 @@ class ArrayLook(Look):
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
-        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+        return (
+            self._rows(0, observation)[0]
+            if self._works(observation)
+            else self._plain.in_body(observation)
+        )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
@@ -145,7 +159,9 @@ class ArrayLook(Look):
         """See `Look`."""
         return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
 
-    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
+    def whole(
+        self, observation: Tensor, tensors: Mapping[str, Tensor]
+    ) -> tuple[Tensor, Tensor] | None:
         """See `Look`."""
         weight = tensors["value_net.weight"]
         if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
@@ -159,7 +175,11 @@ class ArrayLook(Look):
 
         given = self._given
         with contextlib.suppress(*UNTRACEABLE):
-            return None if given.memory or given.privileged or given.continuous else CpuLook(given, tensors)
+            return (
+                None
+                if given.memory or given.privileged or given.continuous
+                else CpuLook(given, tensors)
+            )
         return None
 
     def _works(self, rows: Tensor) -> bool:
@@ -198,14 +218,22 @@ class CudaLook(Look):
     Torch's compiler takes minutes over filters: to it, these kernels are one operation.
     """
 
-    def __init__(self, given: Architecture, plain: TorchLook, device: torch.device,
-                 dtype: torch.dtype) -> None:
-        self._given, self._plain, self._device, self._real = given, plain, device, _REALS[dtype]
+    def __init__(
+        self, given: Architecture, plain: TorchLook, device: torch.device, dtype: torch.dtype
+    ) -> None:
+        self._given = given
+        self._plain = plain
+        self._device = device
+        self._real = _REALS[dtype]
         self._opaque = opaque(self) if given.filters and self._functions is not None else None
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
-        return self.rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+        return (
+            self.rows(0, observation)[0]
+            if self._works(observation)
+            else self._plain.in_body(observation)
+        )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
@@ -243,14 +271,18 @@ class CudaLook(Look):
     def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         """What it finds: numbers, row by row, and a whole number of each."""
         found, which = self.room(number, rows)
-        self._launch(number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()])
+        self._launch(
+            number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()]
+        )
         return found, which
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
         assert self._functions is not None
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
-            self._functions[number].launch(-(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers)
+            self._functions[number].launch(
+                -(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers
+            )
 
 
 def source(program: RowProgram, width: int, real: str) -> str:
@@ -259,21 +291,32 @@ def source(program: RowProgram, width: int, real: str) -> str:
     Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
     and how far it is in memory to the next row and to the next column.
     """
-    given, lines = [Symbol.input(f"column_{i}") for i in range(width)], Lines()
+    given = [Symbol.input(f"column_{i}") for i in range(width)]
+    lines = Lines()
     found, which = program(given)
     text = [
         "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
         "if (i >= count) return;",
-        *(f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"
-          for k, s in enumerate(given))]
+        *(
+            f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"
+            for k, s in enumerate(given)
+        ),
+    ]
     text += lines.values([*found, which])
-    text += [f"found[size_t(i) * {len(found)} + {k}] = {lines.operand(s)};" for k, s in enumerate(found)]
-    return "\n".join((
-        f"typedef {real} real;", files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
-        f'extern "C" __global__ void __launch_bounds__({_THREADS}) rows(',
-        "    const real* from, real* found, long long* which,",
-        "    const int count, const int row, const int column) {",
-        *indented([*text, f"which[i] = {lines.operand(which)};"]), "}\n"))
+    text += [
+        f"found[size_t(i) * {len(found)} + {k}] = {lines.operand(s)};" for k, s in enumerate(found)
+    ]
+    return "\n".join(
+        (
+            f"typedef {real} real;",
+            files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
+            f'extern "C" __global__ void __launch_bounds__({_THREADS}) rows(',
+            "    const real* from, real* found, long long* which,",
+            "    const int count, const int row, const int column) {",
+            *indented([*text, f"which[i] = {lines.operand(which)};"]),
+            "}\n",
+        )
+    )
 
 
 def _may(rows: Tensor) -> bool:

@@ -26,11 +26,15 @@ class Observation:
     def of(cls, world: World, episode: Episode, dtype: Any) -> Observation:
         """Observe on symbols, as `rans.fast.kernels.program.trace` steps."""
         world, now, memory, settings = on_symbols(world, episode)
-        low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
+        low, high, first, stride = (
+            Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
+        )
         draws = Draws(low, high, first, stride, dtype)
         columns = tuple(map(Symbol.constant, world.observe(world.recalled(now, draws), draws)))
         needed = set(ordered(columns))
-        return cls(columns, tuple(given for given in (*memory, *settings) if given.symbol in needed))
+        return cls(
+            columns, tuple(given for given in (*memory, *settings) if given.symbol in needed)
+        )
 
     def source(self, real: Real, members: bool) -> str:
         """CUDA C++ of a kernel ``observe``.
@@ -39,22 +43,41 @@ class Observation:
         the columns, the inputs; the number of spacecraft and of those of a member, the rank of this process
         and the number of processes.
         """
-        arguments = ("const int* low_at", "const int* high_at", "real* columns",
-                     *(f"const {given.type}* {given.symbol.value}_at" for given in self.inputs),
-                     "const int count", "const int each", "const int rank", "const int processes")
-        return "\n".join((
-            f"typedef {real} real;", files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
-            f'extern "C" __global__ void __launch_bounds__({THREADS}) observe(',
-            f"    {', '.join(arguments)}) {{", *indented(self._body(members)), "}\n"))
+        arguments = (
+            "const int* low_at",
+            "const int* high_at",
+            "real* columns",
+            *(f"const {given.type}* {given.symbol.value}_at" for given in self.inputs),
+            "const int count",
+            "const int each",
+            "const int rank",
+            "const int processes",
+        )
+        return "\n".join(
+            (
+                f"typedef {real} real;",
+                files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
+                f'extern "C" __global__ void __launch_bounds__({THREADS}) observe(',
+                f"    {', '.join(arguments)}) {{",
+                *indented(self._body(members)),
+                "}\n",
+            )
+        )
 
     def _body(self, members: bool) -> Iterator[str]:
-        lines, seeds = Lines(), "[i]" if members else "[0]"
+        lines = Lines()
+        seeds = "[i]" if members else "[0]"
         yield "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;"
         yield "if (i >= count) return;"
         yield "const int first = int(i) % each * processes + rank, stride = each * processes;"
         yield from (f"const int {word} = {word}_at{seeds};" for word in ("low", "high"))
-        yield from (f"const {given.symbol.kind} {given.symbol.value} = {given.symbol.value}_at"
-                    f"{'[i]' if given.each else '[0]'};" for given in self.inputs)
+        yield from (
+            f"const {given.symbol.kind} {given.symbol.value} = {given.symbol.value}_at"
+            f"{'[i]' if given.each else '[0]'};"
+            for given in self.inputs
+        )
         yield from lines.values(self.columns)
-        yield from (f"columns[size_t({row}) * count + i] = {lines.operand(column)};"
-                    for row, column in enumerate(self.columns))
+        yield from (
+            f"columns[size_t({row}) * count + i] = {lines.operand(column)};"
+            for row, column in enumerate(self.columns)
+        )

@@ -30,7 +30,8 @@ _NUMBERS = itertools.count()
 
 def opaque(kernels: RowKernels) -> Callable[[int, Tensor], tuple[Tensor, Tensor]]:
     """`RowKernels.rows` for functions that torch compiles."""
-    number, operation = next(_NUMBERS), _operation()
+    number = next(_NUMBERS)
+    operation = _operation()
     _KNOWN[number] = kernels
     return lambda which, given: operation(number, which, given)
 
@@ -38,8 +39,12 @@ def opaque(kernels: RowKernels) -> Callable[[int, Tensor], tuple[Tensor, Tensor]
 @cache
 def _operation() -> Callable[[int, int, Tensor], tuple[Tensor, Tensor]]:
     """A kernel of some object, by the number of the object; torch knows an operation by its name alone."""
-    @torch.library.custom_op("rans::rows", mutates_args=(),
-                             schema="(int number, int which, Tensor given) -> (Tensor, Tensor)")
+
+    @torch.library.custom_op(
+        "rans::rows",
+        mutates_args=(),
+        schema="(int number, int which, Tensor given) -> (Tensor, Tensor)",
+    )
     def rows(number: int, which: int, given: Tensor) -> tuple[Tensor, Tensor]:
         return _KNOWN[number].rows(which, given)
 

@@ -17,7 +17,12 @@ from rans.tasks.derived import paid
 from rans.tasks.settings import map_settings
 
 Type = Literal["real", "float", "double", "int", "signed char"]
-_TYPES: dict[str, Type] = {"int32": "int", "int8": "signed char", "float32": "float", "float64": "double"}
+_TYPES: dict[str, Type] = {
+    "int32": "int",
+    "int8": "signed char",
+    "float32": "float",
+    "float64": "double",
+}
 
 
 @dataclass(frozen=True)
@@ -99,12 +104,17 @@ class Program:
     @cached_property
     def operations(self) -> int:
         """Of a step in which no episode ends."""
-        return sum(bool(s.args) for s in ordered([self.ended, *(store.value for store in self.going())]))
+        return sum(
+            bool(s.args) for s in ordered([self.ended, *(store.value for store in self.going())])
+        )
 
     def rare(self) -> set[Symbol]:
         """What only an episode's end needs, and no choice by it enters: draws and final observations."""
-        everything = list(ordered([self.ended, *(store.value for store in (*self.always, *self.at_end))]))
-        often, chosen = {self.ended, *(store.value for store in self.always)}, set[Symbol]()
+        everything = list(
+            ordered([self.ended, *(store.value for store in (*self.always, *self.at_end))])
+        )
+        often = {self.ended, *(store.value for store in self.always)}
+        chosen = set[Symbol]()
         for symbol in reversed(everything):
             if symbol in often:
                 often.update(symbol.args[2:] if self._chooses(symbol) else symbol.args)
@@ -121,27 +131,42 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
     world, inputs, memory, settings = on_symbols(world, episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
-    low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
+    low, high, first, stride = (
+        Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
+    )
     seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
-    outcome, ended = seen.outcome, seen.outcome.ended
+    outcome = seen.outcome
+    ended = seen.outcome.ended
     terms, reward = paid(outcome.terms, outcome.terminated)
-    stores = [*_rows("memory", seen.after.memory()),
-              *_rows("reals", (*seen.observation, *terms.values(), reward)),
-              *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS))]
+    stores = [
+        *_rows("memory", seen.after.memory()),
+        *_rows("reals", (*seen.observation, *terms.values(), reward)),
+        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
+    ]
     # A store of what is in memory already is left out, where an episode goes on or everywhere.
-    always, at_end = list[Store](), [*_rows("final", seen.final_observation)]
-    for store, going, begun in zip(stores, *(_given(stores, ended, x) for x in (False, True)), strict=True):
+    always = list[Store]()
+    at_end = [*_rows("final", seen.final_observation)]
+    for store, going, begun in zip(
+        stores, *(_given(stores, ended, x) for x in (False, True)), strict=True
+    ):
         known = memory[store.row].symbol if store.array == "memory" else None
         if going.value is not known:
             always.append(store)
         elif begun.value is not known:
             at_end.append(begun)
-    return Program(memory, settings, ended, tuple(always), tuple(at_end),
-                   Shape(len(seen.observation), len(outcome.terms)))
+    return Program(
+        memory,
+        settings,
+        ended,
+        tuple(always),
+        tuple(at_end),
+        Shape(len(seen.observation), len(outcome.terms)),
+    )
 
 
-def on_symbols(world: World, episode: Episode
-               ) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
+def on_symbols(
+    world: World, episode: Episode
+) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
     """World and episode with symbols for what lies in memory: the episode's, and the task's settings."""
     settings: list[Input] = []
     world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
@@ -155,16 +180,24 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
 
 def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
     """The episode's arrays, and the episode with symbols in their place."""
-    types: list[Type] = [_TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()]
+    types: list[Type] = [
+        _TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()
+    ]
     memory = tuple(
-        Input(Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"), kind, array)
-        for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))
+        Input(
+            Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"),
+            kind,
+            array,
+        )
+        for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True))
+    )
     symbols = iter(given.symbol for given in memory)
     return memory, map_leaves(lambda x: x if isinstance(x, int | float) else next(symbols), episode)
 
 
 def _with_symbols(settings: Any, found: list[Input]) -> Any:
     """A task with symbols for its numbers in memory, which are added to those found."""
+
     def symbol(_: str, value: Any) -> Any:
         if isinstance(value, int | float):
             return value

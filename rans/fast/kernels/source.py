@@ -21,14 +21,30 @@ Action = Literal["unsigned char", "float", "double"]
 THREADS = 64
 """Of a block."""
 
-_FUNCTIONS = {"sin": "sine", "cos": "cosine", "exp": "exponential", "log": "logarithm",
-              "minimum": "min", "maximum": "max", "abs": "abs", "floor": "floor", "sqrt": "sqrt",
-              "atan2": "atan2", "real": "real"}
+_FUNCTIONS = {
+    "sin": "sine",
+    "cos": "cosine",
+    "exp": "exponential",
+    "log": "logarithm",
+    "minimum": "min",
+    "maximum": "max",
+    "abs": "abs",
+    "floor": "floor",
+    "sqrt": "sqrt",
+    "atan2": "atan2",
+    "real": "real",
+}
 _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
 
-def source(program: Program, thrusters: int, action: Action, real: Real, together: int,
-           members: bool = False) -> str:
+def source(
+    program: Program,
+    thrusters: int,
+    action: Action,
+    real: Real,
+    together: int,
+    members: bool = False,
+) -> str:
     """CUDA C++ of a kernel ``step``.
 
     Its arguments are the action, the seed's low and high word, the results' reals, final observations and
@@ -40,18 +56,32 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
     spacecraft, each with a seed of its own.
     """
     arguments = (
-        f"const {action}* action", "const int* low_at", "const int* high_at",
-        "real* reals", "real* final", "bool* flags",
-        *(f"{given.type}* {given.symbol.value}_at" for given in (*program.memory, *program.settings)),
-        "const int count", "const int each", "const int rank", "const int processes", "const int ahead")
-    return "\n".join((
-        f"typedef {real} real;",
-        files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
-        f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
-        f"    {', '.join(arguments)}) {{",
-        *indented(_Writer(program, together, members).body(thrusters, action)),
-        "}\n",
-    ))
+        f"const {action}* action",
+        "const int* low_at",
+        "const int* high_at",
+        "real* reals",
+        "real* final",
+        "bool* flags",
+        *(
+            f"{given.type}* {given.symbol.value}_at"
+            for given in (*program.memory, *program.settings)
+        ),
+        "const int count",
+        "const int each",
+        "const int rank",
+        "const int processes",
+        "const int ahead",
+    )
+    return "\n".join(
+        (
+            f"typedef {real} real;",
+            files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
+            f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
+            f"    {', '.join(arguments)}) {{",
+            *indented(_Writer(program, together, members).body(thrusters, action)),
+            "}\n",
+        )
+    )
 
 
 class Lines:
@@ -83,28 +113,37 @@ class _Writer(Lines):
 
     def __init__(self, program: Program, together: int, members: bool) -> None:
         super().__init__()
-        self._program, self._together, self._members = program, together, members
+        self._program = program
+        self._together = together
+        self._members = members
         inputs = (*program.memory, *program.settings)
         self._places = {given.symbol: "[i]" if given.each else "[0]" for given in inputs}
         seeds = "[i]" if members else "[0]"
         self._places |= {Symbol.input(word, "int"): seeds for word in ("low", "high")}
         self._rare = program.rare()
-        often = set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
+        often = (
+            set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
+        )
         # Sorted, so that the same program has the same text always.
-        self._drawn = sorted({arg for symbol in often for arg in symbol.args} & self._rare,
-                             key=lambda symbol: symbol.serial)
+        self._drawn = sorted(
+            {arg for symbol in often for arg in symbol.args} & self._rare,
+            key=lambda symbol: symbol.serial,
+        )
         self._own = [s for s, place in self._places.items() if place == "[i]" and s in often]
         self._shared = [s for s, place in self._places.items() if place == "[0]" and s in often]
 
     def body(self, thrusters: int, action: Action) -> Iterator[str]:
-        program, together = self._program, self._together
+        program = self._program
+        together = self._together
         pieces, commands = _commands(thrusters, action, together)
         yield "const unsigned group = blockIdx.x * blockDim.x + threadIdx.x;"
         yield f"if (group >= count / {together}) return;"
         yield "const size_t rows = count;"
         yield "const int stride = each * processes;"
         yield from self._fetch(thrusters)
-        yield from (f"const auto {s.value}_in = read<{together}>({s.value}_at, group);" for s in self._own)
+        yield from (
+            f"const auto {s.value}_in = read<{together}>({s.value}_at, group);" for s in self._own
+        )
         yield from pieces
         yield from (f"const {s.kind} {s.value} = {s.value}_at[0];" for s in self._shared)
         places = [(*self._place(store), _name(store)) for store in program.always]
@@ -129,11 +168,15 @@ class _Writer(Lines):
 
     def _step(self) -> Iterator[str]:
         """Of one spacecraft: what needs no draw comes before the draws, which wait for the seed."""
-        always, drawn = self._program.always, set(self._drawn)
+        always = self._program.always
+        drawn = set(self._drawn)
         yield from self.values([self._program.ended])
         ended = self.names[self._program.ended]
-        yield from (f"const {s.kind} {s.value} = {ended} ? {s.value}_at{place} : 0;"
-                    for s, place in self._places.items() if s in self._rare)
+        yield from (
+            f"const {s.kind} {s.value} = {ended} ? {s.value}_at{place} : 0;"
+            for s, place in self._places.items()
+            if s in self._rare
+        )
         yield from self._final_observation()
         late = {store for store in always if not drawn.isdisjoint(self._unnamed([store.value]))}
         yield from self._results(store for store in always if store not in late)
@@ -143,14 +186,18 @@ class _Writer(Lines):
     def _final_observation(self) -> Iterator[str]:
         """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is."""
         finals = [store.value for store in self._program.at_end if store.array == "final"]
-        yield from self.values(symbol for symbol in self._unnamed(finals) if symbol not in self._rare)
+        yield from self.values(
+            symbol for symbol in self._unnamed(finals) if symbol not in self._rare
+        )
         names = dict(self.names)
         yield f"if ({self.names[self._program.ended]}) {{"
         yield from indented(self.values(finals))
         row = [*map(self.operand, finals), *["0"] * (self._program.shape.final_width - len(finals))]
         pieces = len(row) // 4
-        yield from (f"  write<4>(final, size_t(i) * {pieces} + {p}, {{{', '.join(row[4 * p:4 * p + 4])}}});"
-                    for p in range(pieces))
+        yield from (
+            f"  write<4>(final, size_t(i) * {pieces} + {p}, {{{', '.join(row[4 * p : 4 * p + 4])}}});"
+            for p in range(pieces)
+        )
         yield "}"
         self.names = names
 
@@ -164,14 +211,18 @@ class _Writer(Lines):
         ended = self.names[self._program.ended]
         kept = [store for store in self._program.at_end if store.array == "memory"]
         roots = [*self._drawn, *(store.value for store in kept)]
-        yield from self.values(symbol for symbol in self._unnamed(roots) if symbol not in self._rare)
+        yield from self.values(
+            symbol for symbol in self._unnamed(roots) if symbol not in self._rare
+        )
         yield from (f"{symbol.kind} drawn_{n} = 0;" for n, symbol in enumerate(self._drawn))
         names = dict(self.names)
         yield f"if (__any_sync(__activemask(), {ended})) {{"
         yield from indented(self.values(roots))
         yield from (f"  drawn_{n} = {self.names[symbol]};" for n, symbol in enumerate(self._drawn))
-        yield from (f"  if ({ended}) memory_{store.row}_at[i] = {self.operand(store.value)};"
-                    for store in kept)
+        yield from (
+            f"  if ({ended}) memory_{store.row}_at[i] = {self.operand(store.value)};"
+            for store in kept
+        )
         yield "}"
         self.names = names | {symbol: f"drawn_{n}" for n, symbol in enumerate(self._drawn)}
 
@@ -193,7 +244,11 @@ def _expression(symbol: Symbol, args: list[str]) -> str:
         return "{} ? {} : {}".format(*args)
     if operation in _FUNCTIONS:
         return f"{_FUNCTIONS[operation]}({', '.join(args)})"
-    if symbol.kind == "int" and operation in ("+", "-", "*"):  # signed arithmetic may not wrap around in C
+    if symbol.kind == "int" and operation in (
+        "+",
+        "-",
+        "*",
+    ):  # signed arithmetic may not wrap around in C
         return f"int(unsigned({args[0]}) {operation} unsigned({args[1]}))"
     return f"{args[0]} {operation} {args[1]}"
 
@@ -215,12 +270,18 @@ def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str],
     members = math.gcd(columns * together, 16 // _BYTES[element])
     pieces = columns * together // members
     reads = [f"Several<{element}, {members}> pieces[{pieces}];"]
-    reads += [f"pieces[{p}] = read<{members}>(reinterpret_cast<const {element}*>(action), "
-              f"size_t(group) * {pieces} + {p});" for p in range(pieces)]
-    commands, given = [], " ? 1 : 0" if action == "unsigned char" else ""
+    reads += [
+        f"pieces[{p}] = read<{members}>(reinterpret_cast<const {element}*>(action), "
+        f"size_t(group) * {pieces} + {p});"
+        for p in range(pieces)
+    ]
+    commands = []
+    given = " ? 1 : 0" if action == "unsigned char" else ""
     for thruster in range(thrusters):
         at = f"(k * {columns} + {thruster // 4 if words else thruster})"
         byte = f" & {0xFF << 8 * (thruster % 4)}u" if words else ""
-        commands.append(f"const real command_{thruster} = pieces[{at} / {members}].of[{at} % {members}]"
-                        f"{byte}{given};")
+        commands.append(
+            f"const real command_{thruster} = pieces[{at} / {members}].of[{at} % {members}]"
+            f"{byte}{given};"
+        )
     return reads, commands

@@ -22,7 +22,8 @@ PAD = 8
 """Numbers between the rows of a matrix, so that eight rows meet all banks of shared memory."""
 STATISTICS = 5
 """Sums over samples: those of `rans.fast.learn.ppo.Losses` but the loss."""
-_WIDEST, _MOST_INPUTS = 128, 64
+_WIDEST = 128
+_MOST_INPUTS = 64
 """Gradients of larger weights would not stay in the kernel's registers."""
 
 
@@ -83,9 +84,15 @@ class UpdateDesign:
     def sums(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the gradients, which lie one after the other, before the statistics."""
         first, second = self.widths
-        firsts, seconds = first * self.trunks, second * self.trunks
-        return {"second": (seconds, first), "first": (firsts, self.inputs), "head": (seconds, self.heads),
-                "bias": (seconds,), "constant": (self.heads,)}
+        firsts = first * self.trunks
+        seconds = second * self.trunks
+        return {
+            "second": (seconds, first),
+            "first": (firsts, self.inputs),
+            "head": (seconds, self.heads),
+            "bias": (seconds,),
+            "constant": (self.heads,),
+        }
 
     @property
     def size(self) -> int:
@@ -99,36 +106,59 @@ class UpdateDesign:
 
     def matrices(self, weights: Tensor) -> list[Tensor]:
         """Both layers' (units, inputs), the heads' and what rounding leaves of them, from one row."""
-        first, second, head = self.sums["first"], self.sums["second"], self.sums["head"][::-1]
+        first = self.sums["first"]
+        second = self.sums["second"]
+        head = self.sums["head"][::-1]
         shapes = [first, second, head, head]
         parts = weights.split([rows * (columns + PAD) for rows, columns in shapes])
-        return [part.view(rows, -1)[:, :columns] for part, (rows, columns) in zip(parts, shapes, strict=True)]
+        return [
+            part.view(rows, -1)[:, :columns]
+            for part, (rows, columns) in zip(parts, shapes, strict=True)
+        ]
 
     def places(self, positions: Mapping[str, Tensor], zero: int) -> dict[str, Places]:
         """Of the matrices of `sums`, from the place of every weight by name."""
+
         def one(name: str) -> tuple[Tensor, Tensor]:
             return positions[f"{name}.weight"], positions[f"{name}.bias"]
 
         def beside(layers: Iterable[Tensor], *shape: int) -> tuple[Tensor]:
-            return torch.cat([padded(x, shape, zero) for x in layers]),
+            return (torch.cat([padded(x, shape, zero) for x in layers]),)
 
-        names, (width, features) = ("trunk", "critic")[:self.trunks], self.widths
+        names = ("trunk", "critic")[: self.trunks]
+        (width, features) = self.widths
         first, bias = zip(*(one(f"{EXTRACTOR}{name}.0") for name in names), strict=True)
         second, bias_2 = zip(*(one(f"{EXTRACTOR}{name}.2") for name in names), strict=True)
         wide = [padded(x, (len(x), self.columns), zero) for x in first]
         first = [torch.cat((x, shift[:, None]), dim=1) for x, shift in zip(wide, bias, strict=True)]
         # Of two logits a thruster, their difference counts (`Network._heads`); values are of the last trunk.
-        (action, shift), (value, constant) = one("action_net"), one("value_net")
+        (action, shift) = one("action_net")
+        (value, constant) = one("value_net")
         action = padded(action, (len(action), features * self.trunks), zero)
         value = functional.pad(value, ((self.trunks - 1) * features, 0), value=zero)
         value = padded(value, (1, features * self.trunks), zero)
-        head = torch.cat((action[1::2], value)), torch.cat((action[0::2], torch.full_like(value, zero)))
-        shifts = torch.cat((shift[1::2], constant)), torch.cat((shift[0::2], torch.full_like(constant, zero)))
-        found = {"second": beside(second, features, width), "first": beside(first, width, self.inputs),
-                 "head": tuple(x.T for x in head), "bias": beside(bias_2, features), "constant": shifts}
-        filled = {name: [padded(x, self.sums[name], zero) for x in pair] for name, pair in found.items()}
-        return {name: Places(pair[0], pair[-1] if len(pair) > 1 else torch.full_like(pair[0], zero))
-                for name, pair in filled.items()}
+        head = (
+            torch.cat((action[1::2], value)),
+            torch.cat((action[0::2], torch.full_like(value, zero))),
+        )
+        shifts = (
+            torch.cat((shift[1::2], constant)),
+            torch.cat((shift[0::2], torch.full_like(constant, zero))),
+        )
+        found = {
+            "second": beside(second, features, width),
+            "first": beside(first, width, self.inputs),
+            "head": tuple(x.T for x in head),
+            "bias": beside(bias_2, features),
+            "constant": shifts,
+        }
+        filled = {
+            name: [padded(x, self.sums[name], zero) for x in pair] for name, pair in found.items()
+        }
+        return {
+            name: Places(pair[0], pair[-1] if len(pair) > 1 else torch.full_like(pair[0], zero))
+            for name, pair in filled.items()
+        }
 
 
 class KernelDesign(UpdateDesign):
@@ -139,8 +169,10 @@ class KernelDesign(UpdateDesign):
         if given.privileged:
             raise DoesNotFit("a critic of its own")
         if max(given.layers) > _WIDEST or self.inputs > _MOST_INPUTS:
-            raise DoesNotFit(f"{self.columns} inputs and layers of {given.layers} units; it has for "
-                             f"{_MOST_INPUTS - 1} inputs and two layers of {_WIDEST}")
+            raise DoesNotFit(
+                f"{self.columns} inputs and layers of {given.layers} units; it has for "
+                f"{_MOST_INPUTS - 1} inputs and two layers of {_WIDEST}"
+            )
         if self.used > shared:
             raise DoesNotFit(f"{self.used:,} bytes of shared memory a block; there are {shared:,}")
 
@@ -149,17 +181,34 @@ class KernelDesign(UpdateDesign):
         """Bytes of shared memory of a block."""
         first, second = self.widths
         rows = 16 * WARPS
-        weights = first * (self.inputs + PAD) + second * (first + PAD) + 2 * self.heads * (second + PAD)
+        weights = (
+            first * (self.inputs + PAD) + second * (first + PAD) + 2 * self.heads * (second + PAD)
+        )
         exchanged = rows * (self.inputs + 2 * first + 2 * second + self.heads + 6 * PAD)
         return 2 * (weights + exchanged) + 4 * (second + self.heads)
 
     def source(self) -> str:
         """CUDA C++ of the kernel ``gradient``, see ``update.cuh``."""
         first, second = self.widths
-        numbers = {"INPUTS": self.inputs, "FIRST": first, "SECOND": second, "HEADS": self.heads,
-                   "THRUSTERS": self.given.thrusters, "WARPS": WARPS, "PAD": PAD, "SUMS": self.size}
-        texts = [files("rans.fast.kernels").joinpath(name).read_text()
-                 for name in ("functions.cuh", "warp.cuh", "policy.cuh", "losses.cuh", "update.cuh")]
-        return "\n".join((*texts[:3], f"typedef {self.given.activation.capitalize()} Activation;",
-                          *(f"constexpr int {name} = {number};" for name, number in numbers.items()),
-                          *texts[3:]))
+        numbers = {
+            "INPUTS": self.inputs,
+            "FIRST": first,
+            "SECOND": second,
+            "HEADS": self.heads,
+            "THRUSTERS": self.given.thrusters,
+            "WARPS": WARPS,
+            "PAD": PAD,
+            "SUMS": self.size,
+        }
+        texts = [
+            files("rans.fast.kernels").joinpath(name).read_text()
+            for name in ("functions.cuh", "warp.cuh", "policy.cuh", "losses.cuh", "update.cuh")
+        ]
+        return "\n".join(
+            (
+                *texts[:3],
+                f"typedef {self.given.activation.capitalize()} Activation;",
+                *(f"constexpr int {name} = {number};" for name, number in numbers.items()),
+                *texts[3:],
+            )
+        )

@@ -9,7 +9,9 @@ from rans.fast.distributed import Processes
 from rans.fast.learn.graph import fused
 from rans.fast.learn.network import Network
 
-_KEEP, _KEEP_SQUARE, EPSILON = 0.9, 0.999, 1e-5
+_KEEP = 0.9
+_KEEP_SQUARE = 0.999
+EPSILON = 1e-5
 """torch's decays; the last as Andrychowicz et al. (2021) and most implementations of PPO have it."""
 _PIECE = 32
 """Weights begin at multiples of so many numbers, as fast products of matrices want them."""
@@ -23,19 +25,28 @@ class Adam:
 
     def __init__(self, network: Network, rate: Tensor) -> None:
         tensors = {name: network.tensors[name] for name in network.learnt}
-        members, lead = network.members, () if network.members == 1 else (network.members,)
-        self.rate, starts, end = rate.clone(), [], 0
+        members = network.members
+        lead = () if network.members == 1 else (network.members,)
+        self.rate = rate.clone()
+        starts = []
+        end = 0
         for value in tensors.values():
             starts.append(end)
             end += -(-value.numel() // members // _PIECE) * _PIECE
         self.row, self.gradient, self._first, self._second = (
-            rate.new_zeros(members, end) for _ in range(4))
+            rate.new_zeros(members, end) for _ in range(4)
+        )
 
         def views(row: Tensor) -> list[Tensor]:
-            return [row[:, start:start + value.numel() // members].view(*lead, *value.shape[len(lead):])
-                    for start, value in zip(starts, tensors.values(), strict=True)]
+            return [
+                row[:, start : start + value.numel() // members].view(
+                    *lead, *value.shape[len(lead) :]
+                )
+                for start, value in zip(starts, tensors.values(), strict=True)
+            ]
 
-        weights, self._gradients = views(self.row), views(self.gradient)
+        weights = views(self.row)
+        self._gradients = views(self.gradient)
         self.moments = views(self._first), views(self._second)
         for weight, value in zip(weights, tensors.values(), strict=True):
             weight.copy_(value)
@@ -53,12 +64,24 @@ class Adam:
             if loss.requires_grad:
                 gradients = torch.autograd.grad(loss, self._leaves)
                 torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
-            return self._step(self.row, world.average(self.gradient), self._first, self._second,
-                              self.steps, self.rate, max_norm)
+            return self._step(
+                self.row,
+                world.average(self.gradient),
+                self._first,
+                self._second,
+                self.steps,
+                self.rate,
+                max_norm,
+            )
 
     def state(self) -> dict[str, Tensor]:
         """Everything needed to go on."""
-        return {"first": self._first, "second": self._second, "steps": self.steps, "rate": self.rate}
+        return {
+            "first": self._first,
+            "second": self._second,
+            "steps": self.steps,
+            "rate": self.rate,
+        }
 
     def load(self, saved: dict[str, Tensor]) -> None:
         """Go on from what `state` gave."""
@@ -67,10 +90,19 @@ class Adam:
 
 
 @torch.no_grad()
-def _step(row: Tensor, gradient: Tensor, first: Tensor, second: Tensor, steps: Tensor, rate: Tensor,
-          max_norm: Tensor) -> Tensor:
+def _step(
+    row: Tensor,
+    gradient: Tensor,
+    first: Tensor,
+    second: Tensor,
+    steps: Tensor,
+    rate: Tensor,
+    max_norm: Tensor,
+) -> Tensor:
     norm = gradient.norm(dim=1)
-    gradient = gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)[:, None]  # torch.nn.utils.clip_grad_norm_
+    gradient = (
+        gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)[:, None]
+    )  # torch.nn.utils.clip_grad_norm_
     steps += 1
     first.lerp_(gradient, 1 - _KEEP)
     second.mul_(_KEEP_SQUARE).addcmul_(gradient, gradient, value=1 - _KEEP_SQUARE)

@@ -20,7 +20,17 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
 from rans.model.fields import Field
 from rans.tasks.derived import example
-from rans.tasks.sight import Block, Columns, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
+from rans.tasks.sight import (
+    Block,
+    Columns,
+    Drawn,
+    Layout,
+    OwnAttitude,
+    Scalar,
+    Spin,
+    Turn,
+    VectorInW,
+)
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 EXTRACTOR = "features_extractor."
@@ -35,8 +45,16 @@ def paper_layout(width: int) -> Layout:
     axes, spins, turn = (2, 1, 2) if width == 10 else (3, 3, 6)
     twist = (Block(Spin, spins), *(Block(Scalar, 1),) * (turn - spins))
     choices = (*((float(flag), (Block(Turn, turn),)) for flag in (0, 1, 2, 4)), (3.0, twist))
-    return Layout((Block(OwnAttitude, turn), Block(VectorInW, axes), Block(Spin, spins), Block(Scalar, 1),
-                   Block(VectorInW, axes), Block(Drawn, turn, choices)))
+    return Layout(
+        (
+            Block(OwnAttitude, turn),
+            Block(VectorInW, axes),
+            Block(Spin, spins),
+            Block(Scalar, 1),
+            Block(VectorInW, axes),
+            Block(Drawn, turn, choices),
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,30 +100,47 @@ class Architecture:
     @classmethod
     def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
         """Of a network with these settings for an engine's task and spacecraft."""
-        craft, has_history = engine.craft, settings.memory in ("history", "commands")
+        craft = engine.craft
+        has_history = settings.memory in ("history", "commands")
         return cls(
-            layout=engine.layout, thrusters=len(craft.thrusters), layers=tuple(settings.layers),
-            activation=settings.activation, zoom=settings.zoom,
+            layout=engine.layout,
+            thrusters=len(craft.thrusters),
+            layers=tuple(settings.layers),
+            activation=settings.activation,
+            zoom=settings.zoom,
             symmetries=symmetries(craft) if settings.symmetric else None,
-            bf16=settings.matmul == "bf16", continuous=craft.actuators.is_continuous,
-            history=settings.history if has_history else 0, commands_only=settings.memory == "commands",
+            bf16=settings.matmul == "bf16",
+            continuous=craft.actuators.is_continuous,
+            history=settings.history if has_history else 0,
+            commands_only=settings.memory == "commands",
             averages=tuple(settings.averages) if has_history else (),
-            filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters,
-                               settings.filtered_steady, settings.filtered_response,
-                               settings.filtered_gate)
-            if settings.filters else None,
+            filters=Filters.of(
+                craft,
+                engine.task,
+                engine.timing.control_period,
+                settings.filters,
+                settings.filtered_steady,
+                settings.filtered_response,
+                settings.filtered_gate,
+            )
+            if settings.filters
+            else None,
             units=settings.recurrent_units if settings.memory == "recurrent" else 0,
             privileged=engine.known.width if settings.privileged_critic else 0,
             nominal=engine.known.nominal if settings.privileged_critic else (),
-            bounds=example(engine.task, craft.dimension).bounds())
+            bounds=example(engine.task, craft.dimension).bounds(),
+        )
 
     def check_width(self, who: str, observation: np.ndarray) -> None:
         """Refuse (`ConfigError`) observations (..., width) of another width than the network's."""
-        width, given = self.layout.width, np.shape(observation)
+        width = self.layout.width
+        given = np.shape(observation)
         if given[-1:] != (width,):
             shown = given[-1] if given else "one"
-            raise ConfigError(f"{who} observes {width} numbers, but was shown {shown}: it was trained "
-                              "for another task or for the other dimension.")
+            raise ConfigError(
+                f"{who} observes {width} numbers, but was shown {shown}: it was trained "
+                "for another task or for the other dimension."
+            )
 
     @property
     def seen(self) -> int:
@@ -178,10 +213,17 @@ class Architecture:
         Args:
             row: columns of a reading in B, then what filters remember.
         """
-        body, read, memory = self.layout.body, row[:self.seen], row[self.seen:]
+        body = self.layout.body
+        read = row[: self.seen]
+        memory = row[self.seen :]
         screened = self._screened(read, memory).columns
-        return [(body, screened), *((one.shown(body), one.estimate(body, screened, mine))
-                                    for one, mine in self._remembering(memory))]
+        return [
+            (body, screened),
+            *(
+                (one.shown(body), one.estimate(body, screened, mine))
+                for one, mine in self._remembering(memory)
+            ),
+        ]
 
     def expected(self, row: Columns) -> list[Field]:
         """What filters remember from now on.
@@ -190,11 +232,14 @@ class Architecture:
             row: columns of a reading in B, what filters remember, and the command that was given.
         """
         body = self.layout.body
-        read, memory, command = (row[a:b] for a, b in pairwise(
-            (0, self.seen, self.seen + self.filtering, None)))
+        read, memory, command = (
+            row[a:b] for a, b in pairwise((0, self.seen, self.seen + self.filtering, None))
+        )
         found = self._screened(read, memory)
         remembered = list(self._remembering(memory))
-        after = [x for one, mine in remembered for x in one.expected(body, found.columns, mine, command)]
+        after = [
+            x for one, mine in remembered for x in one.expected(body, found.columns, mine, command)
+        ]
         if not self._gated:
             return after
         one, mine = remembered[-1]
@@ -218,7 +263,7 @@ class Architecture:
     def _screen(self, memory: Columns) -> screen.Memory:
         """What the screen remembers, which is last in the memory."""
         body = self.layout.body
-        return screen.Memory.of(body, memory[-screen.Memory.width(body):])
+        return screen.Memory.of(body, memory[-screen.Memory.width(body) :])
 
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
@@ -226,22 +271,36 @@ class Architecture:
         if self.units:
             made["core"] = nn.GRUCell(self.layers[-1], self.units)
         if self.privileged:
-            made["critic"] = self._layers(self.inputs + self.privileged, (*self.layers[:-1], self.features))
+            made["critic"] = self._layers(
+                self.inputs + self.privileged, (*self.layers[:-1], self.features)
+            )
         return made
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
-        return nn.Sequential(*(module for i, o in pairwise((width, *layers))
-                               for module in (nn.Linear(i, o), ACTIVATIONS[self.activation]())))
+        return nn.Sequential(
+            *(
+                module
+                for i, o in pairwise((width, *layers))
+                for module in (nn.Linear(i, o), ACTIVATIONS[self.activation]())
+            )
+        )
 
     def statistics(self) -> dict[str, Tensor]:
         """Those of observations before any was made."""
-        return {"mean": torch.zeros(self.seen), "variance": torch.ones(self.seen), "count": torch.zeros(())}
+        return {
+            "mean": torch.zeros(self.seen),
+            "variance": torch.ones(self.seen),
+            "count": torch.zeros(()),
+        }
 
     def _parts(self) -> dict[str, nn.Module]:
         """Everything that is learnt, by how its names begin, in the order of SB3."""
         rows = self.thrusters if self.continuous else 2 * self.thrusters
-        return {EXTRACTOR: nn.ModuleDict(self.modules()), "action_net.": nn.Linear(self.features, rows),
-                "value_net.": nn.Linear(self.features, 1)}
+        return {
+            EXTRACTOR: nn.ModuleDict(self.modules()),
+            "action_net.": nn.Linear(self.features, rows),
+            "value_net.": nn.Linear(self.features, 1),
+        }
 
     def shapes(self) -> dict[str, torch.Size]:
         """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""

@@ -24,7 +24,8 @@ Precision = Literal["float32", "tf32", "bf16"]
 Activation = Literal["tanh", "elu", "relu"]
 Memory = Literal["none", "history", "commands", "recurrent"]
 
-MOST_LAYERS, MOST_UNITS = 32, 65_536
+MOST_LAYERS = 32
+MOST_UNITS = 65_536
 """A hundred times what any agent here has: more is a slip, and fills the memory."""
 
 
@@ -113,54 +114,99 @@ class PPOSettings:
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
         _require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
-        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "recurrent_units")
+        _require(
+            self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "recurrent_units"
+        )
         _require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
-        _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
-                 "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
-        _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf,
-                 "ent_coef", "vf_coef", "zoom")
-        _require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or 1e-6 <= x <= 1e6, "filtered_gate")
+        _require(
+            self,
+            "finite and > 0",
+            lambda x: 0 < x < math.inf,
+            "learning_rate",
+            "max_learning_rate",
+            "clip_range",
+            "max_grad_norm",
+            "reward_scale",
+        )
+        _require(
+            self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
+        )
+        _require(
+            self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or 1e-6 <= x <= 1e6, "filtered_gate"
+        )
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
-        _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
-        _require(self, "numbers between 0 and 1",
-                 lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x), "averages")
-        _require(self, "numbers >= 1e-6 and <= 1e6",
-                 lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x), "filters")
-        _require(self, "numbers >= 1e-6 and <= 1e6, or 0",
-                 lambda x: isinstance(x, tuple | list) and all(one == 0 or 1e-6 <= one <= 1e6 for one in x),
-                 "filtered_steady", "filtered_response")
+        _require(
+            self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
+        )
+        _require(
+            self,
+            "numbers between 0 and 1",
+            lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x),
+            "averages",
+        )
+        _require(
+            self,
+            "numbers >= 1e-6 and <= 1e6",
+            lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x),
+            "filters",
+        )
+        _require(
+            self,
+            "numbers >= 1e-6 and <= 1e6, or 0",
+            lambda x: (
+                isinstance(x, tuple | list) and all(one == 0 or 1e-6 <= one <= 1e6 for one in x)
+            ),
+            "filtered_steady",
+            "filtered_response",
+        )
         for name, kind in (("activation", Activation), ("matmul", Precision), ("memory", Memory)):
             known = get_args(kind)
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
-        _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
-                 lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
+        _require(
+            self,
+            f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
+            lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
+            "layers",
+        )
         self._check_memory()
 
     def _check_memory(self) -> None:
         """Whether what is remembered and filtered goes together."""
         recalls = self.memory in ("history", "commands")
         if self.averages and not recalls:
-            raise ConfigError("averages are of a history, so that memory must be 'history' or 'commands', "
-                              f"got {self.memory!r}.")
+            raise ConfigError(
+                "averages are of a history, so that memory must be 'history' or 'commands', "
+                f"got {self.memory!r}."
+            )
         if recalls and not (self.history or self.averages):
-            raise ConfigError(f"memory {self.memory!r} with history 0 and no averages remembers nothing: "
-                              "give history 1 or more, averages, or memory 'none'.")
+            raise ConfigError(
+                f"memory {self.memory!r} with history 0 and no averages remembers nothing: "
+                "give history 1 or more, averages, or memory 'none'."
+            )
         count = len(self.filters)
         for name, given in (("steady", self.filtered_steady), ("response", self.filtered_response)):
             if given and len(given) != count:
-                raise ConfigError(f"filtered_{name} has {len(given)} numbers, of {count} filters: give one "
-                                  "of each.")
+                raise ConfigError(
+                    f"filtered_{name} has {len(given)} numbers, of {count} filters: give one "
+                    "of each."
+                )
         if self.filtered_gate and not self.filters:
-            raise ConfigError(f"filtered_gate is {self.filtered_gate:g}, but there are no filters whose "
-                              "readings it could screen: give filters too, or a gate of 0.")
+            raise ConfigError(
+                f"filtered_gate is {self.filtered_gate:g}, but there are no filters whose "
+                "readings it could screen: give filters too, or a gate of 0."
+            )
         if self.filters and self.memory == "recurrent":
-            raise ConfigError("filters stand beside a history or nothing, not beside memory 'recurrent', "
-                              "which is all that such a network remembers.")
+            raise ConfigError(
+                "filters stand beside a history or nothing, not beside memory 'recurrent', "
+                "which is all that such a network remembers."
+            )
         if self.memory == "recurrent" and self.symmetric:
-            raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
-                              "from one side of the spacecraft, and the next step may be from another.")
+            raise ConfigError(
+                "memory 'recurrent' needs symmetric to be false: what is remembered was seen "
+                "from one side of the spacecraft, and the next step may be from another."
+            )
 
 
 class Coefficients(NamedTuple):
@@ -182,7 +228,12 @@ class Coefficients(NamedTuple):
     def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
         """Those of these members, in the dtype and on the device of another tensor."""
         table = ([getattr(one, name) for one in settings] for name in cls._fields)
-        return cls(*(like.new_tensor([float("nan") if x is None else x for x in column]) for column in table))
+        return cls(
+            *(
+                like.new_tensor([float("nan") if x is None else x for x in column])
+                for column in table
+            )
+        )
 
 
 def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
@@ -254,9 +305,16 @@ class TrainConfig:
     def __post_init__(self) -> None:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
         _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
-        _require(self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps")
-        _require(self, "a whole number >= 1 and < 2^63", lambda x: isinstance(x, int) and 1 <= x < 2**63,
-                 "total_timesteps", "report_interval")
+        _require(
+            self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
+        )
+        _require(
+            self,
+            "a whole number >= 1 and < 2^63",
+            lambda x: isinstance(x, int) and 1 <= x < 2**63,
+            "total_timesteps",
+            "report_interval",
+        )
         _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
         check_ramps(self.settings, self.curriculum)
@@ -270,6 +328,6 @@ def to_table(config: TrainConfig) -> dict[str, Any]:
 def from_table(table: dict[str, Any]) -> TrainConfig:
     """The config that `to_table` gave, with what the user changed in it; ConfigError where that is wrong."""
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
-        raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
+        raise ConfigError('a training config must name its task: {"task": "go-to-pose", ...}.')
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     return structure(table | {"settings": settings}, TrainConfig, "config")

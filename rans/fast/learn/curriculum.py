@@ -35,13 +35,19 @@ class Ramp:
 
     def __post_init__(self) -> None:
         if self.duration < 1 or self.begin < 0:
-            raise ConfigError(f"the ramp of {self.setting} must have a duration >= 1 and a begin >= 0, got "
-                              f"{self.duration} and {self.begin} steps.")
+            raise ConfigError(
+                f"the ramp of {self.setting} must have a duration >= 1 and a begin >= 0, got "
+                f"{self.duration} and {self.begin} steps."
+            )
         if self.shape not in ("linear", "sigmoid", "geometric"):
-            raise ConfigError(f"the shape of {self.setting}'s ramp must be linear, sigmoid or geometric, got "
-                              f"{self.shape!r}.")
+            raise ConfigError(
+                f"the shape of {self.setting}'s ramp must be linear, sigmoid or geometric, got "
+                f"{self.shape!r}."
+            )
         if self.shape == "geometric" and not min(_numbers(self.start)) > 0:
-            raise ConfigError(f"the geometric ramp of {self.setting} must start above 0, got {self.start!r}.")
+            raise ConfigError(
+                f"the geometric ramp of {self.setting} must start above 0, got {self.start!r}."
+            )
 
     def share(self, steps: int) -> float:
         """Part of the way done after so many environment steps, 0 to 1.
@@ -58,7 +64,11 @@ class Ramp:
         """The setting's one or two numbers after so many environment steps."""
         share = self.share(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
-            yield low * (high / low) ** share if self.shape == "geometric" else low + (high - low) * share
+            yield (
+                low * (high / low) ** share
+                if self.shape == "geometric"
+                else low + (high - low) * share
+            )
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
@@ -71,24 +81,35 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
     for ramp in ramps:
         name = ramp.setting
         if name not in known:
-            raise ConfigError(f"the task has no setting {name!r} to ramp; known are {', '.join(known)}.")
+            raise ConfigError(
+                f"the task has no setting {name!r} to ramp; known are {', '.join(known)}."
+            )
         if sum(other.setting == name for other in ramps) > 1:
             raise ConfigError(f"{name} has more than one ramp; give it one.")
         if ramp.shape == "geometric" and not min(_numbers(known[name])) > 0:
-            raise ConfigError(f"the geometric ramp of {name} must end above 0, got {known[name]!r}; take a "
-                              "linear one.")
+            raise ConfigError(
+                f"the geometric ramp of {name} must end above 0, got {known[name]!r}; take a "
+                "linear one."
+            )
         if len(_numbers(ramp.start)) != len(_numbers(known[name])):
-            raise ConfigError(f"the ramp of {name} must start at something like {known[name]!r}, got "
-                              f"{ramp.start!r}.")
-    for steps in sorted({time for ramp in ramps for time in (ramp.begin, ramp.begin + ramp.duration)}):
+            raise ConfigError(
+                f"the ramp of {name} must start at something like {known[name]!r}, got "
+                f"{ramp.start!r}."
+            )
+    for steps in sorted(
+        {time for ramp in ramps for time in (ramp.begin, ramp.begin + ramp.duration)}
+    ):
         task_at(task, ramps, steps)
 
 
 def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
     """The task after so many environment steps."""
-    ends, moved = _numbers_of(task), dict[str, float]()
+    ends = _numbers_of(task)
+    moved = dict[str, float]()
     for ramp in ramps:
-        moved |= zip(_places(ramp.setting, ends), ramp.values(ends[ramp.setting], steps), strict=True)
+        moved |= zip(
+            _places(ramp.setting, ends), ramp.values(ends[ramp.setting], steps), strict=True
+        )
     return map_settings(lambda name, number: moved.get(name, number), task, checked=True)
 
 
@@ -102,14 +123,23 @@ class Curriculum:
     ``each`` environments. The dtype is that of the engine's fields, NumPy's or torch's.
     """
 
-    def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,
-                 each: int = 1) -> None:
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        ramps: Sequence[Ramp],
+        dtype: Any,
+        device: Any = None,
+        each: int = 1,
+    ) -> None:
         self._moving: list[tuple[Ramp, list[Range], list[Any]]] = []
-        memory, ends = dict[str, Any](), [_numbers_of(task) for task in tasks]
+        memory = dict[str, Any]()
+        ends = [_numbers_of(task) for task in tasks]
         for ramp in ramps:
             own = [end[ramp.setting] for end in ends]
-            numbers = [_memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
-                       for column in _columns(ramp, own, 0)]
+            numbers = [
+                _memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
+                for column in _columns(ramp, own, 0)
+            ]
             self._moving.append((ramp, own, numbers))
             memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
 

@@ -38,9 +38,12 @@ class FailedStarts:
     """
 
     def __init__(self, configs: Sequence[TrainConfig], engine: Engine, learner: Learner) -> None:
-        self._configs, self._engine, self._learner = configs, engine, learner
+        self._configs = configs
+        self._engine = engine
+        self._learner = learner
         self._given = first = configs[0].failures
-        self._looks, self._starts = 0, [list[Tensor]() for _ in configs]
+        self._looks = 0
+        self._starts = [list[Tensor]() for _ in configs]
         self._generator = torch.Generator().manual_seed(configs[0].seed)
         self.found: list[dict[str, float]] = [{} for _ in configs]
         """For the log, what the last look found about each member."""
@@ -65,10 +68,12 @@ class FailedStarts:
                 self._put(rows, starts)
 
     def _put(self, rows: Tensor, starts: Sequence[Tensor]) -> None:
-        engine, memory = self._engine, self._learner.rollout.memory
+        engine = self._engine
+        memory = self._learner.rollout.memory
         world = engine.processes
-        chosen = world.mine(torch.randint(len(starts[0]), (len(rows) * world.size,),
-                                          generator=self._generator)).to(engine.device)
+        chosen = world.mine(
+            torch.randint(len(starts[0]), (len(rows) * world.size,), generator=self._generator)
+        ).to(engine.device)
         rows = rows.to(engine.device)
         begin_as(engine.episode, engine.timing, rows, [column[chosen] for column in starts])
         if memory is not None:
@@ -82,36 +87,53 @@ class FailedStarts:
 
     def _look(self) -> None:
         """Fly every member, and keep where those flights went that failed."""
-        network, first, count = self._learner.network, self._looks * self._given.flights, self._given.flights
+        network = self._learner.network
+        first = self._looks * self._given.flights
+        count = self._given.flights
         for number, config in enumerate(self._configs):
-            setup = Setup(self._engine.craft, config.settings.for_evaluation(), config.timing,
-                          config.conditions.or_none)
+            setup = Setup(
+                self._engine.craft,
+                config.settings.for_evaluation(),
+                config.timing,
+                config.conditions.or_none,
+            )
             alone = Network(network.architecture, network.member(number))
             flights = Flights(alone, setup, self._engine.device, listed=_FOLLOWED)
             verdicts = flights.fly(first, count, FAILURES_SEED)
             self.found[number] = {"failures/share": verdicts.failed / count}
             if len(verdicts.numbers):
-                new, old = self._followed(flights, verdicts.numbers), self._starts[number]
-                self._starts[number] = [torch.cat(pair)[:_KEPT] for pair in zip(new, old, strict=True)
-                                        ] if old else new
+                new = self._followed(flights, verdicts.numbers)
+                old = self._starts[number]
+                self._starts[number] = (
+                    [torch.cat(pair)[:_KEPT] for pair in zip(new, old, strict=True)] if old else new
+                )
         self._looks += 1
 
     def _followed(self, flights: Flights, numbers: np.ndarray) -> list[Tensor]:
         """Episodes as `begin_as` takes them, of every step of these flights that the task goes on after."""
-        engine, stands = self._engine, list[list[Tensor]]()
+        engine = self._engine
+        stands = list[list[Tensor]]()
         going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
         with np.errstate(all="ignore"):
-            for episode, outcome in flights.steps(seed_words(FAILURES_SEED), numbers.astype(np.int32)):
+            for episode, outcome in flights.steps(
+                seed_words(FAILURES_SEED), numbers.astype(np.int32)
+            ):
                 stands.append([column[going] for column in varying(episode, engine.episode)])
                 going &= ~torch.as_tensor(outcome.terminated)
         return [torch.cat(column) for column in zip(*stands, strict=True)]
 
     def state(self) -> dict[str, Any]:
         """Everything needed to go on."""
-        return {"looks": self._looks, "starts": self._starts, "generator": self._generator.get_state(),
-                "found": self.found}
+        return {
+            "looks": self._looks,
+            "starts": self._starts,
+            "generator": self._generator.get_state(),
+            "found": self.found,
+        }
 
     def load(self, saved: dict[str, Any]) -> None:
         """Go on from what `state` gave."""
-        self._looks, self._starts, self.found = saved["looks"], saved["starts"], saved["found"]
+        self._looks = saved["looks"]
+        self._starts = saved["starts"]
+        self.found = saved["found"]
         self._generator.set_state(saved["generator"].cpu())

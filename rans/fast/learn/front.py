@@ -42,20 +42,24 @@ class PPO:
         ConfigError: the environment is of another kind, or a setting is unknown or out of its range.
     """
 
-    def __init__(self, env: Engine | SB3VecEnv, *, seed: int = 0, threads: int | None = 1,
-                 **settings: Any) -> None:
+    def __init__(
+        self, env: Engine | SB3VecEnv, *, seed: int = 0, threads: int | None = 1, **settings: Any
+    ) -> None:
         self.engine = _engine_of(env)
         if threads is not None:
             torch.set_num_threads(whole("threads", threads))
         if unknown := settings.keys() - _KNOWN:
             said = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
-            raise ConfigError(f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
-                              "are known, except n_envs, which the engine decides.")
+            raise ConfigError(
+                f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
+                "are known, except n_envs, which the engine decides."
+            )
         count = self.engine.num_envs * self.engine.processes.size
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
         quarter = rollout // 4 if count % 4 == 0 else rollout
         self.settings = PPOSettings(**{"n_envs": count, "batch_size": quarter} | settings)
-        self.learner, self.num_timesteps = begin(self.engine, [self.settings], [seed]), 0
+        self.learner = begin(self.engine, [self.settings], [seed])
+        self.num_timesteps = 0
         self.network = self.learner.network
         """Actor and critic."""
         self.log: dict[str, float] = {}
@@ -71,20 +75,27 @@ class PPO:
         where a value became NaN or infinite, ConfigError where ``total_timesteps`` is no number.
         """
         if not fits(total_timesteps, lambda x: x >= 0):
-            raise ConfigError(f"total_timesteps must be a number >= 0, got {brief(total_timesteps)}.")
-        begun, rollout = self.num_timesteps, self.settings.n_envs * self.settings.n_steps
+            raise ConfigError(
+                f"total_timesteps must be a number >= 0, got {brief(total_timesteps)}."
+            )
+        begun = self.num_timesteps
+        rollout = self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
             self.learner.collect()
-            said, = self.learner.update().tolist()
+            (said,) = self.learner.update().tolist()
             self.num_timesteps += rollout
             self.log = statistics(said, self.engine, self.num_timesteps, rollout)
             report(self)
         return self
 
-    def predict(self, observation: np.ndarray, state: tuple[np.ndarray, ...] | None = None,
-                episode_start: np.ndarray | None = None,
-                deterministic: bool = True) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
         """Commands (N, thrusters) for observations (N, width), and the network's memory; as SB3's."""
         return predict(self.network, observation, state, episode_start, deterministic)
 
@@ -100,27 +111,36 @@ class PPO:
         the file is damaged, or not for this engine.
         """
         engine = _engine_of(env)
-        saved, count = read_policy(Path(file), engine.craft, engine.task), engine.num_envs
+        saved = read_policy(Path(file), engine.craft, engine.task)
+        count = engine.num_envs
         kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
             kept.pop("batch_size", None)
         # An older file's settings do not say what its network is.
         given = saved.network.architecture
-        network = {"layers": given.layers, "activation": given.activation, "zoom": given.zoom,
-                   "symmetric": given.symmetries is not None}
+        network = {
+            "layers": given.layers,
+            "activation": given.activation,
+            "zoom": given.zoom,
+            "symmetric": given.symmetries is not None,
+        }
         model = cls(env, **kept | network | settings)
         model.num_timesteps = saved.steps
         try:
             adopt(model.learner, saved)
         except (RuntimeError, KeyError) as error:
-            raise ConfigError(f"{file} is not an agent for {model.engine.craft.name} with these settings: "
-                              f"{' '.join(str(error).split())}.") from error
+            raise ConfigError(
+                f"{file} is not an agent for {model.engine.craft.name} with these settings: "
+                f"{' '.join(str(error).split())}."
+            ) from error
         return model
 
 
 def _engine_of(env: Any) -> Engine:
     engine = env.engine if isinstance(env, SB3VecEnv) else env
     if not isinstance(engine, Engine):
-        raise ConfigError(f"rans.PPO trains on a rans.Engine or the rans.SB3VecEnv around it, got "
-                          f"{type(env).__name__}; use stable_baselines3.PPO for other environments.")
+        raise ConfigError(
+            f"rans.PPO trains on a rans.Engine or the rans.SB3VecEnv around it, got "
+            f"{type(env).__name__}; use stable_baselines3.PPO for other environments."
+        )
     return engine

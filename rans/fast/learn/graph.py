@@ -24,7 +24,8 @@ def as_written() -> Iterator[None]:
     A training of seconds is over before torch's compilers are imported (docs/speed.md).
     """
     global _compiles
-    before, _compiles = _compiles, False
+    before = _compiles
+    _compiles = False
     try:
         yield
     finally:
@@ -63,12 +64,16 @@ class _Graphed:
     """The first calls compile or load kernels, which a graph cannot record; they count as real calls."""
 
     def __init__(self, function: Callable[[], Tensor]) -> None:
-        self._function, self._calls, self._compiles = function, 0, _compiles
+        self._function = function
+        self._calls = 0
+        self._compiles = _compiles
         self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
 
     def __call__(self) -> Tensor:
         if self._compiles != _compiles:  # what was recorded are other kernels
-            self._calls, self._recorded, self._compiles = 0, None, _compiles
+            self._calls = 0
+            self._recorded = None
+            self._compiles = _compiles
         if self._recorded is None and self._calls < calls_until_recorded():
             self._calls += 1
             return self._on_side_stream()

@@ -37,7 +37,9 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     """Those of these names, told the config of a run folder; ConfigError where one cannot begin."""
     made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
     plain = (bool, int, float, str)  # lists become texts
-    settings = {name: x if isinstance(x, plain) else str(x) for name, x in entries(to_table(config))}
+    settings = {
+        name: x if isinstance(x, plain) else str(x) for name, x in entries(to_table(config))
+    }
     found: list[Logger] = []
     for name in dict.fromkeys(names):
         try:
@@ -60,15 +62,19 @@ class _Hparams:
         from stable_baselines3.common.logger import HParam, TensorBoardOutputFormat
 
         events = TensorBoardOutputFormat(self._folder)
-        events.write({"hparams": HParam(self._settings, self._last or {"evaluation/success": 0.0})},
-                     {"hparams": ()})
+        events.write(
+            {"hparams": HParam(self._settings, self._last or {"evaluation/success": 0.0})},
+            {"hparams": ()},
+        )
         events.close()
 
 
 class _WandB:
     def __init__(self, settings: dict[str, Any], run: Path) -> None:
         inside(run, "wandb")  # where it writes; links among its own files it makes itself
-        self._run = _library("wandb").init(project="rans", name=run.name, config=settings, dir=str(run))
+        self._run = _library("wandb").init(
+            project="rans", name=run.name, config=settings, dir=str(run)
+        )
 
     def write(self, row: dict[str, Any]) -> None:
         self._run.log(row, step=row["steps"])
@@ -95,5 +101,6 @@ def _library(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise ConfigError(f"--log {name} needs the package {name} ({first_line(error)}): pip install {name}."
-                          ) from error
+        raise ConfigError(
+            f"--log {name} needs the package {name} ({first_line(error)}): pip install {name}."
+        ) from error

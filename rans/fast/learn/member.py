@@ -31,8 +31,10 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
         check_sizes(engine, one, len(settings))
     given = Architecture.of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
-    tables, generators = zip(*(given.initial(seed, one.initial_duty)
-                               for seed, one in zip(seeds, settings, strict=True)), strict=True)
+    tables, generators = zip(
+        *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
+        strict=True,
+    )
     network = Network.stacked(given, tables, engine.device, engine.dtype)
     engine.stagger(*generators)
     if engine.device.type == "cuda":
@@ -42,24 +44,34 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
     """Refuse, with a ConfigError, rollouts and minibatches that cannot be cut as the settings say."""
-    steps, batch, processes = settings.n_steps, settings.batch_size, engine.processes
+    steps = settings.n_steps
+    batch = settings.batch_size
+    processes = engine.processes
     if steps > engine.timing.episode_steps:
-        raise ConfigError(f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
-                          f"{steps}: an episode may be cut off once a rollout at most.")
+        raise ConfigError(
+            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
+            f"{steps}: an episode may be cut off once a rollout at most."
+        )
     if engine.num_envs * processes.size != settings.n_envs * members:
-        raise ConfigError(f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
-                          f"environments a member, got {settings.n_envs}.")
+        raise ConfigError(
+            f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
+            f"environments a member, got {settings.n_envs}."
+        )
     samples = settings.n_envs * steps
     if batch % steps or samples % batch:
-        raise ConfigError(f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x "
-                          f"environments = {samples}, got {batch}.")
+        raise ConfigError(
+            f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x "
+            f"environments = {samples}, got {batch}."
+        )
     processes.share("batch_size", batch // steps)
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
     """Let a GPU multiply matrices of float32 with this `Precision`, or a ConfigError; process-wide."""
     if matmul not in get_args(Precision):
-        raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
+        raise ConfigError(
+            f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}."
+        )
     if device.type == "cuda":
         torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")
 
@@ -100,8 +112,9 @@ class Member:
             self.in_a_row = self.in_a_row + 1 if found else 0
 
 
-def statistics(numbers: Sequence[float], engine: Engine, steps: int, rollout: int,
-               goes_on: bool = False) -> dict[str, float]:
+def statistics(
+    numbers: Sequence[float], engine: Engine, steps: int, rollout: int, goes_on: bool = False
+) -> dict[str, float]:
     """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
 
     Length and return of an episode are those of the whole rollout, of so many steps, for each episode that
@@ -110,15 +123,22 @@ def statistics(numbers: Sequence[float], engine: Engine, steps: int, rollout: in
     NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
-    rate, truncated, ended, reached, *terms = numbers[len(STATISTICS):]
+    rate, truncated, ended, reached, *terms = numbers[len(STATISTICS) :]
     if not goes_on and not all(map(isfinite, numbers)):
         raise NonFiniteState(
             f"training produced a value that is not finite after {steps} steps "
-            f"(losses {losses}); the usual cause is a learning rate or a reward that is too large.")
-    table = {f"train/{name}": value for name, value in losses.items()} | {"train/learning_rate": rate}
+            f"(losses {losses}); the usual cause is a learning rate or a reward that is too large."
+        )
+    table = {f"train/{name}": value for name, value in losses.items()} | {
+        "train/learning_rate": rate
+    }
     if ended:
         length = rollout / engine.processes.size / ended
-        table |= {"rollout/ep_rew_mean": sum(terms) * length, "rollout/ep_len_mean": length,
-                  "rollout/success_rate": reached / ended, "rollout/failure_rate": 1 - truncated / ended}
+        table |= {
+            "rollout/ep_rew_mean": sum(terms) * length,
+            "rollout/ep_len_mean": length,
+            "rollout/success_rate": reached / ended,
+            "rollout/failure_rate": 1 - truncated / ended,
+        }
     means = zip(engine.term_names, terms, strict=True)
     return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}

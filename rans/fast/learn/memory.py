@@ -32,8 +32,10 @@ class Remembering:
     """
 
     def __init__(self, architecture: Architecture, like: Tensor, programs: bool) -> None:
-        self.architecture, self._like = architecture, like
-        kept, views = like.new_tensor(architecture.averages), architecture.symmetries
+        self.architecture = architecture
+        self._like = like
+        kept = like.new_tensor(architecture.averages)
+        views = architecture.symmetries
         self._kept = kept.repeat_interleave(architecture.row)
         self._views = None if views is None else views.tensors_like(like)
         self._look = look(architecture, self._views, like, programs)
@@ -53,15 +55,16 @@ class Remembering:
         history, filters = memory.tensor_split([given.rows], dim=1)
         return history if given.recalled else None, filters
 
-    def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
-                 output: Output) -> Tensor | None:
+    def remember(
+        self, columns: Tensor, memory: Tensor | None, command: Tensor, output: Output
+    ) -> Tensor | None:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
         history, filters = self._parted(memory, len(columns))
         kept = []
         if history is not None:
-            answered = columns[:, :self.architecture.answered]
+            answered = columns[:, : self.architecture.answered]
             kept.append(continued(history, torch.cat((answered, command), dim=1), self._kept))
         if filters is not None:
             kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
@@ -75,7 +78,7 @@ def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:
         averages = torch.lerp(newest.repeat(1, len(kept) // newest.shape[1]), averages, kept)
     if not moments.shape[1]:
         return averages
-    return torch.cat((averages, moments[:, newest.shape[1]:], newest), dim=1)
+    return torch.cat((averages, moments[:, newest.shape[1] :], newest), dim=1)
 
 
 def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which: Tensor) -> Tensor:
@@ -98,8 +101,12 @@ def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tenso
     return rows.unflatten(-2, (-1, count)).flatten(-2)
 
 
-def recurrent(inputs: Tensor, state: Tensor, going_on: Sequence[Tensor] | None,
-              recalled: Callable[[Tensor], Tensor]) -> Tensor:
+def recurrent(
+    inputs: Tensor,
+    state: Tensor,
+    going_on: Sequence[Tensor] | None,
+    recalled: Callable[[Tensor], Tensor],
+) -> Tensor:
     """The states (..., T, n, units) of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
 
     Args:

@@ -16,9 +16,17 @@ from rans.fast.saved import SavedPolicy
 
 def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:
     """Write its agent and Adam's memory after so many environment steps, see `write_policy`."""
-    network, adam = learner.network, learner.adam
-    write_policy(file, network.architecture, network.member(0), settings, steps, moments(adam, 0),
-                 float(adam.rate))
+    network = learner.network
+    adam = learner.adam
+    write_policy(
+        file,
+        network.architecture,
+        network.member(0),
+        settings,
+        steps,
+        moments(adam, 0),
+        float(adam.rate),
+    )
 
 
 @torch.no_grad()
@@ -31,11 +39,16 @@ def adopt(learner: Learner, saved: SavedPolicy) -> None:
 
 def moments(adam: Adam, number: int) -> dict[Any, Any]:
     """One member's memory as the state of torch's Adam."""
-    lone, steps = len(adam.rate) == 1, adam.steps.detach().cpu().float()
-    first, second = ([(x if lone else x[number]).detach().cpu().clone() for x in tensors]
-                     for tensors in adam.moments)
-    return {place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
-            for place, (a, b) in enumerate(zip(first, second, strict=True))}
+    lone = len(adam.rate) == 1
+    steps = adam.steps.detach().cpu().float()
+    first, second = (
+        [(x if lone else x[number]).detach().cpu().clone() for x in tensors]
+        for tensors in adam.moments
+    )
+    return {
+        place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
+        for place, (a, b) in enumerate(zip(first, second, strict=True))
+    }
 
 
 def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:

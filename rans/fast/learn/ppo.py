@@ -48,37 +48,58 @@ class Learner:
     The generators are of actions on a CPU; on a GPU one stream feeds all. The network is changed in place.
     """
 
-    def __init__(self, engine: Engine, network: Network, settings: Sequence[PPOSettings],
-                 generators: Sequence[torch.Generator]) -> None:
-        first, device, self.members = settings[0], engine.device, len(settings)
-        self.engine, self.processes = engine, engine.processes
-        self.network, self._generators = network, generators
-        self.n_steps, self.n_epochs = first.n_steps, first.n_epochs
+    def __init__(
+        self,
+        engine: Engine,
+        network: Network,
+        settings: Sequence[PPOSettings],
+        generators: Sequence[torch.Generator],
+    ) -> None:
+        first = settings[0]
+        device = engine.device
+        self.members = len(settings)
+        self.engine = engine
+        self.processes = engine.processes
+        self.network = network
+        self._generators = generators
+        self.n_steps = first.n_steps
+        self.n_epochs = first.n_epochs
         self._minibatches = first.n_envs * first.n_steps // first.batch_size
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
-        self.by_hand = Gradients.made(network, self.adam, self.coefficients,
-                                      first.batch_size // self.processes.size)
+        self.by_hand = Gradients.made(
+            network, self.adam, self.coefficients, first.batch_size // self.processes.size
+        )
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
-        self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
-        self._show, self._losses = fused(shown, device), fused(losses, device)
-        self._value = fused(lambda seen, memory, told: network.evaluate(seen, memory, told).value, device)
+        self._act = fused(act, device)
+        self._remember = fused(remember, device)
+        self._gae = fused(gae, device)
+        self._show = fused(shown, device)
+        self._losses = fused(losses, device)
+        self._value = fused(
+            lambda seen, memory, told: network.evaluate(seen, memory, told).value, device
+        )
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
         """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
-        highest, anneal = self.coefficients.max_learning_rate, self.coefficients.anneal
+        highest = self.coefficients.max_learning_rate
+        anneal = self.coefficients.anneal
         self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
 
     def state(self) -> dict[str, Any]:
         """Everything needed to go on, but for the engine's episodes; all processes must ask."""
-        weights, memory = self.network.tensors.items(), self.rollout.memory
-        return {"weights": {name: x.detach() for name, x in weights}, "adam": self.adam.state(),
-                "generators": [generator.get_state() for generator in self._generators],
-                "memory": None if memory is None else self.processes.whole(memory)}
+        weights = self.network.tensors.items()
+        memory = self.rollout.memory
+        return {
+            "weights": {name: x.detach() for name, x in weights},
+            "adam": self.adam.state(),
+            "generators": [generator.get_state() for generator in self._generators],
+            "memory": None if memory is None else self.processes.whole(memory),
+        }
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
@@ -96,7 +117,8 @@ class Learner:
     @torch.no_grad()
     def _collect(self) -> Tensor:
         """The rewards, (T, N)."""
-        engine, rollout = self.engine, self.rollout
+        engine = self.engine
+        rollout = self.rollout
         rollout.terms.zero_()
         rollout.reached.zero_()
         observation = engine.observe()
@@ -129,26 +151,49 @@ class Learner:
         An episode cut off by time goes on in principle, so its last reward is followed by the value
         of the state it was cut off in; a failed one ends there.
         """
-        kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
+        kept = self.rollout.all
+        rollout = self.rollout
+        privileged = self._privileged()
         values = self._value(
             self._beside(self.engine.observe(), rollout.cut),
             None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
             None if privileged is None else self._beside(privileged, privileged),
         ).view(self.members, 2, -1)
-        last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
+        last = values[:, 0].flatten()
+        beyond = values[:, 1].flatten()
         given = self.coefficients
-        gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
+        gamma, gae_lambda, scale = map(
+            self._spread, (given.gamma, given.gae_lambda, given.reward_scale)
+        )
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        memory, told = (None if x is None else x.flatten(0, 1) for x in (kept.memory, kept.privileged))
-        seen, memory, action = self._show(self.network, kept.observation.flatten(0, 1), memory,
-                                          kept.action.flatten(0, 1), self.by_hand, told)
+        memory, told = (
+            None if x is None else x.flatten(0, 1) for x in (kept.memory, kept.privileged)
+        )
+        seen, memory, action = self._show(
+            self.network,
+            kept.observation.flatten(0, 1),
+            memory,
+            kept.action.flatten(0, 1),
+            self.by_hand,
+            told,
+        )
         shape = reward.shape
-        going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
-                    if self.network.architecture.units else None)
-        return Batch(seen.unflatten(0, shape), action.unflatten(0, shape), kept.log_prob, advantage,
-                     advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
-                     kept.privileged if self.by_hand is None else None, going_on)
+        going_on = (
+            1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
+            if self.network.architecture.units
+            else None
+        )
+        return Batch(
+            seen.unflatten(0, shape),
+            action.unflatten(0, shape),
+            kept.log_prob,
+            advantage,
+            advantage + kept.value,
+            None if memory is None else memory.unflatten(0, shape),
+            kept.privileged if self.by_hand is None else None,
+            going_on,
+        )
 
     def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
         """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
@@ -157,7 +202,11 @@ class Learner:
 
     def _spread(self, values: Tensor) -> Tensor:
         """Each member's over its environments."""
-        return values if self.members == 1 else values.repeat_interleave(self.engine.num_envs // self.members)
+        return (
+            values
+            if self.members == 1
+            else values.repeat_interleave(self.engine.num_envs // self.members)
+        )
 
     def _update(self) -> Tensor:
         """Advantages, every minibatch of every epoch, step sizes.
@@ -168,15 +217,25 @@ class Learner:
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
         # Those of every member in every minibatch get zero mean and unit variance.
-        advantage = torch.cat([part.advantage for part in parts]).view(len(parts) * self.members, -1)
+        advantage = torch.cat([part.advantage for part in parts]).view(
+            len(parts) * self.members, -1
+        )
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
         parts = [part._replace(advantage=own) for part, own in zip(parts, standard, strict=True)]
-        found = torch.stack([self._descend(part) for _ in range(self.n_epochs) for part in parts]).mean(dim=0)
+        found = torch.stack(
+            [self._descend(part) for _ in range(self.n_epochs) for part in parts]
+        ).mean(dim=0)
         self.network.update_statistics(batch.seen, self.processes)
-        kept, members = self.rollout.all, (self.members, -1)
-        ends = torch.stack([x.unflatten(1, members).sum(dim=(0, 2)) for x in (kept.truncated, kept.ended)]
-                           + [self.rollout.reached], dim=1)
-        said = self.processes.average(torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1))
+        kept = self.rollout.all
+        members = (self.members, -1)
+        ends = torch.stack(
+            [x.unflatten(1, members).sum(dim=(0, 2)) for x in (kept.truncated, kept.ended)]
+            + [self.rollout.reached],
+            dim=1,
+        )
+        said = self.processes.average(
+            torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1)
+        )
         self._adapt(said[:, STATISTICS.index("approx_kl")])
         first, rest = said.tensor_split([len(STATISTICS)], dim=1)
         return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
@@ -185,57 +244,84 @@ class Learner:
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = (Losses(*self.by_hand(part)) if self.by_hand is not None else
-                 self._losses(self.network, part, self.coefficients, self._with_entropy))
+        found = (
+            Losses(*self.by_hand(part))
+            if self.by_hand is not None
+            else self._losses(self.network, part, self.coefficients, self._with_entropy)
+        )
         norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 
     # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.
 
     def _adapt(self, divergence: Tensor) -> None:
-        rate, desired = self.adam.rate, self.coefficients.desired_kl
+        rate = self.adam.rate
+        desired = self.coefficients.desired_kl
         longer = torch.where(divergence < 0.5 * desired, 1.5, 1.0)
         factor = torch.where(divergence > 2.0 * desired, 1 / 1.5, longer)
         bounded = torch.minimum((rate * factor).clamp(min=MIN_LEARNING_RATE), self._ceiling)
         rate.copy_(torch.where(desired.isnan(), rate, bounded))
 
 
-def act(network: Network, observation: Tensor, memory: Tensor | None, privileged: Tensor | None,
-        uniform: Tensor) -> Acted:
+def act(
+    network: Network,
+    observation: Tensor,
+    memory: Tensor | None,
+    privileged: Tensor | None,
+    uniform: Tensor,
+) -> Acted:
     """Random actions that uniform random numbers (N, thrusters) in [0, 1) choose."""
     output, columns = network.shown(observation, memory, privileged)
     policy = output.policy
     action = policy.sample(uniform)
     command = policy.command(action)
-    return Acted(action, policy.log_prob(action), output.value, command,
-                 network.remember(columns, memory, command, output))
+    return Acted(
+        action,
+        policy.log_prob(action),
+        output.value,
+        command,
+        network.remember(columns, memory, command, output),
+    )
 
 
-def shown(network: Network, observation: Tensor, memory: Tensor | None, action: Tensor,
-          by_hand: ByHand | None = None,
-          privileged: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
+def shown(
+    network: Network,
+    observation: Tensor,
+    memory: Tensor | None,
+    action: Tensor,
+    by_hand: ByHand | None = None,
+    privileged: Tensor | None = None,
+) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
     In space that costs a fifth of an update. Gradients ``by_hand`` have all inputs in the memory's place.
     """
     seen, recalled, place = network.look(network.in_body(observation), memory)
     recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled, privileged)
-    return seen, recalled, action if place is None else torch.empty_like(action).scatter(1, place, action)
+    return (
+        seen,
+        recalled,
+        action if place is None else torch.empty_like(action).scatter(1, place, action),
+    )
 
 
-def losses(network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool) -> Losses:
+def losses(
+    network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool
+) -> Losses:
     """Clipped surrogate, squared value error and entropy bonus of one minibatch, equal to SB3's."""
     by_member = lambda x: x.view(network.members, -1)  # noqa: E731
     output = network.evaluate_seen(batch.seen, batch.memory, batch.privileged, batch.going_on)
     # What the members' policies would gain, no further than the clipping lets them go.
     advantage = by_member(batch.advantage)
     log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)
-    ratio, clip_range = log_ratio.exp(), coefficients.clip_range[:, None]
+    ratio = log_ratio.exp()
+    clip_range = coefficients.clip_range[:, None]
     clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
     surrogate = -torch.minimum(advantage * ratio, advantage * clipped).mean(dim=1)
     # How wrong their values are, and how random they still are.
     value = by_member(batch.target - output.value).square().mean(dim=1)
-    loss, entropy = surrogate + coefficients.vf_coef * value, torch.zeros_like(value)
+    loss = surrogate + coefficients.vf_coef * value
+    entropy = torch.zeros_like(value)
     if with_entropy:
         entropy = -by_member(output.policy.entropy()).mean(dim=1)
         loss = loss + coefficients.ent_coef * entropy

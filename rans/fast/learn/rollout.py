@@ -62,35 +62,67 @@ class Rollout:
     """T steps of an engine's N environments, flown by a network's K members."""
 
     def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
-        count, width, thrusters = engine.num_envs, engine.observation_width, len(engine.craft.thrusters)
-        given, members = network.architecture, network.members
+        count = engine.num_envs
+        width = engine.observation_width
+        thrusters = len(engine.craft.thrusters)
+        given = network.architecture
+        members = network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
         every = lambda *shape: new(n_steps, count, *shape)  # noqa: E731
-        self.all = Slot(every(width), every(thrusters), every(), every(),
-                        every(given.memory) if given.memory else None,
-                        every(given.privileged) if given.privileged else None, every(), every(), every())
+        self.all = Slot(
+            every(width),
+            every(thrusters),
+            every(),
+            every(),
+            every(given.memory) if given.memory else None,
+            every(given.privileged) if given.privileged else None,
+            every(),
+            every(),
+            every(),
+        )
         """Every step's, (T, N, ...)."""
-        self.steps = [Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)]
+        self.steps = [
+            Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)
+        ]
         self.memory = network.blank(count)
         """What the network remembers now, (N, m)."""
-        self.cut, self.cut_memory = new(count, width), network.blank(count)
+        self.cut = new(count, width)
+        self.cut_memory = network.blank(count)
         """Last observation of an episode that time cut off, and what the network remembered then. An episode
         is no shorter than a rollout, so there is one a rollout at most."""
-        self.terms, self.reached = new(members, len(engine.term_names)), new(members)
+        self.terms = new(members, len(engine.term_names))
+        self.reached = new(members)
         """Mean over a member's environments of each reward term, summed over the steps; number of a member's
         episodes cut off by time within the task's tolerances."""
 
 
-def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step: Step, slot: Slot,
-             rollout: Rollout) -> None:
+def remember(
+    observation: Tensor,
+    acted: Acted,
+    privileged: Tensor | None,
+    step: Step,
+    slot: Slot,
+    rollout: Rollout,
+) -> None:
     """Write into its slot of the rollout what was seen in one step, done, told the critic, and what followed.
 
     The rollout's `memory`, `cut`, `terms` and `reached` are changed in place.
     """
-    memory, cut, cut_memory = rollout.memory, rollout.cut, rollout.cut_memory
+    memory = rollout.memory
+    cut = rollout.cut
+    cut_memory = rollout.cut_memory
     ended = step.truncated | step.terminated
-    values = Slot(observation, acted.action, acted.log_prob, acted.value, memory, privileged,
-                  step.reward, ended, step.truncated)
+    values = Slot(
+        observation,
+        acted.action,
+        acted.log_prob,
+        acted.value,
+        memory,
+        privileged,
+        step.reward,
+        ended,
+        step.truncated,
+    )
     for place, value in zip(slot, values, strict=True):
         if place is not None and value is not None:
             place.copy_(value)
@@ -104,8 +136,14 @@ def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step:
     rollout.reached.add_((step.truncated & step.reached).unflatten(0, members).sum(dim=1))
 
 
-def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: Tensor | float,
-        gae_lambda: Tensor | float) -> Tensor:
+def gae(
+    reward: Tensor,
+    value: Tensor,
+    ended: Tensor,
+    last_value: Tensor,
+    gamma: Tensor | float,
+    gae_lambda: Tensor | float,
+) -> Tensor:
     """Generalised advantage estimates (T, N) (Schulman et al., 2016).
 
     Rewards and values of the states acted in are (T, N), as is ``ended``, 1 where the episode ended with this
@@ -116,7 +154,8 @@ def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma:
     following = torch.cat((value[1:], last_value[None]))
     delta = reward + gamma * going_on * following - value
     decay = (gamma * gae_lambda) * going_on
-    result, running = torch.empty_like(delta), torch.zeros_like(last_value)
+    result = torch.empty_like(delta)
+    running = torch.zeros_like(last_value)
     for t in reversed(range(len(delta))):
         running = delta[t] + decay[t] * running
         result[t] = running
@@ -129,12 +168,15 @@ def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
     Environments are independent, so nothing is gained by shuffling them. Fields become (K T n, ...), n
     environments of each member; `Batch.going_on`, (T, K n).
     """
+
     def chunks(field: Tensor) -> Sequence[Tensor]:
         return field.unflatten(1, (members, -1)).chunk(count, dim=2)
 
     none: list[Tensor | None] = [None] * count
-    flat = [none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
-            for x in batch._replace(going_on=None)]
+    flat = [
+        none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
+        for x in batch._replace(going_on=None)
+    ]
     if batch.going_on is not None:
         flat[-1] = [part.flatten(1) for part in chunks(batch.going_on)]
     return [Batch._make(fields) for fields in zip(*flat, strict=True)]

@@ -70,14 +70,19 @@ class RunFolder:
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
-                "choose another folder with --output.")
+                "choose another folder with --output."
+            )
         if self.spacecraft_file.exists() and files.read_text(self.spacecraft_file) != spacecraft:
-            raise ConfigError(f"{self.spacecraft_file} is a file already, and of another spacecraft than the "
-                              "one to be trained; choose another folder with --output.")
+            raise ConfigError(
+                f"{self.spacecraft_file} is a file already, and of another spacecraft than the "
+                "one to be trained; choose another folder with --output."
+            )
 
     def lock(self) -> None:
         """Keep other trainings out until `release`; ConfigError where one is at work here already."""
-        self._lock.take(f"{self.path} is being trained by another process; wait for its end, or stop it.")
+        self._lock.take(
+            f"{self.path} is being trained by another process; wait for its end, or stop it."
+        )
 
     def release(self) -> None:
         """Let another training go on here."""
@@ -86,7 +91,8 @@ class RunFolder:
     def config(self) -> TrainConfig:
         """The training's config; ConfigError where the folder holds none, or one of another version."""
         if not self.config_file.exists():
-            why, best = "there is nothing of that name", self.path / "best"
+            why = "there is nothing of that name"
+            best = self.path / "best"
             if self.path.exists():
                 why = "it has no config.json"
             if (best / "config.json").exists():
@@ -111,8 +117,10 @@ class RunFolder:
         for line, row in enumerate(rows, 1):
             wrong = [key for key in (*_COUNTS, *row) if not isinstance(row.get(key), int | float)]
             if wrong:
-                raise ConfigError(f"{self.metrics_file} is damaged: line {line} has no number of "
-                                  f"{brief(wrong[0])}.")
+                raise ConfigError(
+                    f"{self.metrics_file} is damaged: line {line} has no number of "
+                    f"{brief(wrong[0])}."
+                )
         return rows
 
     def forget_after(self, steps: int) -> None:

@@ -31,18 +31,34 @@ class Selection:
     Conditions are those of training too; what counts as success is the true state.
     """
 
-    def __init__(self, network: Network, craft: Spacecraft, tasks: Sequence[Task], timing: Timing,
-                 device: torch.device, conditions: Conditions | None = None) -> None:
-        members, judged = len(tasks), [task.parts() for task in tasks]
+    def __init__(
+        self,
+        network: Network,
+        craft: Spacecraft,
+        tasks: Sequence[Task],
+        timing: Timing,
+        device: torch.device,
+        conditions: Conditions | None = None,
+    ) -> None:
+        members = len(tasks)
+        judged = [task.parts() for task in tasks]
 
         def engine(name: str) -> Engine:
             fixed = [each[name].for_evaluation() for each in judged]
             task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
-            return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device,
-                          conditions=conditions)
+            return Engine(
+                craft,
+                task,
+                members * EPISODES,
+                timing,
+                seed=seeds,
+                device=device,
+                conditions=conditions,
+            )
 
-        self._network, self._engines = network, {name: engine(name) for name in judged[0]}
+        self._network = network
+        self._engines = {name: engine(name) for name in judged[0]}
         self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)
 
     def judge(self) -> list[dict[str, float]]:
@@ -56,7 +72,10 @@ class Selection:
         return [self._named(values) for values in self._flight().tolist()]
 
     def _named(self, values: Sequence[float]) -> dict[str, float]:
-        left, duties, shares, errors = iter(values), [], [], {}
+        left = iter(values)
+        duties = []
+        shares = []
+        errors = {}
         for name, engine in self._engines.items():
             prefix = f"{name}/" if len(self._engines) > 1 else ""
             duties.append(next(left))
@@ -70,15 +89,21 @@ class Selection:
 
     def _flown(self, engine: Engine) -> Tensor:
         """One episode everywhere: (K, 2 + errors) of duty, share and mean errors."""
-        members, steps = self._network.members, engine.timing.episode_steps
+        members = self._network.members
+        steps = engine.timing.episode_steps
         last = last_fifth(steps)
         mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
-        observation, memory = engine.reset(SELECTION_SEED), self._network.blank(engine.num_envs)
+        observation = engine.reset(SELECTION_SEED)
+        memory = self._network.blank(engine.num_envs)
         ended = torch.zeros(engine.num_envs, dtype=torch.bool, device=engine.device)
-        kept, duty, total = ~ended, mean(ended), mean(ended)[:, None]
+        kept = ~ended
+        duty = mean(ended)
+        total = mean(ended)[:, None]
         for t in range(steps):
             if t >= steps - last:
-                total = total + torch.stack([mean(error) for error in engine.errors().values()], dim=1)
+                total = total + torch.stack(
+                    [mean(error) for error in engine.errors().values()], dim=1
+                )
             command, memory = self._act(self._network, observation, memory)
             duty = duty + mean(command) / steps
             step = engine.step(command)
@@ -92,7 +117,9 @@ class Selection:
 
 
 @torch.no_grad()
-def likeliest(network: Network, observation: Tensor, memory: Tensor | None) -> tuple[Tensor, Tensor | None]:
+def likeliest(
+    network: Network, observation: Tensor, memory: Tensor | None
+) -> tuple[Tensor, Tensor | None]:
     """The deterministic agents' commands (N, thrusters), and what they remember after them."""
     output, columns = network.shown(observation, memory)
     command = output.policy.mode()

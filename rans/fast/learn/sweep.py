@@ -43,25 +43,42 @@ class Sweep:
     as many processes as you like may go on with a sweep.
     """
 
-    def __init__(self, configs: Sequence[TrainConfig], path: Path, command: str = "rans sweep",
-                 processes: Processes = ALONE, parts: int | None = None) -> None:
-        self.path, self.command, self.processes = path, command, processes
+    def __init__(
+        self,
+        configs: Sequence[TrainConfig],
+        path: Path,
+        command: str = "rans sweep",
+        processes: Processes = ALONE,
+        parts: int | None = None,
+    ) -> None:
+        self.path = path
+        self.command = command
+        self.processes = processes
         self.members = [Member(config) for config in configs]
         self._parts = parts or processes.size
         whole = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
         for batch in whole:
             check(configs[batch[0]])
-        self._batches = [part for batch in whole for first in range(self._parts)
-                         if (part := batch[first::self._parts])]
-        self.seconds, self.timed_steps = 0.0, 0
+        self._batches = [
+            part
+            for batch in whole
+            for first in range(self._parts)
+            if (part := batch[first :: self._parts])
+        ]
+        self.seconds = 0.0
+        self.timed_steps = 0
         """Of training without compiling; environment steps of all members in that time."""
         tables = [dict(entries(to_table(member.config))) for member in self.members]
-        self.varied = [name for name, value in tables[0].items()
-                       if name != "seed" and any(table.get(name) != value for table in tables)]
+        self.varied = [
+            name
+            for name, value in tables[0].items()
+            if name != "seed" and any(table.get(name) != value for table in tables)
+        ]
         """Names of the hyper-parameters in which members differ."""
 
-    def train(self, report: Callable[[Sequence[Member]], object],
-              stop: Callable[[], bool] = lambda: False) -> None:
+    def train(
+        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
+    ) -> None:
         """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`.
 
         After that every process knows of all members. WorkerLost where another one is gone; ConfigError
@@ -70,7 +87,9 @@ class Sweep:
         lock = Lock(inside(self.path, LOCK))
         inside(self.path, "best")  # told before the work, not after it
         if self.processes.is_first:
-            lock.take(f"{self.path} is being trained by another sweep; wait for its end, or stop it.")
+            lock.take(
+                f"{self.path} is being trained by another sweep; wait for its end, or stop it."
+            )
         try:
             if self.processes.is_first:
                 self._begin()
@@ -83,13 +102,21 @@ class Sweep:
         file = inside(self.path, "configs.json")
         members = [member.config for member in self.members]
         if file.exists() and read_configs(self.path)[0] != members:
-            raise ConfigError(f"{self.path} holds another sweep already; choose another folder with "
-                              "--output.")
-        write_json(file, {"command": self.command, "parts": self._parts,
-                          "configs": [to_table(config) for config in members]})
+            raise ConfigError(
+                f"{self.path} holds another sweep already; choose another folder with --output."
+            )
+        write_json(
+            file,
+            {
+                "command": self.command,
+                "parts": self._parts,
+                "configs": [to_table(config) for config in members],
+            },
+        )
 
-    def _train_all(self, report: Callable[[Sequence[Member]], object],
-                   stop: Callable[[], bool]) -> None:
+    def _train_all(
+        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
+    ) -> None:
         for place, batch in self.processes.mine(list(enumerate(self._batches))):
             run = RunFolder(inside(self.path, "batches", str(place)))
             if not stop() or run.has_checkpoint:
@@ -104,8 +131,10 @@ class Sweep:
 
     def _hear_from_others(self) -> None:
         own = [number for batch in self.processes.mine(self._batches) for number in batch]
-        told = {number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
-                for number in own}
+        told = {
+            number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
+            for number in own
+        }
         said = self.processes.everyone_says((told, self.seconds, self.timed_steps))
         for trained, _, _ in said:
             for number, (rows, weights, in_a_row) in trained.items():
@@ -113,8 +142,13 @@ class Sweep:
         self.seconds = max(seconds for _, seconds, _ in said)
         self.timed_steps = sum(steps for _, _, steps in said)
 
-    def _train(self, run: RunFolder, batch: Sequence[int], report: Callable[[Sequence[Member]], object],
-               stop: Callable[[], bool]) -> None:
+    def _train(
+        self,
+        run: RunFolder,
+        batch: Sequence[int],
+        report: Callable[[Sequence[Member]], object],
+        stop: Callable[[], bool],
+    ) -> None:
         configs = [self.members[number].config for number in batch]
         if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
@@ -134,8 +168,13 @@ class Sweep:
         run.begin(member.config, self.command)
         for row in member.rows:
             run.append_metrics(row)
-        write_policy(run.policy_file, check(member.config), member.weights, member.config.ppo,
-                     member.rows[-1]["steps"])
+        write_policy(
+            run.policy_file,
+            check(member.config),
+            member.weights,
+            member.config.ppo,
+            member.rows[-1]["steps"],
+        )
 
     def best(self) -> Member:
         """The best seed of the config that does best over its seeds: one lucky seed is no good config."""
@@ -153,9 +192,18 @@ class Sweep:
 
     def results(self) -> list[dict[str, Any]]:
         """One row a member that has begun: what it is and how it ended; JSON values."""
-        return [{"member": number, "seed": member.config.seed, **self.choice(member), "solved": member.solved,
-                 "diverged": member.diverged, **member.rows[-1]}
-                for number, member in enumerate(self.members) if member.rows]
+        return [
+            {
+                "member": number,
+                "seed": member.config.seed,
+                **self.choice(member),
+                "solved": member.solved,
+                "diverged": member.diverged,
+                **member.rows[-1],
+            }
+            for number, member in enumerate(self.members)
+            if member.rows
+        ]
 
 
 def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
@@ -171,14 +219,18 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
         SPACECRAFT.check_file(config.get("spacecraft"), file)
     parts = table.get("parts", 1)
     if not isinstance(parts, int) or parts < 1:
-        raise ConfigError(f"{file} is damaged: parts must be a whole number >= 1, got {brief(parts)}.")
+        raise ConfigError(
+            f"{file} is damaged: parts must be a whole number >= 1, got {brief(parts)}."
+        )
     return [from_table(config) for config in table["configs"]], str(table.get("command")), parts
 
 
 def check(config: TrainConfig) -> Architecture:
     """The architecture of a config's network; ConfigError where the config cannot work."""
     check_device(config.device)
-    engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
+    engine = Engine(
+        load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing
+    )
     check_sizes(engine, config.ppo, 1)
     return Architecture.of(engine, config.ppo)
 
@@ -198,7 +250,9 @@ def short(name: str) -> str:
 
 def _key(config: TrainConfig, counts: Callable[[str, Any], bool]) -> str:
     """Equal for configs whose entries that count are equal."""
-    return json.dumps([(name, value) for name, value in entries(to_table(config)) if counts(name, value)])
+    return json.dumps(
+        [(name, value) for name, value in entries(to_table(config)) if counts(name, value)]
+    )
 
 
 def _is_structure(name: str, value: Any) -> bool:

@@ -29,8 +29,20 @@ from rans.model.spacecraft import Spacecraft
 _COMPILING = 30.0
 """Seconds of training from which on compiling pays, which takes 5 to 35 and makes it twice as fast."""
 _CHECKPOINT_SECONDS = 5.0
-_ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history", "averages", "filters",
-                 "filtered_steady", "filtered_response", "recurrent_units", "privileged_critic")
+_ARCHITECTURE = (
+    "layers",
+    "activation",
+    "zoom",
+    "symmetric",
+    "memory",
+    "history",
+    "averages",
+    "filters",
+    "filtered_steady",
+    "filtered_response",
+    "recurrent_units",
+    "privileged_critic",
+)
 """Settings of the network rather than of its training."""
 
 
@@ -43,24 +55,47 @@ class Trainer:
     whose weights become infinite are left alone.
     """
 
-    def __init__(self, configs: Sequence[TrainConfig], craft: Spacecraft, run: RunFolder,
-                 processes: Processes = ALONE, goes_on: bool = False) -> None:
+    def __init__(
+        self,
+        configs: Sequence[TrainConfig],
+        craft: Spacecraft,
+        run: RunFolder,
+        processes: Processes = ALONE,
+        goes_on: bool = False,
+    ) -> None:
         self.members, self.config = [Member(config) for config in configs], (first := configs[0])
         check_device(first.device)
         torch.set_num_threads(first.threads)
-        self.run, self.processes, self._goes_on = run, processes, goes_on
-        self.seconds, self.warm_up, self.steps = 0.0, 0.0, 0
-        device, each = torch.device(first.device), processes.share("n_envs", first.ppo.n_envs)
-        tasks, seeds = [config.settings for config in configs], [config.seed for config in configs]
+        self.run = run
+        self.processes = processes
+        self._goes_on = goes_on
+        self.seconds = 0.0
+        self.warm_up = 0.0
+        self.steps = 0
+        device = torch.device(first.device)
+        each = processes.share("n_envs", first.ppo.n_envs)
+        tasks = [config.settings for config in configs]
+        seeds = [config.seed for config in configs]
         self.curriculum = Curriculum(tasks, first.curriculum, field_dtype(device), device, each)
-        timing = replace(first.timing, episode_steps=first.episode_steps or first.timing.episode_steps)
-        self.engine = Engine(craft, self.curriculum.task, each * len(configs), timing, seed=seeds,
-                             device=device, processes=processes, conditions=first.conditions.or_none,
-                             remember=first.ppo.privileged_critic or first.failures.share > 0.0)
+        timing = replace(
+            first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
+        )
+        self.engine = Engine(
+            craft,
+            self.curriculum.task,
+            each * len(configs),
+            timing,
+            seed=seeds,
+            device=device,
+            processes=processes,
+            conditions=first.conditions.or_none,
+            remember=first.ppo.privileged_critic or first.failures.share > 0.0,
+        )
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
         self.failures = FailedStarts(configs, self.engine, self.learner)
-        self.selection = Selection(self.learner.network, craft, tasks, first.timing, device,
-                                   first.conditions.or_none)
+        self.selection = Selection(
+            self.learner.network, craft, tasks, first.timing, device, first.conditions.or_none
+        )
         self._said: list[dict[str, float]] = []
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
         self._begun = self._reported = (0, 0.0)
@@ -93,8 +128,9 @@ class Trainer:
     def _ended(self) -> bool:
         return self.solved or self.steps >= self.config.total_timesteps
 
-    def train(self, report: Callable[[Sequence[Member]], object],
-              stop: Callable[[], bool] = lambda: False) -> None:
+    def train(
+        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
+    ) -> None:
         """Train until solved, out of steps, or told to stop.
 
         After every row of metrics ``report`` is called, after every iteration ``stop`` is asked.
@@ -114,14 +150,19 @@ class Trainer:
         finally:
             self.run.release()
 
-    def _train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
+    def _train(
+        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
+    ) -> None:
         if self.processes.is_first and not self._events:
             folders = [inside_for_others(self.run.path, "tensorboard")]
             if len(self.members) > 1:
-                folders = [inside_for_others(self.run.path, "tensorboard", str(number))
-                           for number in range(len(self.members))]
+                folders = [
+                    inside_for_others(self.run.path, "tensorboard", str(number))
+                    for number in range(len(self.members))
+                ]
             self._events = [TensorBoardOutputFormat(str(folder)) for folder in folders]
-        self._begun, stopped = (self.steps, self.seconds), False
+        self._begun = (self.steps, self.seconds)
+        stopped = False
         if not self.config.compiled:
             with as_written():
                 stopped = self._go_on(report, stop, self._compiling_pays)
@@ -131,20 +172,27 @@ class Trainer:
             self.members[number].weights = self.learner.network.member(number)
         self.save()
 
-    def _go_on(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool],
-               over: Callable[[], bool] = lambda: False) -> bool:
+    def _go_on(
+        self,
+        report: Callable[[Sequence[Member]], object],
+        stop: Callable[[], bool],
+        over: Callable[[], bool] = lambda: False,
+    ) -> bool:
         """Train until it ends, is told to stop, which is returned, or this is over."""
         finished = self._ended
         self._warm_up()
         if self._ended and not finished:  # the warm-up took all steps
             self._report(report)
-        stopped, ended, saved = False, self._ended, time.monotonic()
+        stopped = False
+        ended = self._ended
+        saved = time.monotonic()
         while not (stopped or ended):
             begun = time.monotonic()
             self._iterate()
             self.seconds += time.monotonic() - begun
             stopped, late, left = self.processes.any(
-                stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS, over())
+                stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS, over()
+            )
             if stopped or self._ended or self._is_report_due():
                 self._report(report)
             ended = left or self._ended
@@ -163,7 +211,8 @@ class Trainer:
 
     def _warm_up(self) -> None:
         """On a GPU, load or compile and record everything: iterations that train, but are timed apart."""
-        begun, steps = time.monotonic(), self.steps
+        begun = time.monotonic()
+        steps = self.steps
         if self.engine.device.type == "cuda" and not self._ended:
             for _ in range(calls_until_recorded() + 1):
                 self._iterate()
@@ -185,30 +234,47 @@ class Trainer:
         said = self.learner.update().tolist()
         self.steps += self._rollout
         try:
-            self._said = [statistics(numbers, self.engine, self.steps, self._rollout, self._goes_on)
-                          for numbers in said]
+            self._said = [
+                statistics(numbers, self.engine, self.steps, self._rollout, self._goes_on)
+                for numbers in said
+            ]
         except NonFiniteState as error:
-            file, state = self.run.path / "nonfinite.safetensors", pack(self._checkpoint())
+            file = self.run.path / "nonfinite.safetensors"
+            state = pack(self._checkpoint())
             if self.processes.is_first:
                 replace_file(file, lambda draft: draft.write_bytes(state))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
     def _report(self, report: Callable[[Sequence[Member]], object]) -> None:
         """Judge the members and write a row of metrics everywhere; a solved one has ended."""
-        judged, rate, due = self.selection.judge(), self._rate_since(self._reported), self._is_report_due()
+        judged = self.selection.judge()
+        rate = self._rate_since(self._reported)
+        due = self._is_report_due()
         # All processes must take the same decisions.
-        found = self.processes.any(*(member.finds_solved(said["success"])
-                                 for member, said in zip(self.members, judged, strict=True)))
+        found = self.processes.any(
+            *(
+                member.finds_solved(said["success"])
+                for member, said in zip(self.members, judged, strict=True)
+            )
+        )
         self._reported = (self.steps, self.seconds)
         for number in self.running():
             member = self.members[number]
-            row = {"steps": self.steps, "seconds": round(self.seconds, 3), "steps_per_s": round(rate),
-                   **judged[number], **self.failures.found[number], **self._said[number]}
+            row = {
+                "steps": self.steps,
+                "seconds": round(self.seconds, 3),
+                "steps_per_s": round(rate),
+                **judged[number],
+                **self.failures.found[number],
+                **self._said[number],
+            }
             member.note(row, found[number] if due else None)
             if member.solved:
                 member.weights = self.learner.network.member(number)
             if self.processes.is_first:
-                self.run.append_metrics(row if len(self.members) == 1 else {"member": number, **row})
+                self.run.append_metrics(
+                    row if len(self.members) == 1 else {"member": number, **row}
+                )
                 self._show(number, row)
         report(self.members)
 
@@ -230,11 +296,20 @@ class Trainer:
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
-        members = [{"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
-                   for member in self.members]
-        return {"network": self._network(), "learner": self.learner.state(), "cuda_generator": cuda,
-                "engine": self.engine.save_state(), "steps": self.steps, "seconds": self.seconds,
-                "members": members, "failures": self.failures.state()}
+        members = [
+            {"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
+            for member in self.members
+        ]
+        return {
+            "network": self._network(),
+            "learner": self.learner.state(),
+            "cuda_generator": cuda,
+            "engine": self.engine.save_state(),
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "members": members,
+            "failures": self.failures.state(),
+        }
 
     def _network(self) -> str:
         """What decides what the weights mean, and nothing that may change while training goes on."""
@@ -251,8 +326,10 @@ class Trainer:
         if self.run.has_checkpoint:
             self._restore(self.run.load_checkpoint(self.config.device))
         elif self.run.policy_file.exists():
-            raise ConfigError(f"{self.run.path} holds an agent without a checkpoint to go on from, as a "
-                              f"sweep leaves it; train it anew with --config {self.run.config_file}.")
+            raise ConfigError(
+                f"{self.run.path} holds an agent without a checkpoint to go on from, as a "
+                f"sweep leaves it; train it anew with --config {self.run.config_file}."
+            )
         if self.processes.is_first:
             self.run.forget_after(self.steps)
         for row in self.run.metrics():
@@ -261,9 +338,11 @@ class Trainer:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         if isinstance(saved, dict) and "optimizer" in saved:
-            raise ConfigError(f"{self.run.checkpoint_file} was written by an older RANS, whose optimiser "
-                              "kept others; its agent, policy.zip, flies as before, but to train on, begin "
-                              f"anew with --config {self.run.config_file}.")
+            raise ConfigError(
+                f"{self.run.checkpoint_file} was written by an older RANS, whose optimiser "
+                "kept others; its agent, policy.zip, flies as before, but to train on, begin "
+                f"anew with --config {self.run.config_file}."
+            )
         try:
             # Weights of the same shapes may mean something else.
             if (network := saved["network"]) != self._network():
@@ -273,19 +352,24 @@ class Trainer:
             if saved["cuda_generator"] is not None:
                 torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
             self.failures.load(saved["failures"])
-            self.steps, self.seconds = saved["steps"], saved["seconds"]
+            self.steps = saved["steps"]
+            self.seconds = saved["seconds"]
             for member, kept in zip(self.members, saved["members"], strict=True):
-                member.in_a_row, member.weights = kept["in_a_row"], kept["weights"]
+                member.in_a_row = kept["in_a_row"]
+                member.weights = kept["weights"]
         except (RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
             reason = " ".join(str(error).split())
-            raise ConfigError(f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
-                              "usual cause is a config.json edited after training began.") from error
+            raise ConfigError(
+                f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
+                "usual cause is a config.json edited after training began."
+            ) from error
 
 
 def check_device(device: str) -> None:
     """Refuse, with a ConfigError, a torch device on which no training is possible here and now."""
     if device not in ("cpu", "cuda"):
         raise ConfigError(
-            f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides.")
+            f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides."
+        )
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")

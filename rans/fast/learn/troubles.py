@@ -49,7 +49,9 @@ _OTHER_BODY = BodyConditions(mass=(0.8, 1.25), inertia=(0.8, 1.25), centre=(0.0,
 def _failing() -> Conditions:
     """`faults`, and as often with all of them there from the start, of which an agent sees too few else."""
     late = load_conditions("faults")
-    return replace(late, others=(replace(late, faults=replace(late.faults, count=(1.0, 2.0), time=0.0)),))
+    return replace(
+        late, others=(replace(late, faults=replace(late.faults, count=(1.0, 2.0), time=0.0)),)
+    )
 
 
 def failing_in_other_bodies(weight: float = 0.06) -> Conditions:
@@ -59,8 +61,16 @@ def failing_in_other_bodies(weight: float = 0.06) -> Conditions:
     training has; who meets them often brakes early in every flight (decision 018).
     """
     given = _failing()
-    return replace(given, others=(*given.others, *(
-        replace(one, body=_OTHER_BODY, others=(), weight=weight) for one in (given, *given.others))))
+    return replace(
+        given,
+        others=(
+            *given.others,
+            *(
+                replace(one, body=_OTHER_BODY, others=(), weight=weight)
+                for one in (given, *given.others)
+            ),
+        ),
+    )
 
 
 def robust(share: float = 0.4) -> Conditions:
@@ -70,17 +80,32 @@ def robust(share: float = 0.4) -> Conditions:
     return replace(load_conditions("lab"), weight=weight, others=others)
 
 
-def robust_poses(valves: float, noise: float = 6.0, lab: float = 20.0, missed: float = 0.0) -> Conditions:
+def robust_poses(
+    valves: float, noise: float = 6.0, lab: float = 20.0, missed: float = 0.0
+) -> Conditions:
     """`robust`, as often with `lab` and what is learnt last of poses: valves that stay open, noise.
 
     Missed readings, alone and in `lab`, have the given weight.
     """
-    given, slow, noisy = robust(), Conditions(thrusters=ThrusterConditions(least_on=0.4)), _HARD[-1].sensors
-    others = tuple(replace(one, weight=valves) if replace(one, weight=1.0) == slow else
-                   replace(one, weight=noise) if one.sensors == noisy else one for one in given.others)
+    given = robust()
+    slow = Conditions(thrusters=ThrusterConditions(least_on=0.4))
+    noisy = _HARD[-1].sensors
+    others = tuple(
+        replace(one, weight=valves)
+        if replace(one, weight=1.0) == slow
+        else replace(one, weight=noise)
+        if one.sensors == noisy
+        else one
+        for one in given.others
+    )
     if missed:
         lab_missed = load_conditions("lab-dropouts")
-        alone = replace(Conditions(), sensors=replace(lab_missed.sensors, **{
-            name: SensorConditions(dropout=(0.0, 0.4)) for name in _QUANTITIES}))
+        alone = replace(
+            Conditions(),
+            sensors=replace(
+                lab_missed.sensors,
+                **{name: SensorConditions(dropout=(0.0, 0.4)) for name in _QUANTITIES},
+            ),
+        )
         others = *others, replace(alone, weight=0.5 * missed), replace(lab_missed, weight=missed)
     return replace(given, others=others, weight=lab)

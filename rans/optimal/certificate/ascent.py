@@ -43,21 +43,31 @@ class Ascent:
 
 def scale(relaxation: Relaxation) -> np.ndarray:
     """(4,) costates that are worth as much as the fuel: one newton second changes m v by one."""
-    mass, time = relaxation.lattice.craft.mass, relaxation.steps * relaxation.lattice.period
+    mass = relaxation.lattice.craft.mass
+    time = relaxation.steps * relaxation.lattice.period
     return mass * np.array([1.0, 1.0, 2.0 / time, 2.0 / time])
 
 
 def towards_goal(relaxation: Relaxation) -> np.ndarray:
     """(4,) the scaled costate of a flight in a straight line: thrust ahead, then back."""
-    start, goal = relaxation.start, relaxation.goal
+    start = relaxation.start
+    goal = relaxation.goal
     way = goal.p - start.p - start.v.scale(relaxation.steps * relaxation.lattice.period)
     length = way.norm()
     direction = np.array([way.x, way.y]) / length if length > 0 else np.array([1.0, 0.0])
     return np.concatenate([direction, -direction])
 
 
-def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list[Cut], target: float,
-           tolerance: float, trust: float, most: int) -> Ascent:
+def ascend(
+    relaxation: Relaxation,
+    branch: Branch,
+    start: np.ndarray,
+    cuts: list[Cut],
+    target: float,
+    tolerance: float,
+    trust: float,
+    most: int,
+) -> Ascent:
     """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
 
     Where fuel is free the dual function is homogeneous, and costates are kept on the plane through the start
@@ -65,10 +75,14 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
     paths of the branch, the tolerance is a rise not worth another evaluation, of which there are at most so
     many, and trust is half the edge of the first box (trust region), in scaled costate.
     """
-    unit, cuts = scale(relaxation), list(cuts)
+    unit = scale(relaxation)
+    cuts = list(cuts)
     normal = towards_goal(relaxation) if relaxation.fuel == 0.0 else None
-    best, centre, weights = relaxation.bound(start * unit, branch), start, np.zeros(0)
-    latest, point = best, start
+    best = relaxation.bound(start * unit, branch)
+    centre = start
+    weights = np.zeros(0)
+    latest = best
+    point = start
     for _ in range(most):
         if np.isinf(latest.value):
             return Ascent(latest, cuts, weights)
@@ -77,8 +91,11 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
         if best.value > target:
             break
         point, ceiling, weights = _highest(cuts, centre, trust, normal)
-        while (ceiling - best.value < tolerance and trust < _FARTHEST
-               and np.abs(point - centre).max() > 0.99 * trust):
+        while (
+            ceiling - best.value < tolerance
+            and trust < _FARTHEST
+            and np.abs(point - centre).max() > 0.99 * trust
+        ):
             trust *= 4.0  # the box holds it back, not the cuts
             point, ceiling, weights = _highest(cuts, centre, trust, normal)
         if ceiling - best.value < tolerance:
@@ -87,20 +104,31 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
         rise = (latest.value - best.value) / (ceiling - best.value)
         trust *= 2.0 if rise > 0.5 else 1.0 if rise > 0.1 else 0.5
         if rise > 0:
-            best, centre = latest, point
+            best = latest
+            centre = point
     return Ascent(best, cuts, np.append(weights, np.zeros(len(cuts) - len(weights))))
 
 
-def _highest(cuts: list[Cut], centre: np.ndarray, trust: float,
-             normal: np.ndarray | None) -> tuple[np.ndarray, float, np.ndarray]:
+def _highest(
+    cuts: list[Cut], centre: np.ndarray, trust: float, normal: np.ndarray | None
+) -> tuple[np.ndarray, float, np.ndarray]:
     """The point of the box where the lowest cut is highest, its height, and the cuts' weights."""
     from scipy.optimize import linprog
 
     planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])
     box = [(x - trust, x + trust) for x in centre]
-    plane, level = (None, None) if normal is None else (np.append(normal, 0.0)[None], [normal @ centre])
-    answer = linprog([0.0, 0.0, 0.0, 0.0, -1.0], A_ub=planes, b_ub=[cut.offset for cut in cuts],
-                     A_eq=plane, b_eq=level, bounds=[*box, (None, None)], method="highs")
+    plane, level = (
+        (None, None) if normal is None else (np.append(normal, 0.0)[None], [normal @ centre])
+    )
+    answer = linprog(
+        [0.0, 0.0, 0.0, 0.0, -1.0],
+        A_ub=planes,
+        b_ub=[cut.offset for cut in cuts],
+        A_eq=plane,
+        b_eq=level,
+        bounds=[*box, (None, None)],
+        method="highs",
+    )
     if answer.x is None:  # planes so large that the solver gives up: stay
         return centre, -np.inf, np.zeros(len(cuts))
     return answer.x[:4], -float(answer.fun), np.abs(answer.ineqlin.marginals)

@@ -43,7 +43,9 @@ class Effort:
 
     def __post_init__(self) -> None:
         if not (self.seconds > 0 and self.nozzle_seconds > 0 and self.levels > 0):
-            raise ConfigError(f"effort: seconds, nozzle_seconds and levels must be > 0, got {self}.")
+            raise ConfigError(
+                f"effort: seconds, nozzle_seconds and levels must be > 0, got {self}."
+            )
 
 
 _DEFAULT_EFFORT = Effort()
@@ -91,8 +93,14 @@ class _Node(NamedTuple):
     cuts: list[Cut]
 
 
-def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: int,
-               goal_set: GoalSet = _DEFAULT_SET, effort: Effort = _DEFAULT_EFFORT) -> Certificate:
+def least_fuel(
+    lattice: Lattice,
+    start: PlanarState,
+    goal: PlanarState,
+    steps: int,
+    goal_set: GoalSet = _DEFAULT_SET,
+    effort: Effort = _DEFAULT_EFFORT,
+) -> Certificate:
     """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
 
     Start and goal are of floats; the start has any position, velocity and spin.
@@ -102,7 +110,10 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         ConfigError: see `Relaxation`.
     """
     check_steps(steps)
-    began, nodes, open_levels, outcome = time.monotonic(), 0, 0, _Outcome()
+    began = time.monotonic()
+    nodes = 0
+    open_levels = 0
+    outcome = _Outcome()
     relaxation, root = _root(lattice, start, goal, goal_set, steps, 8.0 * lattice.grain)
     lower = lattice.next_fuel(root.best.value, relaxation.net)
     for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
@@ -122,8 +133,14 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
     return Certificate(lower, upper, found, root.best.value, nodes, time.monotonic() - began)
 
 
-def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_steps: int,
-               goal_set: GoalSet = _DEFAULT_SET, effort: Effort = _DEFAULT_EFFORT) -> Certificate:
+def least_time(
+    lattice: Lattice,
+    start: PlanarState,
+    goal: PlanarState,
+    most_steps: int,
+    goal_set: GoalSet = _DEFAULT_SET,
+    effort: Effort = _DEFAULT_EFFORT,
+) -> Certificate:
     """Least time in which any on/off controller can be in the goal set, up to so many control periods.
 
     Raises:
@@ -132,35 +149,55 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
     check_steps(most_steps)
     if goal_set.contains(start, goal):
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
-    began, nodes, open_levels, outcome, upper = time.monotonic(), 0, 0, _Outcome(), math.inf
+    began = time.monotonic()
+    nodes = 0
+    open_levels = 0
+    outcome = _Outcome()
+    upper = math.inf
     lower = dual = None
     for steps in range(1, most_steps + 1):
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, None, fuel=0.0)
         root = _root_ascent(relaxation, 0.0)
         if root.best.value > 0:
             continue
-        dual, outcome = dual or steps, _decide(relaxation, root, 0.0, effort)
+        dual = dual or steps
+        outcome = _decide(relaxation, root, 0.0, effort)
         nodes += outcome.nodes
         if outcome.excluded:
             continue
-        lower, open_levels = lower or steps, open_levels + 1
+        lower = lower or steps
+        open_levels = open_levels + 1
         if outcome.commands is not None:
             upper = steps * lattice.period
         if outcome.commands is not None or open_levels == effort.levels:
             break
     lower = lower or most_steps + 1
-    return Certificate(lower * lattice.period, upper, outcome.commands, (dual or lower) * lattice.period,
-                       nodes, time.monotonic() - began)
+    return Certificate(
+        lower * lattice.period,
+        upper,
+        outcome.commands,
+        (dual or lower) * lattice.period,
+        nodes,
+        time.monotonic() - began,
+    )
 
 
 def check_steps(steps: int) -> None:
     """Refuse (`ConfigError`) what is no number of control periods."""
     if not isinstance(steps, int) or steps < 1:
-        raise ConfigError(f"the certificate needs at least one control period, a whole number, got {steps}.")
+        raise ConfigError(
+            f"the certificate needs at least one control period, a whole number, got {steps}."
+        )
 
 
-def _root(lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet, steps: int,
-          cap: float) -> tuple[Relaxation, Ascent]:
+def _root(
+    lattice: Lattice,
+    start: PlanarState,
+    goal: PlanarState,
+    goal_set: GoalSet,
+    steps: int,
+    cap: float,
+) -> tuple[Relaxation, Ascent]:
     """The relaxation with a cap on fuel that its own bound does not exclude."""
     everything = lattice.most_fuel(steps)
     while True:
@@ -182,25 +219,40 @@ def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Itera
 
 
 def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
-    return Unreachable(f"no on/off controller can reach the goal set in {steps} control periods of "
-                       f"{lattice.period:g} s; the usual cause is too short a time.")
+    return Unreachable(
+        f"no on/off controller can reach the goal set in {steps} control periods of "
+        f"{lattice.period:g} s; the usual cause is too short a time."
+    )
 
 
 def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
-    return ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], target,
-                  0.01 * relaxation.lattice.grain, trust=0.5, most=60)
+    return ascend(
+        relaxation,
+        relaxation.reachable(),
+        towards_goal(relaxation),
+        [],
+        target,
+        0.01 * relaxation.lattice.grain,
+        trust=0.5,
+        most=60,
+    )
 
 
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
     """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
-    outcome, seen, order = _Outcome(), set(), itertools.count()
+    outcome = _Outcome()
+    seen = set()
+    order = itertools.count()
     deadline = time.process_time() + effort.seconds
-    heap, closed = [_node(relaxation, root, relaxation.reachable(), level, next(order))], True
+    heap = [_node(relaxation, root, relaxation.reachable(), level, next(order))]
+    closed = True
     while heap and time.process_time() < deadline:
         node = heapq.heappop(heap)
         outcome.nodes += 1
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
-        found = ascend(relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15)
+        found = ascend(
+            relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15
+        )
         if found.best.value > level:
             continue
         outcome.commands = _commands(relaxation, found, level, effort, seen)
@@ -214,14 +266,17 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
     return outcome
 
 
-def _node(relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, order: int) -> _Node:
+def _node(
+    relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, order: int
+) -> _Node:
     branch = relaxation.shrunk(parent.best.costate, branch, level)
     cuts = [cut for cut in parent.cuts if relaxation.inside(cut.path, branch)]
     return _Node(parent.best.value, order, branch, parent.best.costate / scale(relaxation), cuts)
 
 
-def _commands(relaxation: Relaxation, found: Ascent, level: float, effort: Effort,
-              seen: set[bytes]) -> np.ndarray | None:
+def _commands(
+    relaxation: Relaxation, found: Ascent, level: float, effort: Effort, seen: set[bytes]
+) -> np.ndarray | None:
     """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
     for index in np.argsort(-found.weights)[:2]:
         path = found.cuts[index].path

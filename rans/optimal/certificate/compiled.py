@@ -16,8 +16,10 @@ try:
     from numba import njit
     from numba.core import config
 except Exception as error:  # also a wrong value in a file of settings
-    raise ConfigError(f"on/off certificates need the package numba, which could not be loaded ({error}); "
-                      "install it with: pip install numba") from None
+    raise ConfigError(
+        f"on/off certificates need the package numba, which could not be loaded ({error}); "
+        "install it with: pip install numba"
+    ) from None
 
 
 def _settings_of_the_environment_alone() -> None:

@@ -85,10 +85,23 @@ class Relaxation:
             is missing.
     """
 
-    def __init__(self, lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet,
-                 steps: int, cap: float | None, fuel: float = 1.0) -> None:
-        self.lattice, self.start, self.goal, self.goal_set = lattice, start, goal, goal_set
-        self.steps, self.cap, self.fuel = steps, cap, fuel
+    def __init__(
+        self,
+        lattice: Lattice,
+        start: PlanarState,
+        goal: PlanarState,
+        goal_set: GoalSet,
+        steps: int,
+        cap: float | None,
+        fuel: float = 1.0,
+    ) -> None:
+        self.lattice = lattice
+        self.start = start
+        self.goal = goal
+        self.goal_set = goal_set
+        self.steps = steps
+        self.cap = cap
+        self.fuel = fuel
         self.net = goal_set.net_spins(lattice, start, goal)
         from rans.optimal.certificate import lattice_kernel  # compiles, with numba
 
@@ -101,7 +114,8 @@ class Relaxation:
 
     def _spin_limits(self) -> np.ndarray:
         """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend."""
-        k, most = np.arange(self.steps + 1), np.abs(self.lattice.patterns.torque).max()
+        k = np.arange(self.steps + 1)
+        most = np.abs(self.lattice.patterns.torque).max()
         last = max(abs(n) for n in self.net)
         limit = np.minimum(most * k, most * (self.steps - k) + last)
         if self.cap is not None:
@@ -110,24 +124,37 @@ class Relaxation:
         return limit
 
     def _tables(self, limits: np.ndarray) -> None:
-        lattice, steps, h = self.lattice, self.steps, self.lattice.period
+        lattice = self.lattice
+        steps = self.steps
+        h = self.lattice.period
         self._reach = int(max(limits.max(), max(abs(n) for n in self.net)))
         widest = np.concatenate([[0], np.cumsum(limits[:-1])])
         self._origin = int(widest[-1])
         self._shape = (steps + 1, 2 * self._reach + 1, 2 * self._origin + 1)
         n = np.arange(-self._reach, self._reach + 1)
         inside = np.abs(n) <= limits[:, None]
-        self.everything = Branch(np.where(inside, self._origin - widest[:, None], 0),
-                                 np.where(inside, self._origin + widest[:, None] + 1, 0),
-                                 np.ones((steps, len(lattice.patterns.torque)), dtype=bool))
+        self.everything = Branch(
+            np.where(inside, self._origin - widest[:, None], 0),
+            np.where(inside, self._origin + widest[:, None] + 1, 0),
+            np.ones((steps, len(lattice.patterns.torque)), dtype=bool),
+        )
         angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
         self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
         self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
         self._responses = lattice.responses(self.start.w + lattice.spin * n)
-        patterns, torques = lattice.patterns, lattice.torque_range
+        patterns = lattice.patterns
+        torques = lattice.torque_range
         firsts = np.searchsorted(patterns.torque, np.append(torques, torques[-1] + 1))
-        self._fixed = (np.cos(self._turned), np.sin(self._turned), patterns.thrust, patterns.force,
-                       firsts, int(torques[0]), self._reach, self._origin)
+        self._fixed = (
+            np.cos(self._turned),
+            np.sin(self._turned),
+            patterns.thrust,
+            patterns.force,
+            firsts,
+            int(torques[0]),
+            self._reach,
+            self._origin,
+        )
 
     def _arrived(self) -> np.ndarray:
         """(spins, headings) whether the last point is in the goal set."""
@@ -139,12 +166,22 @@ class Relaxation:
         return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
 
     def _arguments(self, costate: np.ndarray, branch: Branch) -> tuple[Any, ...]:
-        velocity, position = complex(*costate[:2]), complex(*costate[2:])
+        velocity = complex(*costate[:2])
+        position = complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
         first, second = self._responses
-        pull = np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
+        pull = (
+            np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
+        )
         turns = self._base[:, :, None] * pull / self.lattice.craft.mass
-        return self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high, branch.patterns
+        return (
+            self.fuel * self.lattice.period,
+            turns,
+            self._fixed,
+            branch.low,
+            branch.high,
+            branch.patterns,
+        )
 
     def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
         """The dual function: its value is infinite where the branch holds no path.
@@ -174,7 +211,8 @@ class Relaxation:
 
         Any costate will do; the better it is, the more is dropped.
         """
-        margin, arguments = self.margin(costate), self._arguments(costate, branch)
+        margin = self.margin(costate)
+        arguments = self._arguments(costate, branch)
         self._kernel.sweep(*arguments, self._after, False)
         self._kernel.sweep(*arguments, self._before, True)
         limit = limit - self.constant(costate)[0] + margin
@@ -184,14 +222,19 @@ class Relaxation:
     @cached_property
     def miss(self) -> np.ndarray:
         """(4,) final velocity (x, y) and position (x, y) without any thrust, from the goal's."""
-        start, goal = self.start, self.goal
+        start = self.start
+        goal = self.goal
         way = start.p + start.v.scale(self.steps * self.lattice.period) - goal.p
         return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
         """What the dual function has besides the inner minimum, and its supergradient."""
-        value, slope = float(costate @ self.miss), self.miss.copy()
-        for part, radius in ((slice(2), self.goal_set.velocity), (slice(2, 4), self.goal_set.position)):
+        value = float(costate @ self.miss)
+        slope = self.miss.copy()
+        for part, radius in (
+            (slice(2), self.goal_set.velocity),
+            (slice(2, 4), self.goal_set.position),
+        ):
             size = float(np.linalg.norm(costate[part]))
             value -= radius * size
             slope[part] -= radius * costate[part] / size if size > 0 else 0.0
@@ -209,9 +252,13 @@ class Relaxation:
     def inside(self, path: np.ndarray, branch: Branch) -> bool:
         """Whether a path belongs to the branch."""
         n, a = self.points(path)
-        k, i, a = np.arange(self.steps + 1), n + self._reach, a + self._origin
-        return bool(np.all((branch.low[k, i] <= a) & (a < branch.high[k, i]))
-                    and branch.patterns[k[:-1], path].all())
+        k = np.arange(self.steps + 1)
+        i = n + self._reach
+        a = a + self._origin
+        return bool(
+            np.all((branch.low[k, i] <= a) & (a < branch.high[k, i]))
+            and branch.patterns[k[:-1], path].all()
+        )
 
     def effects(self, path: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Final velocity and position that patterns would add along the attitudes of a path (N,).
@@ -220,9 +267,14 @@ class Relaxation:
         and m in W.
         """
         n, a = self.points(path)
-        k, i = np.arange(self.steps), n[:-1] + self._reach
+        k = np.arange(self.steps)
+        i = n[:-1] + self._reach
         t = self.lattice.patterns.torque[path] - self.lattice.torque_range[0]
-        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin]) / self.lattice.craft.mass
+        turn = (
+            self._base[k, i]
+            * np.exp(1j * self._turned[a[:-1] + self._origin])
+            / self.lattice.craft.mass
+        )
         speed = turn * self._responses[0][i, t]
         way = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
         force = self.lattice.patterns.force[patterns].T
@@ -235,15 +287,24 @@ class Relaxation:
 
     def margin(self, costate: np.ndarray) -> float:
         """More than rounding and inexact torques can change a value by (docs/certificate.md)."""
-        h, mass, time = self.lattice.period, self.lattice.craft.mass, self.steps * self.lattice.period
+        h = self.lattice.period
+        mass = self.lattice.craft.mass
+        time = self.steps * self.lattice.period
         pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / mass
         stage = h * float(sum(self.lattice.forces)) * (self.fuel + pull)
-        angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
-                 + self.lattice.spin * h * (self._origin + self._reach))
+        angle = (
+            abs(self.start.attitude.angle)
+            + abs(self.start.w) * time
+            + self.lattice.spin * h * (self._origin + self._reach)
+        )
         rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
         relative = _MERGED + rounding + self.lattice.drift(self.steps)
-        found = self.steps * stage * relative + 16.0 * _EPSILON * float(np.abs(costate) @ np.abs(self.miss))
+        found = self.steps * stage * relative + 16.0 * _EPSILON * float(
+            np.abs(costate) @ np.abs(self.miss)
+        )
         if not found < _HUGE:
-            raise NonFiniteState("a bound of fuel or time would overflow; the usual cause is a start, goal "
-                                 "or spacecraft with far too large numbers.")
+            raise NonFiniteState(
+                "a bound of fuel or time would overflow; the usual cause is a start, goal "
+                "or spacecraft with far too large numbers."
+            )
         return found

@@ -26,9 +26,11 @@ _ROOM = 2_000_000
 """Halves kept at most, 0.2 GB; more prove nothing."""
 _PART = 10_000
 """Halves compared with all others at a time."""
-_MOST_PULSES, _MOST_THRUSTERS = 12, 16
+_MOST_PULSES = 12
+_MOST_THRUSTERS = 16
 """Of levels that are looked at, and of craft: their patterns are listed one by one."""
-_STEP, _STEPS = 0.05, 12
+_STEP = 0.05
+_STEPS = 12
 """By which the search for the best half lowers what it asks for, pulses."""
 _ASKEW = 2e-4
 """By which tolerances are widened, rad: flights of the kernel are turned off by some 1e-5."""
@@ -57,38 +59,63 @@ class _End:
 class Halves:
     """Flights from rest to rest in an even number of periods, of thrusters that are equally strong."""
 
-    def __init__(self, lattice: SpinLattice, aims: Collection[str], start: SpatialState,
-                 goal: SpatialState, goal_set: GoalSet, steps: int) -> None:
-        self._lattice, self._steps, self._time = lattice, steps, steps * lattice.period
+    def __init__(
+        self,
+        lattice: SpinLattice,
+        aims: Collection[str],
+        start: SpatialState,
+        goal: SpatialState,
+        goal_set: GoalSet,
+        steps: int,
+    ) -> None:
+        self._lattice = lattice
+        self._steps = steps
+        self._time = steps * lattice.period
         self._speed = lattice.craft.thrusters[0].force * lattice.period / lattice.craft.mass
         """Gained by one pulse, m/s."""
         fastest = _MOST_PULSES * self._speed
-        self._radii = (np.array([goal_set.position, goal_set.velocity, goal_set.heading])
-                       + _ASKEW * np.array([fastest * self._time, fastest, 1.0]))
+        self._radii = np.array(
+            [goal_set.position, goal_set.velocity, goal_set.heading]
+        ) + _ASKEW * np.array([fastest * self._time, fastest, 1.0])
         self._way = np.array((goal.p - start.p - start.v.scale(self._time)).columns())
         self._gain = np.array((goal.v - start.v).columns())
         ahead = self._way / max(float(np.linalg.norm(self._way)), 1e-300)
         attitudes = [np.array(leaves(x.attitude.normalised())) for x in (start, goal)]
-        self._ends = (_End(attitudes[0], ahead, 1.0, 0.0),
-                      _End(attitudes[1], -ahead, -1.0, float(self._radii[2])))
-        self._able = (lattice.pulse is not None and steps % 2 == 0
-                      and not any(start.w.columns()) and not any(goal.w.columns())
-                      and lattice.final(aims, start, goal_set) == range(1)
-                      and len(lattice.craft.thrusters) <= _MOST_THRUSTERS)
+        self._ends = (
+            _End(attitudes[0], ahead, 1.0, 0.0),
+            _End(attitudes[1], -ahead, -1.0, float(self._radii[2])),
+        )
+        self._able = (
+            lattice.pulse is not None
+            and steps % 2 == 0
+            and not any(start.w.columns())
+            and not any(goal.w.columns())
+            and lattice.final(aims, start, goal_set) == range(1)
+            and len(lattice.craft.thrusters) <= _MOST_THRUSTERS
+        )
         self._best: dict[tuple[_End, int, float], float] = {}
 
     def exclude(self, pulses: int) -> bool:
         """Whether it is shown that no flight of just so many pulses arrives."""
         turn = pulses * self._lattice.spin * self._lattice.period
-        return (self._able and pulses <= _MOST_PULSES and turn <= _TURN
-                and all(self._apart(first, pulses - first)
-                        for first in sorted(range(pulses + 1), key=lambda k: abs(2 * k - pulses))))
+        return (
+            self._able
+            and pulses <= _MOST_PULSES
+            and turn <= _TURN
+            and all(
+                self._apart(first, pulses - first)
+                for first in sorted(range(pulses + 1), key=lambda k: abs(2 * k - pulses))
+            )
+        )
 
     def _needed(self, lean: float) -> float:
         """What both halves gain together at least, m/s, see `halves_kernel.gained`."""
-        ahead, (position, velocity, _) = self._ends[0].ahead, self._radii
-        return float(2.0 / self._time * (self._way @ ahead - position)
-                     - (1.0 - lean) * (self._gain @ ahead + velocity))
+        ahead = self._ends[0].ahead
+        (position, velocity, _) = self._radii
+        return float(
+            2.0 / self._time * (self._way @ ahead - position)
+            - (1.0 - lean) * (self._gain @ ahead + velocity)
+        )
 
     def _apart(self, first: int, second: int) -> bool:
         """Whether it is shown that no half of the first pulses meets one of the second.
@@ -121,7 +148,8 @@ class Halves:
             return 0.0
         if (end, pulses, lean) not in self._best:
             perfect = (1.0 + end.sign * lean) * self._speed
-            most, found = pulses * perfect, None
+            most = pulses * perfect
+            found = None
             first = self._most(end, pulses - 1, lean) + perfect
             for least in first - _STEP * self._speed * np.arange(1, _STEPS):
                 found = self._all(end, pulses, lean, float(least))
@@ -143,16 +171,34 @@ class Halves:
         """(n, 13) states in the middle of all halves that gain so much; None if they are too many."""
         from rans.optimal.certificate.halves_kernel import followed
 
-        h, ended = self._lattice.period, []
-        states, periods, left = np.zeros((1, 13)), np.zeros(1, np.int64), np.full(1, pulses)
+        h = self._lattice.period
+        ended = []
+        states = np.zeros((1, 13))
+        periods = np.zeros(1, np.int64)
+        left = np.full(1, pulses)
         states[0, 3:7] = end.attitude
         if pulses == 0:
             return states
         patterns, sizes = self._patterns(pulses, least, 1.0 + end.sign * lean)
         while len(states):
             room = np.empty((_ROOM, 13)), np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
-            count = followed(states, periods, left, self._steps // 2, patterns, sizes, end.ahead, self._time,
-                             end.tilt, end.sign * lean, h, gauss(), self._speed, least, *room)
+            count = followed(
+                states,
+                periods,
+                left,
+                self._steps // 2,
+                patterns,
+                sizes,
+                end.ahead,
+                self._time,
+                end.tilt,
+                end.sign * lean,
+                h,
+                gauss(),
+                self._speed,
+                least,
+                *room,
+            )
             if count < 0:
                 return None
             states, periods, left = (table[:count] for table in room)
@@ -164,10 +210,15 @@ class Halves:
         """Accelerations (P, 6) of open thrusters that can gain enough, and how many they are, from one on."""
         craft = self._lattice.craft
         wrenches = np.array(craft.wrench_map) / np.repeat([craft.mass, self._lattice.moment], 3)
-        rows, sizes = [], []
+        rows = []
+        sizes = []
         for size in range(1, pulses + 1):
-            sums = np.array([wrenches[list(some)].sum(axis=0)
-                             for some in itertools.combinations(range(len(wrenches)), size)]).reshape(-1, 6)
+            sums = np.array(
+                [
+                    wrenches[list(some)].sum(axis=0)
+                    for some in itertools.combinations(range(len(wrenches)), size)
+                ]
+            ).reshape(-1, 6)
             push = self._lattice.period * np.linalg.norm(sums[:, :3], axis=1)
             sums = sums[worth * (push + (pulses - size) * self._speed) >= least - 1e-9]
             _, one = np.unique(np.round(sums, 9), axis=0, return_index=True)  # equal ones fly alike
@@ -182,7 +233,8 @@ class Halves:
         """
         from scipy.spatial import KDTree
 
-        quantum, rest = self._lattice.spin, 0.5 * self._time
+        quantum = self._lattice.spin
+        rest = 0.5 * self._time
         near = 2.0 * math.sin(0.25 * self._radii[2]) + 1e-9
         tree = KDTree(np.hstack([before[:, 3:7], before[:, 10:] / quantum]))
         back = after[:, 3:7] * [1.0, -1.0, -1.0, -1.0]
@@ -196,9 +248,13 @@ class Halves:
             i = np.concatenate([np.array(hit, dtype=np.int64) for hit in hits])
             one = before[i]
             off_speed = one[:, 7:10] + rotated(one[:, 3:7], speed[j]) - self._gain
-            off_place = one[:, :3] + rest * one[:, 7:10] + rotated(one[:, 3:7], place[j]) - self._way
-            if ((np.linalg.norm(off_speed, axis=1) <= self._radii[1])
-                    & (np.linalg.norm(off_place, axis=1) <= self._radii[0])).any():
+            off_place = (
+                one[:, :3] + rest * one[:, 7:10] + rotated(one[:, 3:7], place[j]) - self._way
+            )
+            if (
+                (np.linalg.norm(off_speed, axis=1) <= self._radii[1])
+                & (np.linalg.norm(off_place, axis=1) <= self._radii[0])
+            ).any():
                 return True
         return False
 

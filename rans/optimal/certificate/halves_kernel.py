@@ -11,25 +11,46 @@ from rans.optimal.certificate.spatial_kernel import rotated, step
 
 
 @compiled
-def gained(state: np.ndarray, t: float, ahead: np.ndarray, flight: float, tilt: float, lean: float) -> float:
+def gained(
+    state: np.ndarray, t: float, ahead: np.ndarray, flight: float, tilt: float, lean: float
+) -> float:
     """Integral of (1 + lean - 2 t / T) times the acceleration ahead, m/s, from rest in the origin.
 
     It is 2 p / T + (1 + lean - 2 t / T) v, which coasting keeps. Ahead is the best direction within ``tilt``,
     rad, of the vector (3,) given.
     """
-    along, size = 0.0, 0.0
+    along = 0.0
+    size = 0.0
     for i in range(3):
         x = 2.0 * state[i] / flight + (1.0 + lean - 2.0 * t / flight) * state[7 + i]
-        along, size = along + x * ahead[i], size + x * x
+        along = along + x * ahead[i]
+        size = size + x * x
     size = math.sqrt(size)
-    return size * math.cos(max(0.0, math.acos(min(1.0, max(-1.0, along / max(size, 1e-300)))) - tilt))
+    return size * math.cos(
+        max(0.0, math.acos(min(1.0, max(-1.0, along / max(size, 1e-300)))) - tilt)
+    )
 
 
 @compiled
-def followed(states: np.ndarray, periods: np.ndarray, left: np.ndarray, half: int, patterns: np.ndarray,
-             sizes: np.ndarray, ahead: np.ndarray, flight: float, tilt: float, lean: float, h: float,
-             rule: np.ndarray, pulse: float, least: float, found: np.ndarray, found_periods: np.ndarray,
-             found_left: np.ndarray) -> int:
+def followed(
+    states: np.ndarray,
+    periods: np.ndarray,
+    left: np.ndarray,
+    half: int,
+    patterns: np.ndarray,
+    sizes: np.ndarray,
+    ahead: np.ndarray,
+    flight: float,
+    tilt: float,
+    lean: float,
+    h: float,
+    rule: np.ndarray,
+    pulse: float,
+    least: float,
+    found: np.ndarray,
+    found_periods: np.ndarray,
+    found_left: np.ndarray,
+) -> int:
     """Every way to go on by one pattern that can still gain enough; how many, -1 if there is no room for all.
 
     Args:
@@ -51,36 +72,50 @@ def followed(states: np.ndarray, periods: np.ndarray, left: np.ndarray, half: in
         found_periods: (room,), written.
         found_left: (room,), written.
     """
-    count, now, new, nothing = 0, np.empty(13), np.empty(13), np.zeros(6)
+    count = 0
+    now = np.empty(13)
+    new = np.empty(13)
+    nothing = np.zeros(6)
     for x in range(len(states)):
         now[:] = states[x]
         for k in range(periods[x], half):
-            first, last = 1.0 + lean - 2.0 * k * h / flight, 1.0 + lean - 2.0 * (k + 1) * h / flight
-            worth, later = max(abs(first), abs(lean)), max(abs(last), abs(lean))  # at most, from now on
+            first = 1.0 + lean - 2.0 * k * h / flight
+            last = 1.0 + lean - 2.0 * (k + 1) * h / flight
+            # at most, from now on
+            worth = max(abs(first), abs(lean))
+            later = max(abs(last), abs(lean))
             before = gained(now, k * h, ahead, flight, tilt, lean)
             if before + left[x] * pulse * worth < least:
                 break
             b0, b1, b2 = rotated((now[3], -now[4], -now[5], -now[6]), ahead[0], ahead[1], ahead[2])
             spin = math.sqrt(now[10] ** 2 + now[11] ** 2 + now[12] ** 2)
             for s in range(len(sizes)):
-                rest, a = left[x] - sizes[s], patterns[s]
+                rest = left[x] - sizes[s]
+                a = patterns[s]
                 if rest < 0:
                     break
                 # a cheap bound first: the period turns by so much at most
                 push = math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
                 turn = tilt + h * (spin + 0.5 * h * math.sqrt(a[3] ** 2 + a[4] ** 2 + a[5] ** 2))
-                off = math.acos(min(1.0, max(-1.0, (b0 * a[0] + b1 * a[1] + b2 * a[2]) / max(push, 1e-300))))
+                off = math.acos(
+                    min(1.0, max(-1.0, (b0 * a[0] + b1 * a[1] + b2 * a[2]) / max(push, 1e-300)))
+                )
                 most = worth * h * push
                 if last >= 0.0:
                     most *= math.cos(min(0.5 * math.pi, max(0.0, off - turn)))
                 if before + most + rest * pulse * later < least:
                     continue
                 step(now, new, a, h, rule)
-                if gained(new, (k + 1) * h, ahead, flight, tilt, lean) + rest * pulse * later < least:
+                if (
+                    gained(new, (k + 1) * h, ahead, flight, tilt, lean) + rest * pulse * later
+                    < least
+                ):
                     continue
                 if count == len(found):
                     return -1
-                found[count], found_periods[count], found_left[count] = new, k + 1, rest
+                found[count] = new
+                found_periods[count] = k + 1
+                found_left[count] = rest
                 if rest == 0 and k + 1 < half:
                     step(new, found[count], nothing, (half - k - 1) * h, rule)
                 count += 1

@@ -65,10 +65,13 @@ class Reach:
     def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
         """Of a spacecraft, and of its thrusters as they are left by faults from the start on."""
         gain, leak = np.array(health or Health.sound(craft))
-        able, whole = gain + leak > 0.0, np.array([t.force for t in craft.thrusters])
-        torques = np.linalg.norm(np.array(craft.wrench_map)[:, craft.dimension:], axis=1)
-        torques, forces = np.maximum(torques, _LEVER * whole) * able, whole * able
-        arm, most = float((torques / whole).max()), float(forces.sum())
+        able = gain + leak > 0.0
+        whole = np.array([t.force for t in craft.thrusters])
+        torques = np.linalg.norm(np.array(craft.wrench_map)[:, craft.dimension :], axis=1)
+        torques = np.maximum(torques, _LEVER * whole) * able
+        forces = whole * able
+        arm = float((torques / whole).max())
+        most = float(forces.sum())
         if craft.thrust_sharing == "split":
             single = np.append(0.0, forces)
             return cls(single, single, float(torques.max()), arm, float(forces.max()))
@@ -78,21 +81,28 @@ class Reach:
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
         opened = sets * gain + leak
         total = opened @ np.array(craft.wrench_map)
-        size = np.linalg.norm(total[:, :craft.dimension], axis=1)
-        turning = float(np.linalg.norm(total[:, craft.dimension:], axis=1).max())
+        size = np.linalg.norm(total[:, : craft.dimension], axis=1)
+        turning = float(np.linalg.norm(total[:, craft.dimension :], axis=1).max())
         return cls(*_frontier(opened @ whole, size), max(turning, _LEVER * most), arm, most)
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Those sets that no other beats with less thrust or as much force."""
     order = np.lexsort((-force, thrust))
-    thrust, force = thrust[order], force[order]
+    thrust = thrust[order]
+    force = force[order]
     best = np.maximum.accumulate(np.append(-1.0, force))[:-1]
     return thrust[force > best], force[force > best]
 
 
-def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
-               goal_set: GoalSet, health: Health | None = None) -> float:
+def least_time(
+    craft: Spacecraft,
+    aims: Collection[str],
+    start: State,
+    goal: State,
+    goal_set: GoalSet,
+    health: Health | None = None,
+) -> float:
     """A time before which nothing can have arrived, s; infinite where nothing ever does.
 
     Start and goal are of floats. What must be in the goal set is named by the aims, see
@@ -107,7 +117,9 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     push = float(reach.force.max()) / craft.mass
     way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
     margin = goal_set.velocity if "velocity" in aims else math.inf
-    vectors = [v / np.linalg.norm(v) for v in (way, after - before, before) if np.linalg.norm(v) > 0]
+    vectors = [
+        v / np.linalg.norm(v) for v in (way, after - before, before) if np.linalg.norm(v) > 0
+    ]
     for axis in (sign * v for v in vectors for sign in (1.0, -1.0)):
         far = way @ axis - goal_set.position if "position" in aims else -math.inf
         change = max(0.0, abs(float((after - before) @ axis)) - margin)
@@ -116,8 +128,9 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     return max(times) * (1.0 - _ROUNDING)
 
 
-def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: float,
-                 health: Health | None = None) -> GoalSet:
+def settling_set(
+    craft: Spacecraft, tolerance: float, angle: float, period: float, health: Health | None = None
+) -> GoalSet:
     """Where everyone is who stays so near the goal's pose (m, rad), looked at once a period (s), for good.
 
     Who stays in a ball of radius r with accelerations up to a is no faster than 2 sqrt(a r + (a h / 4)^2): it
@@ -129,15 +142,23 @@ def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: floa
         ConfigError: a tolerance is negative or not finite, the period negative or not finite.
     """
     if not (math.isfinite(period) and period >= 0):
-        raise ConfigError(f"a bound of settling needs a finite period >= 0 s between looks, got {period!r}.")
-    near, reach = GoalSet(tolerance, 0.0, angle, 0.0), Reach.of(craft, health)
-    push, turn = float(reach.force.max()) / craft.mass, reach.torque / craft.inertia[2][2]
-    speed, spin = (2.0 * math.sqrt(a * r + (a * period / 4.0) ** 2)
-                   for a, r in ((push, tolerance), (turn, angle)))
+        raise ConfigError(
+            f"a bound of settling needs a finite period >= 0 s between looks, got {period!r}."
+        )
+    near = GoalSet(tolerance, 0.0, angle, 0.0)
+    reach = Reach.of(craft, health)
+    push = float(reach.force.max()) / craft.mass
+    turn = reach.torque / craft.inertia[2][2]
+    speed, spin = (
+        2.0 * math.sqrt(a * r + (a * period / 4.0) ** 2)
+        for a, r in ((push, tolerance), (turn, angle))
+    )
     return replace(near, velocity=speed, spin=spin)
 
 
-def staying_time(craft: Spacecraft, within: GoalSet, period: float, health: Health | None = None) -> float:
+def staying_time(
+    craft: Spacecraft, within: GoalSet, period: float, health: Health | None = None
+) -> float:
     """How long all must be watched who are outside that set, until they are seen to leave, s.
 
     Infinite where no thruster is left: who is as slow as you like leaves as late.
@@ -150,8 +171,15 @@ def staying_time(craft: Spacecraft, within: GoalSet, period: float, health: Heal
     return max(braking, within.spin * craft.inertia[2][2] / reach.torque) + 0.5 * period
 
 
-def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: float, angle: float,
-                   period: float, health: Health | None = None) -> float:
+def least_settling(
+    craft: Spacecraft,
+    start: State,
+    goal: State,
+    tolerance: float,
+    angle: float,
+    period: float,
+    health: Health | None = None,
+) -> float:
     """A time before which nobody has entered that set for good, s, see `settling_set`."""
     within = settling_set(craft, tolerance, angle, period, health)
     return least_time(craft, ("position", "velocity", "attitude"), start, goal, within, health)
@@ -169,8 +197,11 @@ def _least_time(way: float, before: float, after: float, change: float, push: fl
         return first
     # while push T <= after - before the first line is the lower one throughout
     early = _roots(0.5 * push, before, -way)
-    late = _roots(0.25 * push, 0.5 * (before + after), -way - 0.25 * (before - after)**2 / push) \
-        if math.isfinite(after) else []
+    late = (
+        _roots(0.25 * push, 0.5 * (before + after), -way - 0.25 * (before - after) ** 2 / push)
+        if math.isfinite(after)
+        else []
+    )
     for time in sorted(t for t in (first, *early, *late) if t >= first):
         if _covered(time, before, after, push) >= way - 1e-9 * abs(way):
             return time
@@ -186,7 +217,11 @@ def _drifting_time(way: float, speed: float, change: float) -> float:
 
 def _roots(a: float, b: float, c: float) -> list[float]:
     discriminant = b * b - 4.0 * a * c
-    return [] if discriminant < 0 else [(-b + sign * math.sqrt(discriminant)) / (2.0 * a) for sign in (-1, 1)]
+    return (
+        []
+        if discriminant < 0
+        else [(-b + sign * math.sqrt(discriminant)) / (2.0 * a) for sign in (-1, 1)]
+    )
 
 
 def _covered(time: float, before: float, after: float, push: float) -> float:
@@ -196,8 +231,14 @@ def _covered(time: float, before: float, after: float, push: float) -> float:
     return before * switch + 0.5 * push * switch**2 + braking
 
 
-def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: State, horizon: float,
-               goal_set: GoalSet) -> float:
+def least_fuel(
+    craft: Spacecraft,
+    aims: Collection[str],
+    start: State,
+    goal: State,
+    horizon: float,
+    goal_set: GoalSet,
+) -> float:
     """Thrust-time below which nothing is in the goal set at the horizon (s), N s; infinite if nothing can.
 
     Raises:
@@ -205,7 +246,8 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     """
     if not (math.isfinite(horizon) and horizon > 0):
         raise ConfigError(f"a bound of thrust-time needs a finite horizon > 0 s, got {horizon}.")
-    (way, before, after, change), reach = _rotation(craft, aims, start, goal, goal_set), Reach.of(craft)
+    (way, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
+    reach = Reach.of(craft)
     swing = max(2.0 * way / horizon - before - after, change) - _ROUNDING * before
     turning = swing / reach.arm if swing > 0 else 0.0
     moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
@@ -213,8 +255,9 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     return bound if bound <= horizon * reach.most else math.inf
 
 
-def _rotation(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
-              goal_set: GoalSet) -> tuple[float, float, float, float]:
+def _rotation(
+    craft: Spacecraft, aims: Collection[str], start: State, goal: State, goal_set: GoalSet
+) -> tuple[float, float, float, float]:
     """What the angular momentum must do.
 
     The angle to turn times the least moment of inertia, kg m^2; its size at the start, at most at the end,
@@ -223,7 +266,9 @@ def _rotation(craft: Spacecraft, aims: Collection[str], start: State, goal: Stat
     check_finite(start, goal)
     tensor = inertia(craft)
     moments = np.linalg.eigvalsh(tensor)
-    angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading
+    angle = (
+        float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading
+    )
     before, after = (float(np.linalg.norm(tensor @ np.array(x.spin()))) for x in (start, goal))
     slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
     way = angle * float(moments[0]) if "attitude" in aims else -math.inf
@@ -233,9 +278,18 @@ def _rotation(craft: Spacecraft, aims: Collection[str], start: State, goal: Stat
 class _Dual:
     """The dual function of the translation: every costate gives a bound of the thrust-time."""
 
-    def __init__(self, craft: Spacecraft, aims: Collection[str], start: State, goal: State, horizon: float,
-                 goal_set: GoalSet) -> None:
-        self._reach, self._mass, self._horizon = Reach.of(craft), craft.mass, horizon
+    def __init__(
+        self,
+        craft: Spacecraft,
+        aims: Collection[str],
+        start: State,
+        goal: State,
+        horizon: float,
+        goal_set: GoalSet,
+    ) -> None:
+        self._reach = Reach.of(craft)
+        self._mass = craft.mass
+        self._horizon = horizon
         self._left = np.linspace(horizon, 0.0, _PARTS + 1)
         self._gain = np.array((goal.v - start.v).columns())
         self._way = np.array((goal.p - start.p - start.v.scale(horizon)).columns())
@@ -263,6 +317,10 @@ class _Dual:
         back = 2.0 * ahead / self._horizon * self._aimed[1, 0]
         first = np.concatenate([ahead - self._horizon * back, back])
         unit = np.repeat([1.0, 1.0 / self._horizon], len(way))
-        found = minimize(lambda x: -self.value(x * unit), first / unit, method="Nelder-Mead",
-                         options={"maxfev": 2000, "fatol": 1e-5, "xatol": 1e-5})
+        found = minimize(
+            lambda x: -self.value(x * unit),
+            first / unit,
+            method="Nelder-Mead",
+            options={"maxfev": 2000, "fatol": 1e-5, "xatol": 1e-5},
+        )
         return max(self.value(first), -float(found.fun))

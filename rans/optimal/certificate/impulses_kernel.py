@@ -27,8 +27,18 @@ def in_order(when: np.ndarray, order: np.ndarray) -> None:
 
 
 @compiled
-def _off(when: np.ndarray, who: np.ndarray, flight: float, wrenches: np.ndarray, start: np.ndarray,
-         goal: np.ndarray, h: float, off: np.ndarray, order: np.ndarray, parts: np.ndarray) -> None:
+def _off(
+    when: np.ndarray,
+    who: np.ndarray,
+    flight: float,
+    wrenches: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    h: float,
+    off: np.ndarray,
+    order: np.ndarray,
+    parts: np.ndarray,
+) -> None:
     """What impulses end off by (9,): p, v and the turn from the goal, in W.
 
     An impulse is a period's push and twist in its middle. The push has the middle's attitude, which is
@@ -37,13 +47,20 @@ def _off(when: np.ndarray, who: np.ndarray, flight: float, wrenches: np.ndarray,
     Parts, (K, 9), written: push, twist and the spin before, in W.
     """
     in_order(when, order)
-    q, w, now = (start[3], start[4], start[5], start[6]), start[10:13].copy(), 0.0
+    q = (start[3], start[4], start[5], start[6])
+    w = start[10:13].copy()
+    now = 0.0
     for i in range(3):
-        off[i], off[3 + i] = start[i] + flight * start[7 + i] - goal[i], start[7 + i] - goal[7 + i]
+        off[i] = start[i] + flight * start[7 + i] - goal[i]
+        off[3 + i] = start[7 + i] - goal[7 + i]
     for j in order:
-        d, x, now = when[j] - now, wrenches[who[j]], when[j]
+        d = when[j] - now
+        x = wrenches[who[j]]
+        now = when[j]
         q = product(q, exponential(d * w[0], d * w[1], d * w[2]))
-        a, b, c = h * x[3], h * x[4], h * x[5]
+        a = h * x[3]
+        b = h * x[4]
+        c = h * x[5]
         ahead = product(q, exponential(0.125 * h * a, 0.125 * h * b, 0.125 * h * c))
         parts[j, 0], parts[j, 1], parts[j, 2] = rotated(ahead, h * x[0], h * x[1], h * x[2])
         parts[j, 3], parts[j, 4], parts[j, 5] = rotated(q, a, b, c)
@@ -57,32 +74,56 @@ def _off(when: np.ndarray, who: np.ndarray, flight: float, wrenches: np.ndarray,
     s, x, y, z = product(q, (goal[3], -goal[4], -goal[5], -goal[6]))
     size = math.sqrt(x * x + y * y + z * z)
     angle = math.copysign(2.0 * math.atan2(size, abs(s)), s) / max(size, 1e-12)
-    off[6], off[7], off[8] = angle * x, angle * y, angle * z
+    off[6] = angle * x
+    off[7] = angle * y
+    off[8] = angle * z
 
 
 @compiled
-def _slopes(when: np.ndarray, flight: float, order: np.ndarray, parts: np.ndarray,
-            slopes: np.ndarray) -> None:
+def _slopes(
+    when: np.ndarray, flight: float, order: np.ndarray, parts: np.ndarray, slopes: np.ndarray
+) -> None:
     """Slopes (9, K), written, of what impulses end off by, by their instants; parts as `_off` leaves them.
 
     A pulse that comes dt later leaves all after it turned back by its twist times dt, and is itself turned
     on by the spin before.
     """
     # sum and first moment of the pushes after a pulse
-    ex, ey, ez, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ex = 0.0
+    ey = 0.0
+    ez = 0.0
+    mx = 0.0
+    my = 0.0
+    mz = 0.0
     for j in order[::-1]:
-        f0, f1, f2, t0, t1, t2 = parts[j, 0], parts[j, 1], parts[j, 2], parts[j, 3], parts[j, 4], parts[j, 5]
-        w0, w1, w2, left = parts[j, 6], parts[j, 7], parts[j, 8], flight - when[j]
-        c0, c1, c2 = w1 * f2 - w2 * f1, w2 * f0 - w0 * f2, w0 * f1 - w1 * f0
+        f0 = parts[j, 0]
+        f1 = parts[j, 1]
+        f2 = parts[j, 2]
+        t0 = parts[j, 3]
+        t1 = parts[j, 4]
+        t2 = parts[j, 5]
+        w0 = parts[j, 6]
+        w1 = parts[j, 7]
+        w2 = parts[j, 8]
+        left = flight - when[j]
+        c0 = w1 * f2 - w2 * f1
+        c1 = w2 * f0 - w0 * f2
+        c2 = w0 * f1 - w1 * f0
         slopes[0, j] = left * c0 - f0 - t1 * mz + t2 * my
         slopes[1, j] = left * c1 - f1 - t2 * mx + t0 * mz
         slopes[2, j] = left * c2 - f2 - t0 * my + t1 * mx
         slopes[3, j] = c0 - t1 * ez + t2 * ey
         slopes[4, j] = c1 - t2 * ex + t0 * ez
         slopes[5, j] = c2 - t0 * ey + t1 * ex
-        slopes[6, j], slopes[7, j], slopes[8, j] = -t0, -t1, -t2
-        ex, ey, ez = ex + f0, ey + f1, ez + f2
-        mx, my, mz = mx + left * f0, my + left * f1, mz + left * f2
+        slopes[6, j] = -t0
+        slopes[7, j] = -t1
+        slopes[8, j] = -t2
+        ex = ex + f0
+        ey = ey + f1
+        ez = ez + f2
+        mx = mx + left * f0
+        my = my + left * f1
+        mz = mz + left * f2
 
 
 @compiled
@@ -105,11 +146,17 @@ def _projected(off: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
         r = radii[g // 3]
         size = math.sqrt(off[g] ** 2 + off[g + 1] ** 2 + off[g + 2] ** 2)
         share = max(0.0, 1.0 - r / max(size, 1e-12))
-        n0, n1, n2 = 0.0, 0.0, 0.0
+        n0 = 0.0
+        n1 = 0.0
+        n2 = 0.0
         if share > 0.0:
-            n0, n1, n2 = off[g] / size, off[g + 1] / size, off[g + 2] / size
+            n0 = off[g] / size
+            n1 = off[g + 1] / size
+            n2 = off[g + 2] / size
         for j in range(slopes.shape[1]):
-            along = (1.0 - share) * (n0 * slopes[g, j] + n1 * slopes[g + 1, j] + n2 * slopes[g + 2, j])
+            along = (1.0 - share) * (
+                n0 * slopes[g, j] + n1 * slopes[g + 1, j] + n2 * slopes[g + 2, j]
+            )
             slopes[g, j] = (share * slopes[g, j] + along * n0) / r
             slopes[g + 1, j] = (share * slopes[g + 1, j] + along * n1) / r
             slopes[g + 2, j] = (share * slopes[g + 2, j] + along * n2) / r
@@ -118,7 +165,9 @@ def _projected(off: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
 
 
 @compiled
-def _solved(slopes: np.ndarray, off: np.ndarray, damping: float, a: np.ndarray, y: np.ndarray) -> None:
+def _solved(
+    slopes: np.ndarray, off: np.ndarray, damping: float, a: np.ndarray, y: np.ndarray
+) -> None:
     """Write (J J' + damping)^-1 off to y, by Cholesky, in a."""
     n = len(off)
     for i in range(n):
@@ -141,17 +190,32 @@ def _solved(slopes: np.ndarray, off: np.ndarray, damping: float, a: np.ndarray, 
 
 
 @compiled
-def refined(when: np.ndarray, who: np.ndarray, flight: float, wrenches: np.ndarray, start: np.ndarray,
-            goal: np.ndarray, h: float, radii: np.ndarray) -> float:
+def refined(
+    when: np.ndarray,
+    who: np.ndarray,
+    flight: float,
+    wrenches: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    h: float,
+    radii: np.ndarray,
+) -> float:
     """Move impulses' instants (K,) until they end within the balls, by Levenberg and Marquardt.
 
     Returns the root of the sum of squares of what is left outside, in radii of position, velocity and angle.
     """
     count = len(when)
-    off, slopes, parts = np.empty(9), np.empty((9, count)), np.empty((count, 9))
-    order, a, y, trial = np.empty(count, np.int64), np.empty((9, 9)), np.empty(9), np.empty(count)
+    off = np.empty(9)
+    slopes = np.empty((9, count))
+    parts = np.empty((count, 9))
+    order = np.empty(count, np.int64)
+    a = np.empty((9, 9))
+    y = np.empty(9)
+    trial = np.empty(count)
     _off(when, who, flight, wrenches, start, goal, h, off, order, parts)
-    value, damping, fresh = _beyond(off, radii), 1.0, False
+    value = _beyond(off, radii)
+    damping = 1.0
+    fresh = False
     for _ in range(_ITERATIONS):
         if value < 1e-4 or damping > 1e5:
             break
@@ -163,14 +227,16 @@ def refined(when: np.ndarray, who: np.ndarray, flight: float, wrenches: np.ndarr
             move = 0.0
             for i in range(9):
                 move -= slopes[i, j] * y[i]
-            trial[j] = min(flight - 0.5 * h,
-                           max(0.5 * h, when[j] + min(_LONGEST, max(-_LONGEST, move))))
+            trial[j] = min(
+                flight - 0.5 * h, max(0.5 * h, when[j] + min(_LONGEST, max(-_LONGEST, move)))
+            )
         before = off.copy()
         _off(trial, who, flight, wrenches, start, goal, h, off, order, parts)
         new = _beyond(off, radii)
         fresh = new >= value
         if fresh:  # as it was, more carefully
-            off[:], damping = before, 8.0 * damping
+            off[:] = before
+            damping = 8.0 * damping
         else:
             when[:], value, damping = trial, new, max(1e-3, 0.2 * damping)
     return math.sqrt(value)

@@ -59,11 +59,18 @@ class Lattice:
         ConfigError: this spacecraft has no such lattice, or the period is not a positive number.
     """
 
-    def __init__(self, craft: Spacecraft, period: float, dead: Collection[int] = (),
-                 stuck: Collection[int] = ()) -> None:
+    def __init__(
+        self,
+        craft: Spacecraft,
+        period: float,
+        dead: Collection[int] = (),
+        stuck: Collection[int] = (),
+    ) -> None:
         check_period(period)
         _check(craft)
-        self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
+        self.craft = craft
+        self.period = period
+        self.pulse = pulse(craft, period)
         self.forces = np.array([thruster.force for thruster in craft.thrusters])
         self.grain = float(self.forces.min()) * period
         """Fuel by which amounts of it are told apart: one pulse, or the weakest thruster's, N s."""
@@ -110,7 +117,8 @@ class Lattice:
         Of spins (W,) at its start, rad/s: two complex arrays (W, torques), s and s^2, for the `torque_range`.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        s, weights = 0.5 * self.period * (nodes + 1.0), 0.5 * self.period * weights
+        s = 0.5 * self.period * (nodes + 1.0)
+        weights = 0.5 * self.period * weights
         rate = self.spin / self.period * self.torque_range
         angle = spins[:, None, None] * s + 0.5 * rate[:, None] * s * s
         turned = np.exp(1j * angle) * weights
@@ -144,7 +152,9 @@ class GoalSet:
         for key in ("position", "velocity", "heading", "spin"):
             value = getattr(self, key)
             if not (math.isfinite(value) and value >= 0):
-                raise ConfigError(f"goal set: {key} must be finite and not negative, got {value!r}.")
+                raise ConfigError(
+                    f"goal set: {key} must be finite and not negative, got {value!r}."
+                )
 
     def net_spins(self, lattice: Lattice, start: PlanarState, goal: PlanarState) -> set[int]:
         """Changes of spin, in quanta, that end within the tolerance of the goal's spin.
@@ -161,15 +171,18 @@ class GoalSet:
             raise ConfigError(
                 f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: "
                 f"the nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, "
-                f"{self.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins.")
+                f"{self.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins."
+            )
         return found
 
     def contains(self, state: PlanarState, goal: PlanarState) -> bool:
         """Whether a state of floats is in the set."""
-        return bool((goal.p - state.p).norm() <= self.position
-                    and (goal.v - state.v).norm() <= self.velocity
-                    and abs(wrap(state.attitude.angle - goal.attitude.angle)) <= self.heading
-                    and abs(state.w - goal.w) <= self.spin + 1e-9)
+        return bool(
+            (goal.p - state.p).norm() <= self.position
+            and (goal.v - state.v).norm() <= self.velocity
+            and abs(wrap(state.attitude.angle - goal.attitude.angle)) <= self.heading
+            and abs(state.w - goal.w) <= self.spin + 1e-9
+        )
 
 
 def check_finite(start: State, goal: State) -> None:
@@ -202,15 +215,21 @@ def rounded_up(value: float, unit: float) -> float:
 
 def _check(craft: Spacecraft) -> None:
     if craft.dimension != 2:
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion only, "
-                          "because attitudes in space do not lie on a lattice.")
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion only, "
+            "because attitudes in space do not lie on a lattice."
+        )
     if craft.thrust_sharing != "none":
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover "
-                          f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
-                          "depends on how many thrusters are open.")
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: the on/off certificate does not cover "
+            f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
+            "depends on how many thrusters are open."
+        )
     if craft.actuators != ON_OFF:
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover its "
-                          f"{craft.actuators.kind} actuators, which can do more than open for whole periods.")
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: the on/off certificate does not cover its "
+            f"{craft.actuators.kind} actuators, which can do more than open for whole periods."
+        )
 
 
 def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
@@ -225,30 +244,39 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
         exact = np.abs(torques - multiples * quantum).max() <= _ROUNDING * largest
         if exact and np.abs(multiples).max() <= _LARGEST_MULTIPLE:
             return quantum, multiples
-    raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are "
-                      f"whole multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
-                      f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre "
-                      "of mass off the thrusters' centre.")
+    raise ConfigError(
+        f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are "
+        f"whole multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
+        f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre "
+        "of mass off the thrusters' centre."
+    )
 
 
-def _patterns(craft: Spacecraft, multiples: np.ndarray, dead: Collection[int],
-              stuck: Collection[int]) -> Patterns:
+def _patterns(
+    craft: Spacecraft, multiples: np.ndarray, dead: Collection[int], stuck: Collection[int]
+) -> Patterns:
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
-    tiny, count = 1e-12 * max(thruster.force for thruster in craft.thrusters), len(craft.thrusters)
+    tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
+    count = len(craft.thrusters)
     found = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
-    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True)):
+    for index, (thruster, (x, y, _)) in enumerate(
+        zip(craft.thrusters, craft.wrench_map, strict=True)
+    ):
         shut = [] if index in dead else list(found.values())
         if index in stuck:
             found = {}
         for torque, force, thrust, open_ in shut:
-            torque, force = torque + int(multiples[index]), force + complex(x, y)
+            torque = torque + int(multiples[index])
+            force = force + complex(x, y)
             thrust = thrust + thruster.force
             key = (torque, round(force.real / tiny), round(force.imag / tiny))
             if key not in found or thrust < found[key][2] - tiny:
-                found[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1:]))
+                found[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1 :]))
         if len(found) > _MOST_PATTERNS:
-            raise ConfigError(f"spacecraft {craft.name!r}: its {count} thrusters have more than "
-                              f"{_MOST_PATTERNS} different on/off patterns, too many to search.")
+            raise ConfigError(
+                f"spacecraft {craft.name!r}: its {count} thrusters have more than "
+                f"{_MOST_PATTERNS} different on/off patterns, too many to search."
+            )
     ordered = sorted(found.values(), key=lambda pattern: (pattern[0], pattern[2]))
     torque, force, thrust, commands = zip(*ordered, strict=True)
     return Patterns(np.array(torque), np.array(force), np.array(thrust), np.array(commands))

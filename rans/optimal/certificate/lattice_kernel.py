@@ -17,8 +17,17 @@ n = 0 and of a = 0."""
 
 
 @compiled
-def price_row(price: float, turn: complex, tables: Tables, first: int, last: int, allowed: np.ndarray,
-              begin: int, end: int, row: np.ndarray) -> None:
+def price_row(
+    price: float,
+    turn: complex,
+    tables: Tables,
+    first: int,
+    last: int,
+    allowed: np.ndarray,
+    begin: int,
+    end: int,
+    row: np.ndarray,
+) -> None:
     """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
     cosine, sine, thrust, force = tables[:4]
     for a in range(begin, end):
@@ -27,22 +36,33 @@ def price_row(price: float, turn: complex, tables: Tables, first: int, last: int
         if not allowed[p]:
             continue
         c = turn * force[p]
-        real, imaginary, fuel = c.real, c.imag, price * thrust[p]
+        real = c.real
+        imaginary = c.imag
+        fuel = price * thrust[p]
         for a in range(begin, end):
             cost = fuel + (real * cosine[a] - imaginary * sine[a])
             row[a] = cost if cost < row[a] else row[a]
 
 
 @compiled
-def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
-          allowed: np.ndarray, value: np.ndarray, ahead: bool) -> None:
+def sweep(
+    fuel: float,
+    turns: np.ndarray,
+    tables: Tables,
+    low: np.ndarray,
+    high: np.ndarray,
+    allowed: np.ndarray,
+    value: np.ndarray,
+    ahead: bool,
+) -> None:
     """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
 
     The fuel is the price of a newton of thrust over one period; the turns, complex (N, spins, torques), are
     what the costate makes of a force on B at heading index 0; allowed are the patterns that may be used,
     (N, P). The value, (N + 1, spins, headings), is filled from its end, or ahead from its start, given there.
     """
-    steps, spins = turns.shape[0], turns.shape[1]
+    steps = turns.shape[0]
+    spins = turns.shape[1]
     firsts, least, reach = tables[4:7]
     row = np.empty(value.shape[2])
     for step in range(steps):
@@ -61,24 +81,47 @@ def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
                 end = min(high[k, i], high[k + 1, j] - n)
                 if begin >= end:
                     continue
-                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k], begin, end, row)
+                price_row(
+                    fuel,
+                    turns[k, i, t],
+                    tables,
+                    firsts[t],
+                    firsts[t + 1],
+                    allowed[k],
+                    begin,
+                    end,
+                    row,
+                )
                 for a in range(begin, end):
                     if ahead:
-                        value[k + 1, j, a + n] = min(value[k + 1, j, a + n], row[a] + value[k, i, a])
+                        value[k + 1, j, a + n] = min(
+                            value[k + 1, j, a + n], row[a] + value[k, i, a]
+                        )
                     else:
                         value[k, i, a] = min(value[k, i, a], row[a] + value[k + 1, j, a + n])
 
 
 @compiled
-def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
-          allowed: np.ndarray, value: np.ndarray) -> np.ndarray:
+def trace(
+    fuel: float,
+    turns: np.ndarray,
+    tables: Tables,
+    low: np.ndarray,
+    high: np.ndarray,
+    allowed: np.ndarray,
+    value: np.ndarray,
+) -> np.ndarray:
     """The cheapest patterns from n = a = 0 on, by the values of `sweep`: (N,) indices."""
-    steps, spins = turns.shape[0], turns.shape[1]
+    steps = turns.shape[0]
+    spins = turns.shape[1]
     cosine, sine, thrust, force, firsts, least, reach, origin = tables
     chosen = np.zeros(steps, dtype=np.int64)
-    i, a = reach, origin
+    i = reach
+    a = origin
     for k in range(steps):
-        best, n, best_j = np.inf, i - reach, i
+        best = np.inf
+        n = i - reach
+        best_j = i
         for t in range(turns.shape[2]):
             j = i + least + t
             if j < 0 or j >= spins or a + n < low[k + 1, j] or a + n >= high[k + 1, j]:
@@ -90,23 +133,30 @@ def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
                 cost = fuel * thrust[p] + (c.real * cosine[a] - c.imag * sine[a])
                 cost += value[k + 1, j, a + n]
                 if cost < best:
-                    best, best_j, chosen[k] = cost, j, p
-        i, a = best_j, a + n
+                    best = cost
+                    best_j = j
+                    chosen[k] = p
+        i = best_j
+        a = a + n
     return chosen
 
 
 @compiled
-def shrink(before: np.ndarray, after: np.ndarray, limit: float, low: np.ndarray,
-           high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shrink(
+    before: np.ndarray, after: np.ndarray, limit: float, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Windows that hold every point through which a path costs at most the limit."""
     steps, spins = low.shape
-    new_low, new_high = np.zeros_like(low), np.zeros_like(high)
+    new_low = np.zeros_like(low)
+    new_high = np.zeros_like(high)
     for k in range(steps):
         for i in range(spins):
-            begin, end = low[k, i], high[k, i]
+            begin = low[k, i]
+            end = high[k, i]
             while begin < end and not before[k, i, begin] + after[k, i, begin] <= limit:
                 begin += 1
             while end > begin and not before[k, i, end - 1] + after[k, i, end - 1] <= limit:
                 end -= 1
-            new_low[k, i], new_high[k, i] = begin, end
+            new_low[k, i] = begin
+            new_high[k, i] = end
     return new_low, new_high

@@ -15,12 +15,16 @@ _SIDES = 16
 """Of the polygon inside the goal's discs: it gives away 2 % of their radius."""
 
 
-def replay(craft: Spacecraft, start: AnyState, commands: np.ndarray, period: float,
-           substeps: int = 1) -> AnyState:
+def replay(
+    craft: Spacecraft, start: AnyState, commands: np.ndarray, period: float, substeps: int = 1
+) -> AnyState:
     """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations."""
-    state, body = start, Body.of(craft)
+    state = start
+    body = Body.of(craft)
     for command in commands:
-        state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period, substeps)
+        state = advance(
+            state, wrench(craft, tuple(float(c) for c in command)), body, period, substeps
+        )
     return state
 
 
@@ -29,8 +33,9 @@ def fuel(craft: Spacecraft, commands: np.ndarray, period: float) -> float:
     return float(commands.sum(axis=0) @ [thruster.force for thruster in craft.thrusters]) * period
 
 
-def nozzles(relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float,
-            seconds: float) -> np.ndarray | None:
+def nozzles(
+    relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float, seconds: float
+) -> np.ndarray | None:
     """Commands (N, thrusters) that turn as a path does and end, replayed, in the goal set, if any are found.
 
     With the attitude known, velocity and position at the end are linear in the choice of one pattern per
@@ -48,49 +53,73 @@ def nozzles(relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: f
 def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
     """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
     gained, moved = relaxation.effect(path)
-    miss, goal_set, lattice = relaxation.miss, relaxation.goal_set, relaxation.lattice
+    miss = relaxation.miss
+    goal_set = relaxation.goal_set
+    lattice = relaxation.lattice
     thrust_time = float(lattice.patterns.thrust[path].sum()) * lattice.period
-    if (abs(complex(*miss[:2]) + gained) > goal_set.velocity
-            or abs(complex(*miss[2:]) + moved) > goal_set.position
-            or relaxation.fuel * thrust_time > limit + 1e-9):
+    if (
+        abs(complex(*miss[:2]) + gained) > goal_set.velocity
+        or abs(complex(*miss[2:]) + moved) > goal_set.position
+        or relaxation.fuel * thrust_time > limit + 1e-9
+    ):
         return None
     commands = lattice.patterns.commands[path]
     final = replay(lattice.craft, relaxation.start, commands, lattice.period)
     return commands if goal_set.contains(final, relaxation.goal) else None
 
 
-def _choices(relaxation: Relaxation, path: np.ndarray, bound: DualValue,
-             limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _choices(
+    relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Period and pattern of every choice worth offering, and its velocity and position at the end."""
     patterns = relaxation.lattice.patterns
     same = patterns.torque[path][:, None] == patterns.torque
     everything = np.broadcast_to(np.arange(len(patterns.torque)), same.shape)
     speed, way = relaxation.effects(path, everything)
-    velocity, position = complex(*bound.costate[:2]), complex(*bound.costate[2:])
+    velocity = complex(*bound.costate[:2])
+    position = complex(*bound.costate[2:])
     price = relaxation.fuel * relaxation.lattice.period * patterns.thrust
-    price = np.where(same, price + (np.conj(velocity) * speed + np.conj(position) * way).real, np.inf)
+    price = np.where(
+        same, price + (np.conj(velocity) * speed + np.conj(position) * way).real, np.inf
+    )
     cheapest = price.min(axis=1)
     left = limit - relaxation.constant(bound.costate)[0] - cheapest.sum()
     period, pattern = np.nonzero(price - cheapest[:, None] <= max(0.0, left) + 1e-9)
     return period, pattern, speed[period, pattern], way[period, pattern]
 
 
-def _solve(relaxation: Relaxation, period: np.ndarray, pattern: np.ndarray, speed: np.ndarray,
-           way: np.ndarray, limit: float, seconds: float) -> np.ndarray | None:
+def _solve(
+    relaxation: Relaxation,
+    period: np.ndarray,
+    pattern: np.ndarray,
+    speed: np.ndarray,
+    way: np.ndarray,
+    limit: float,
+    seconds: float,
+) -> np.ndarray | None:
     """Indices of one choice per period, in their order."""
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import csr_matrix
 
-    count, lattice, miss = len(period), relaxation.lattice, relaxation.miss
+    count = len(period)
+    lattice = relaxation.lattice
+    miss = relaxation.miss
     once = csr_matrix((np.ones(count), (period, np.arange(count))), (relaxation.steps, count))
-    constraints = [LinearConstraint(once, 1, 1),
-                   _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
-                   _disc(way, complex(*miss[2:]), relaxation.goal_set.position)]
+    constraints = [
+        LinearConstraint(once, 1, 1),
+        _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
+        _disc(way, complex(*miss[2:]), relaxation.goal_set.position),
+    ]
     if relaxation.fuel > 0:
         thrust = lattice.period * lattice.patterns.thrust[pattern]
         constraints.append(LinearConstraint(thrust[None], -np.inf, limit * (1 + 1e-9)))
-    answer = milp(np.zeros(count), integrality=np.ones(count), bounds=Bounds(0, 1),
-                  constraints=constraints, options={"time_limit": seconds})
+    answer = milp(
+        np.zeros(count),
+        integrality=np.ones(count),
+        bounds=Bounds(0, 1),
+        constraints=constraints,
+        options={"time_limit": seconds},
+    )
     return None if answer.x is None else np.flatnonzero(answer.x > 0.5)
 
 

@@ -24,8 +24,17 @@ _ROUNDINGS = 3000
 
 
 @compiled
-def ended(when: np.ndarray, who: np.ndarray, steps: int, wrenches: np.ndarray, start: np.ndarray, h: float,
-          rule: np.ndarray, order: np.ndarray, path: np.ndarray) -> np.ndarray:
+def ended(
+    when: np.ndarray,
+    who: np.ndarray,
+    steps: int,
+    wrenches: np.ndarray,
+    start: np.ndarray,
+    h: float,
+    rule: np.ndarray,
+    order: np.ndarray,
+    path: np.ndarray,
+) -> np.ndarray:
     """The state (13,) in which pulses end, by the equations of `spatial_kernel.fly`.
 
     Args:
@@ -41,7 +50,9 @@ def ended(when: np.ndarray, who: np.ndarray, steps: int, wrenches: np.ndarray, s
     """
     in_order(when, order)
     path[0] = start
-    now, a, here = 0, 0, 0
+    now = 0
+    a = 0
+    here = 0
     total = np.zeros(6)
     while True:
         until = when[order[a]] if a < len(order) else steps
@@ -57,7 +68,8 @@ def ended(when: np.ndarray, who: np.ndarray, steps: int, wrenches: np.ndarray, s
                 total[c] += wrenches[who[order[a]], c]
             a += 1
         step(path[here], path[1 - here], total, h, rule)
-        here, now = 1 - here, until + 1
+        here = 1 - here
+        now = until + 1
 
 
 @compiled
@@ -71,26 +83,44 @@ def _twice(when: np.ndarray, who: np.ndarray) -> bool:
 
 
 @compiled
-def rounded(instants: np.ndarray, who: np.ndarray, steps: int, wrenches: np.ndarray, start: np.ndarray,
-            goal: np.ndarray, radii: np.ndarray, quantum: float, h: float, rule: np.ndarray,
-            random: np.random.Generator, best_when: np.ndarray) -> float:
+def rounded(
+    instants: np.ndarray,
+    who: np.ndarray,
+    steps: int,
+    wrenches: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    radii: np.ndarray,
+    quantum: float,
+    h: float,
+    rule: np.ndarray,
+    random: np.random.Generator,
+    best_when: np.ndarray,
+) -> float:
     """Whole periods near impulses' instants, written, that end as near to the goal set as is found.
 
     Annealing from 0.5 to 0.05 radii moves one to three pulses by a period. Returns the miss of `miss`.
     """
     count = len(who)
-    order, path, when = np.empty(count, np.int64), np.empty((2, 13)), np.empty(count, np.int64)
+    order = np.empty(count, np.int64)
+    path = np.empty((2, 13))
+    when = np.empty(count, np.int64)
     for j in range(count):
         when[j] = min(steps - 1, max(0, round(instants[j] / h - 0.5)))
-    new, value, best = when.copy(), 1e9, 1e9
+    new = when.copy()
+    value = 1e9
+    best = 1e9
     for attempt in range(_ROUNDINGS):
         if not _twice(new, who):
             state = ended(new, who, steps, wrenches, start, h, rule, order, path)
-            changed, heat = miss(state, goal, radii, quantum), 0.5 * 0.1 ** (attempt / _ROUNDINGS)
+            changed = miss(state, goal, radii, quantum)
+            heat = 0.5 * 0.1 ** (attempt / _ROUNDINGS)
             if changed <= value or random.random() < math.exp((value - changed) / heat):
-                value, when[:] = changed, new
+                value = changed
+                when[:] = new
                 if value < best:
-                    best, best_when[:] = value, when
+                    best = value
+                    best_when[:] = when
                     if best <= 0.0:
                         break
         new[:] = when
@@ -101,16 +131,25 @@ def rounded(instants: np.ndarray, who: np.ndarray, steps: int, wrenches: np.ndar
 
 
 @compiled
-def _changed(when: np.ndarray, who: np.ndarray, products: np.ndarray, flight: float,
-             random: np.random.Generator) -> bool:
+def _changed(
+    when: np.ndarray,
+    who: np.ndarray,
+    products: np.ndarray,
+    flight: float,
+    random: np.random.Generator,
+) -> bool:
     """Another flight of as many pulses and, nearly always, with the same spin at the end; whether it is one.
 
     A thruster gives way to one of the same torque, two change places, a pair of opposite torques gives way
     to another, or a pulse moves; seldom a thruster gives way to any.
     """
-    count, thrusters, kind = len(who), len(products), random.random()
-    a, b = int(count * random.random()), int(count * random.random())
-    i, j = int(thrusters * random.random()), int(thrusters * random.random())
+    count = len(who)
+    thrusters = len(products)
+    kind = random.random()
+    a = int(count * random.random())
+    b = int(count * random.random())
+    i = int(thrusters * random.random())
+    j = int(thrusters * random.random())
     if kind < 0.3:
         if who[a] == i or products[who[a], who[a]] + products[i, i] != 2 * products[who[a], i]:
             return False
@@ -122,7 +161,8 @@ def _changed(when: np.ndarray, who: np.ndarray, products: np.ndarray, flight: fl
     elif kind < 0.8:
         if a == b or not _opposite(products, who[a], who[b]) or not _opposite(products, i, j):
             return False
-        who[a], who[b] = i, j
+        who[a] = i
+        who[b] = j
         if random.random() < 0.3:
             when[a] = when[b] = flight * random.random()
     elif kind < 0.98:
@@ -138,10 +178,24 @@ def _opposite(products: np.ndarray, i: int, j: int) -> bool:
 
 
 @compiled
-def few(now: np.ndarray, now_who: np.ndarray, steps: int, wrenches: np.ndarray, products: np.ndarray,
-        start: np.ndarray, goal: np.ndarray, radii: np.ndarray, inner: np.ndarray, quantum: float, h: float,
-        rule: np.ndarray, tries: int, random: np.random.Generator, when: np.ndarray,
-        who: np.ndarray) -> float:
+def few(
+    now: np.ndarray,
+    now_who: np.ndarray,
+    steps: int,
+    wrenches: np.ndarray,
+    products: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    radii: np.ndarray,
+    inner: np.ndarray,
+    quantum: float,
+    h: float,
+    rule: np.ndarray,
+    tries: int,
+    random: np.random.Generator,
+    when: np.ndarray,
+    who: np.ndarray,
+) -> float:
     """Look for pulses that end in the goal set, from some; written are periods (K,) and thrusters (K,).
 
     Annealing from 0.8 to 0.08 radii over what least squares leave; see the module. A quantum of spin that
@@ -165,11 +219,17 @@ def few(now: np.ndarray, now_who: np.ndarray, steps: int, wrenches: np.ndarray, 
         when: written.
         who: written.
     """
-    flight, best, value, spin = steps * h, 1e9, 1e9, np.empty(3)
-    new, new_who, periods = now.copy(), now_who.copy(), np.empty(len(now), np.int64)
+    flight = steps * h
+    best = 1e9
+    value = 1e9
+    spin = np.empty(3)
+    new = now.copy()
+    new_who = now_who.copy()
+    periods = np.empty(len(now), np.int64)
     for attempt in range(tries):
         if attempt > 0:
-            new[:], new_who[:] = now, now_who
+            new[:] = now
+            new_who[:] = now_who
             if not _changed(new, new_who, products, flight, random):
                 continue
         for c in range(3):
@@ -181,12 +241,28 @@ def few(now: np.ndarray, now_who: np.ndarray, steps: int, wrenches: np.ndarray, 
         changed += 5.0 * left / quantum if left > radii[3] else 0.0
         heat = 0.8 * 0.1 ** (attempt / tries)
         if changed <= value or random.random() < math.exp((value - changed) / heat):
-            value, now[:], now_who[:] = changed, new, new_who
+            value = changed
+            now[:] = new
+            now_who[:] = new_who
             if value < _NEAR:
-                off = rounded(now, now_who, steps, wrenches, start, goal, radii, quantum, h, rule, random,
-                              periods)
+                off = rounded(
+                    now,
+                    now_who,
+                    steps,
+                    wrenches,
+                    start,
+                    goal,
+                    radii,
+                    quantum,
+                    h,
+                    rule,
+                    random,
+                    periods,
+                )
                 if off < best:
-                    best, when[:], who[:] = off, periods, now_who
+                    best = off
+                    when[:] = periods
+                    who[:] = now_who
                     if best <= 0.0:
                         break
     return best

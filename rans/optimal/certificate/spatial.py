@@ -51,7 +51,9 @@ class SpinLattice:
 
     def __init__(self, craft: Spacecraft, period: float) -> None:
         check_period(period)
-        self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
+        self.craft = craft
+        self.period = period
+        self.pulse = pulse(craft, period)
         self.moment = _moment(craft)
         wrenches = np.array(craft.wrench_map)
         self.torque, self.products = _quantum(craft, wrenches[:, 3:])
@@ -71,11 +73,15 @@ class SpinLattice:
         """
         if "spin" not in aims:
             return None
-        first, e = float(np.linalg.norm(start.w.columns())), goal_set.spin + 1e-9
-        least, most = max(0.0, first - e) / self.spin, (first + e) / self.spin
+        first = float(np.linalg.norm(start.w.columns()))
+        e = goal_set.spin + 1e-9
+        least = max(0.0, first - e) / self.spin
+        most = (first + e) / self.spin
         return range(math.ceil(least**2 - 1e-9), math.floor(most**2 + 1e-9) + 1)
 
-    def ends(self, aims: Collection[str], start: SpatialState, goal: SpatialState, goal_set: GoalSet) -> bool:
+    def ends(
+        self, aims: Collection[str], start: SpatialState, goal: SpatialState, goal_set: GoalSet
+    ) -> bool:
         """Whether pulses can take the start's spin to the goal's rest; False too for goals that spin."""
         last = self.final(aims, start, goal_set)
         return not any(goal.w.columns()) and (last is None or len(last) > 0)
@@ -104,10 +110,15 @@ class SpinLattice:
     @cached_property
     def moves(self) -> np.ndarray:
         """(M, 3) from state, to state, kind: states are m = 0, 1 .. and, last, all that are faster."""
-        found, slow = [], range(_SLOW + 1)
+        found = []
+        slow = range(_SLOW + 1)
         for kind, p in enumerate(self.kinds.tolist()):
-            found += [(m, n, kind) for m in slow for n in slow
-                      if (n - m - p) % 2 == 0 and (n - m - p) ** 2 <= 4 * m * p]
+            found += [
+                (m, n, kind)
+                for m in slow
+                for n in slow
+                if (n - m - p) % 2 == 0 and (n - m - p) ** 2 <= 4 * m * p
+            ]
             near = [m for m in slow if math.sqrt(m) + math.sqrt(p) > math.sqrt(_SLOW) - 1e-9]
             found += [(m, _SLOW + 1, kind) for m in near] + [(_SLOW + 1, m, kind) for m in near]
             found.append((_SLOW + 1, _SLOW + 1, kind))
@@ -122,18 +133,31 @@ class ReachRelaxation:
             is missing.
     """
 
-    def __init__(self, lattice: SpinLattice, aims: Collection[str], start: SpatialState, goal: SpatialState,
-                 goal_set: GoalSet, steps: int, fuel: float = 1.0) -> None:
+    def __init__(
+        self,
+        lattice: SpinLattice,
+        aims: Collection[str],
+        start: SpatialState,
+        goal: SpatialState,
+        goal_set: GoalSet,
+        steps: int,
+        fuel: float = 1.0,
+    ) -> None:
         check_finite(start, goal)
         if not {"position", "attitude", "velocity"} <= set(aims):
             raise ConfigError("the on/off bound in space is for tasks that ask for a pose at rest.")
         if not lattice.ends(aims, start, goal, goal_set):
-            raise ConfigError("no whole number of pulses takes the start's spin to rest within the "
-                              "tolerance; the usual cause is a start or a goal that spins.")
+            raise ConfigError(
+                "no whole number of pulses takes the start's spin to rest within the "
+                "tolerance; the usual cause is a start or a goal that spins."
+            )
         from rans.optimal.certificate import spatial_kernel  # compiles, with numba
 
         self._kernel: ModuleType = spatial_kernel
-        self.lattice, self.goal_set, self.steps, self.fuel = lattice, goal_set, steps, fuel
+        self.lattice = lattice
+        self.goal_set = goal_set
+        self.steps = steps
+        self.fuel = fuel
         self.last = lattice.final(aims, start, goal_set)
         self.time = steps * lattice.period
         self.gain = np.array((goal.v - start.v).columns())
@@ -143,7 +167,8 @@ class ReachRelaxation:
 
     def _cells(self, spin: float) -> None:
         """Angles, and how many cells of them every move turns at most."""
-        lattice, h = self.lattice, self.lattice.period
+        lattice = self.lattice
+        h = self.lattice.period
         cell = h * lattice.spin / _CELLS * (1.0 + 1e-9)
         count = math.ceil(_TURNED / cell) + 1
         angles = cell * np.arange(count)
@@ -159,20 +184,26 @@ class ReachRelaxation:
         Raises:
             NonFiniteState: numbers are too large, so that infinity might mean an overflow.
         """
-        lattice, mass = self.lattice, self.lattice.craft.mass
-        left, half = lattice.period * np.arange(self.steps, -1, -1), self.steps // 2
+        lattice = self.lattice
+        mass = self.lattice.craft.mass
+        left = lattice.period * np.arange(self.steps, -1, -1)
+        half = self.steps // 2
         with np.errstate(over="ignore", invalid="ignore"):  # what that leaves is refused below
             pulls = velocity + left[:, None] * position
             wanted = mass * float(velocity @ self.gain + position @ self.way)
-            spared = mass * float(self.goal_set.velocity * np.linalg.norm(velocity)
-                                  + self.goal_set.position * np.linalg.norm(position))
+            spared = mass * float(
+                self.goal_set.velocity * np.linalg.norm(velocity)
+                + self.goal_set.position * np.linalg.norm(position)
+            )
             pull = float(np.linalg.norm(pulls, axis=1).max())
             most = self.time * float(lattice.thrust.max()) * (self.fuel + pull)
             margin = _ROUNDING * (most + abs(wanted) + spared)
         if not margin < _HUGE:
-            raise NonFiniteState("a bound of fuel or time would overflow; the usual cause is a start, goal "
-                                 "or spacecraft with far too large numbers.")
-        before = self._half(pulls[:half + 1], 0)
+            raise NonFiniteState(
+                "a bound of fuel or time would overflow; the usual cause is a start, goal "
+                "or spacecraft with far too large numbers."
+            )
+        before = self._half(pulls[: half + 1], 0)
         after = self._half(pulls[half:][::-1], 1)
         return wanted - spared + float((before + after).min()) - margin
 
@@ -181,14 +212,31 @@ class ReachRelaxation:
 
         Time runs backwards from the goal: moves may be taken either way.
         """
-        lattice, angles = self.lattice, self._angles[end]
-        cosine = np.where(angles < math.pi, np.cos(angles), -2.0)  # no angle is farther than half a turn
+        lattice = self.lattice
+        angles = self._angles[end]
+        cosine = np.where(
+            angles < math.pi, np.cos(angles), -2.0
+        )  # no angle is farther than half a turn
         kinds = np.searchsorted(lattice.kinds, lattice.square)
-        costs = self._kernel.stages(np.ascontiguousarray(pulls), self._forces[end], lattice.thrust, kinds,
-                                    len(lattice.kinds), cosine, np.sin(angles), self.fuel, lattice.period)
+        costs = self._kernel.stages(
+            np.ascontiguousarray(pulls),
+            self._forces[end],
+            lattice.thrust,
+            kinds,
+            len(lattice.kinds),
+            cosine,
+            np.sin(angles),
+            self.fuel,
+            lattice.period,
+        )
         first = [0] if end == 0 else self._last_states()
-        return np.min([self._kernel.sweep(costs, lattice.moves, self._turned, _SLOW + 2, state)
-                       for state in first], axis=0)
+        return np.min(
+            [
+                self._kernel.sweep(costs, lattice.moves, self._turned, _SLOW + 2, state)
+                for state in first
+            ],
+            axis=0,
+        )
 
     def _last_states(self) -> list[int]:
         if self.last is None:
@@ -200,13 +248,17 @@ class ReachRelaxation:
 def _moment(craft: Spacecraft) -> float:
     """The one moment of inertia of a craft that has a lattice of spins, kg m^2."""
     if craft.dimension != 3 or craft.thrust_sharing != "none" or craft.actuators != ON_OFF:
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off bound in space is for thrusters that are "
-                          "on or off for whole periods and share no supply.")
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: the on/off bound in space is for thrusters that are "
+            "on or off for whole periods and share no supply."
+        )
     tensor = inertia(craft)
     moment = float(np.trace(tensor)) / 3.0
     if np.abs(tensor - moment * np.eye(3)).max() > _EXACT * moment:
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off bound in space needs equal principal "
-                          "moments of inertia; with others gyroscopic torques take the spin off its lattice.")
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: the on/off bound in space needs equal principal "
+            "moments of inertia; with others gyroscopic torques take the spin off its lattice."
+        )
     return moment
 
 
@@ -219,31 +271,45 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
     for parts in range(1, _LARGEST_PRODUCT + 1) if len(turning) else ():
         unit = float(turning.min()) / parts
         products = np.round(gram / unit).astype(np.int64)
-        if np.abs(gram - products * unit).max() <= _EXACT * largest and products.max() <= _LARGEST_PRODUCT:
+        if (
+            np.abs(gram - products * unit).max() <= _EXACT * largest
+            and products.max() <= _LARGEST_PRODUCT
+        ):
             return math.sqrt(unit), products
-    raise ConfigError(f"spacecraft {craft.name!r}: the on/off bound in space needs torques whose inner "
-                      f"products are whole multiples, at most {_LARGEST_PRODUCT}, of one number; the usual "
-                      "cause is a centre of mass off the thrusters' centre.")
+    raise ConfigError(
+        f"spacecraft {craft.name!r}: the on/off bound in space needs torques whose inner "
+        f"products are whole multiples, at most {_LARGEST_PRODUCT}, of one number; the usual "
+        "cause is a centre of mass off the thrusters' centre."
+    )
 
 
-def _patterns(craft: Spacecraft, wrenches: np.ndarray,
-              quantum: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _patterns(
+    craft: Spacecraft, wrenches: np.ndarray, quantum: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Forces (P, 3), squared torques (P,) in squared quanta and thrust (P,), of equal ones the cheapest."""
     forces = np.array([t.force for t in craft.thrusters])
     tiny = 1e-12 * np.repeat([forces.max(), quantum], 3)
-    sums, thrust = np.zeros((1, 6)), np.zeros(1)
+    sums = np.zeros((1, 6))
+    thrust = np.zeros(1)
     for wrench, force in zip(wrenches, forces, strict=True):
-        sums, thrust = np.vstack([sums, sums + wrench]), np.append(thrust, thrust + force)
+        sums = np.vstack([sums, sums + wrench])
+        thrust = np.append(thrust, thrust + force)
         order = np.argsort(thrust, kind="stable")
         _, first = np.unique(np.round(sums[order] / tiny / 1e3), axis=0, return_index=True)
-        sums, thrust = sums[order[first]], thrust[order[first]]
+        sums = sums[order[first]]
+        thrust = thrust[order[first]]
         if len(sums) > _MOST_PATTERNS:
-            raise ConfigError(f"spacecraft {craft.name!r}: its thrusters have more than {_MOST_PATTERNS} "
-                              "different on/off patterns, too many to search.")
+            raise ConfigError(
+                f"spacecraft {craft.name!r}: its thrusters have more than {_MOST_PATTERNS} "
+                "different on/off patterns, too many to search."
+            )
     square = np.round(np.sum(sums[:, 3:] ** 2, axis=1) / quantum**2).astype(np.int64)
     order = np.argsort(thrust, kind="stable")
-    _, first = np.unique(np.column_stack([np.round(sums[order, :3] / tiny[:3] / 1e3), square[order]]), axis=0,
-                         return_index=True)
+    _, first = np.unique(
+        np.column_stack([np.round(sums[order, :3] / tiny[:3] / 1e3), square[order]]),
+        axis=0,
+        return_index=True,
+    )
     kept = order[first]
     return sums[kept, :3], square[kept], thrust[kept]
 

@@ -31,8 +31,15 @@ _EVALUATIONS = 24
 """Of the dual function, at most, 0.3 s each for 100 periods."""
 
 
-def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState, goal: SpatialState,
-               steps: int, goal_set: GoalSet, effort: Effort) -> Certificate:
+def least_fuel(
+    lattice: SpinLattice,
+    aims: Collection[str],
+    start: SpatialState,
+    goal: SpatialState,
+    steps: int,
+    goal_set: GoalSet,
+    effort: Effort,
+) -> Certificate:
     """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
 
     Raises:
@@ -44,8 +51,10 @@ def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
     relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, steps)
     loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
     if math.isinf(loose):
-        raise Unreachable(f"no on/off controller can reach the goal set in {steps} control periods of "
-                          f"{lattice.period:g} s; the usual cause is too short a time.")
+        raise Unreachable(
+            f"no on/off controller can reach the goal set in {steps} control periods of "
+            f"{lattice.period:g} s; the usual cause is too short a time."
+        )
     dual, nodes = _raised(relaxation, (1.04, 1.04))
     dual = max(loose, dual)
     lower = lattice.next_fuel(dual, relaxation.last)
@@ -53,7 +62,9 @@ def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
     while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
         lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
     wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
-    found = _fewer(wanted, steps, _pulses(lattice, lower), 2 if lattice.settled(relaxation.last) else 1)
+    found = _fewer(
+        wanted, steps, _pulses(lattice, lower), 2 if lattice.settled(relaxation.last) else 1
+    )
     upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
     commands = found if upper > 0.0 else None
     return Certificate(lower, upper, commands, dual, nodes, time.monotonic() - began)
@@ -64,7 +75,8 @@ def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | No
     best = throttled(wanted.lattice, wanted.start, wanted.goal, wanted.goal_set, steps)
     shares = [one.shares for one in best] or [np.ones((steps, len(wanted.wrenches)))]
     first = max(least, _pulses(wanted.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
-    pulses, found = least + pair * math.ceil((first - least) / pair) + pair, None
+    pulses = least + pair * math.ceil((first - least) / pair) + pair
+    found = None
     while pulses >= least:
         better = with_pulses(wanted, steps, pulses, shares)
         if better is None and (found is not None or pulses >= 3 * least + 4 * pair):
@@ -80,21 +92,32 @@ def _pulses(lattice: SpinLattice, lower: float) -> int:
     return math.ceil(lower / (strongest * lattice.period) - 1e-9)
 
 
-def least_time(lattice: SpinLattice, aims: Collection[str], start: SpatialState, goal: SpatialState,
-               most_steps: int, goal_set: GoalSet, effort: Effort) -> Certificate:
+def least_time(
+    lattice: SpinLattice,
+    aims: Collection[str],
+    start: SpatialState,
+    goal: SpatialState,
+    most_steps: int,
+    goal_set: GoalSet,
+    effort: Effort,
+) -> Certificate:
     """Least time in which any on/off controller can be in the goal set, up to so many control periods.
 
     Raises:
         ConfigError: see `ReachRelaxation`.
     """
     check_steps(most_steps)
-    began, h = time.monotonic(), lattice.period
+    began = time.monotonic()
+    h = lattice.period
     if arrived(start, goal, goal_set, "spin" in aims):
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
     loose = rounded_up(hull.least_time(lattice.craft, aims, start, goal, goal_set), h)
-    lower, nodes = max(1, round(loose / h)), 0
+    lower = max(1, round(loose / h))
+    nodes = 0
     while lower <= most_steps:
-        value, count = _raised(ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0), (1.0,))
+        value, count = _raised(
+            ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0), (1.0,)
+        )
         nodes += count
         if value <= 0.0:
             break
@@ -114,8 +137,12 @@ def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
     for steps in range(least, most + 1):
         if time.process_time() > deadline:
             break
-        tries = (throttled(wanted.lattice, wanted.start, wanted.goal, _inner(wanted.goal_set, share), steps)
-                 for share in _INNER)
+        tries = (
+            throttled(
+                wanted.lattice, wanted.start, wanted.goal, _inner(wanted.goal_set, share), steps
+            )
+            for share in _INNER
+        )
         shares = [one.shares for one in next(filter(None, tries), [])]
         found = in_time(wanted, shares) if shares else None
         if found is not None:
@@ -124,8 +151,12 @@ def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
 
 
 def _inner(goal_set: GoalSet, share: float) -> GoalSet:
-    return replace(goal_set, position=share * goal_set.position, velocity=share * goal_set.velocity,
-                   heading=share * goal_set.heading)
+    return replace(
+        goal_set,
+        position=share * goal_set.position,
+        velocity=share * goal_set.velocity,
+        heading=share * goal_set.heading,
+    )
 
 
 def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[float, int]:
@@ -138,7 +169,8 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
 
     way = relaxation.way if relaxation.way.any() else relaxation.gain
     ahead = way / max(float(np.linalg.norm(way)), 1e-300)
-    best, count = -math.inf, 0
+    best = -math.inf
+    count = 0
 
     def value(x: np.ndarray) -> float:
         nonlocal best, count
@@ -146,10 +178,18 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
         if relaxation.fuel == 0.0 and best > 0.0:
             return 0.0
         found = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
-        best, count = max(best, found), count + 1
+        best = max(best, found)
+        count = count + 1
         return -found
 
     simplex = np.array(first) + np.vstack([np.zeros(len(first)), 0.08 * np.eye(len(first))])
-    minimize(value, first, method="Nelder-Mead", options={
-        "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3, "initial_simplex": simplex})
+    minimize(
+        value,
+        first,
+        method="Nelder-Mead",
+        options={
+            "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3,
+            "initial_simplex": simplex,
+        },
+    )
     return best, count

@@ -13,8 +13,17 @@ _HEAT = 0.05
 
 
 @compiled
-def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.ndarray, count: int,
-           cosine: np.ndarray, sine: np.ndarray, price: float, period: float) -> np.ndarray:
+def stages(
+    pulls: np.ndarray,
+    forces: np.ndarray,
+    thrust: np.ndarray,
+    kinds: np.ndarray,
+    count: int,
+    cosine: np.ndarray,
+    sine: np.ndarray,
+    price: float,
+    period: float,
+) -> np.ndarray:
     """Least cost of every period, (N, count, angles), by kind of torque and by the angle turned.
 
     A pattern's cost is its thrust's price less the mean, over the period's two ends, of pull . R force, with
@@ -38,7 +47,9 @@ def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.
             f = forces[j]
             size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
             row = out[k, kinds[j]]
-            along, across, full = np.zeros(2), np.zeros(2), np.zeros(2)
+            along = np.zeros(2)
+            across = np.zeros(2)
+            full = np.zeros(2)
             for end in range(2):
                 q = pulls[k + end]
                 full[end] = size * math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
@@ -56,7 +67,9 @@ def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.
 
 
 @compiled
-def sweep(costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int, first: int) -> np.ndarray:
+def sweep(
+    costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int, first: int
+) -> np.ndarray:
     """Least cost from a first state at angle 0 to every state, (states,).
 
     Args:
@@ -93,27 +106,39 @@ def exponential(x: float, y: float, z: float) -> tuple[float, float, float, floa
 
 
 @compiled
-def product(a: tuple[float, float, float, float],
-             b: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+def product(
+    a: tuple[float, float, float, float], b: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
     """Of two quaternions."""
-    return (a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0])
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
 
 
 @compiled
-def rotated(q: tuple[float, float, float, float], x: float, y: float,
-             z: float) -> tuple[float, float, float]:
+def rotated(
+    q: tuple[float, float, float, float], x: float, y: float, z: float
+) -> tuple[float, float, float]:
     """A vector on B in the world, q from B to W."""
     w, a, b, c = q
-    u, v, s = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    u = 2.0 * (b * z - c * y)
+    v = 2.0 * (c * x - a * z)
+    s = 2.0 * (a * y - b * x)
     return x + w * u + b * s - c * v, y + w * v + c * u - a * s, z + w * s + a * v - b * u
 
 
 @compiled
-def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: np.ndarray,
-        path: np.ndarray) -> None:
+def fly(
+    commands: np.ndarray,
+    first: int,
+    wrenches: np.ndarray,
+    h: float,
+    rule: np.ndarray,
+    path: np.ndarray,
+) -> None:
     """States from a period on, ``path`` (N + 1, 13): p, quaternion, v, w in B, of which [first] is given.
 
     Attitudes are of order four in the period (Magnus), the force is integrated by Gauss-Legendre: good to
@@ -140,48 +165,94 @@ def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: 
 @compiled
 def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: np.ndarray) -> None:
     """The state (13,) after h seconds of a steady wrench (6,), written; see `fly`."""
-    fx, fy, fz, ax, ay, az = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
-    new[:], q = now, (now[3], now[4], now[5], now[6])
-    w0, w1, w2 = now[10], now[11], now[12]
-    cx, cy, cz = w1 * az - w2 * ay, w2 * ax - w0 * az, w0 * ay - w1 * ax
+    fx = wrench[0]
+    fy = wrench[1]
+    fz = wrench[2]
+    ax = wrench[3]
+    ay = wrench[4]
+    az = wrench[5]
+    new[:] = now
+    q = (now[3], now[4], now[5], now[6])
+    w0 = now[10]
+    w1 = now[11]
+    w2 = now[12]
+    cx = w1 * az - w2 * ay
+    cy = w2 * ax - w0 * az
+    cz = w0 * ay - w1 * ax
     if fx != 0.0 or fy != 0.0 or fz != 0.0:
         for node in range(rule.shape[1]):
-            s, weight = rule[0, node] * h, rule[1, node] * h
-            a, b = 0.5 * s * s, s * s * s / 12.0
-            turn = product(q, exponential(s * w0 + a * ax + b * cx, s * w1 + a * ay + b * cy,
-                                          s * w2 + a * az + b * cz))
+            s = rule[0, node] * h
+            weight = rule[1, node] * h
+            a = 0.5 * s * s
+            b = s * s * s / 12.0
+            turn = product(
+                q,
+                exponential(
+                    s * w0 + a * ax + b * cx, s * w1 + a * ay + b * cy, s * w2 + a * az + b * cz
+                ),
+            )
             px, py, pz = rotated(turn, fx, fy, fz)
-            new[7], new[8], new[9] = new[7] + weight * px, new[8] + weight * py, new[9] + weight * pz
+            new[7], new[8], new[9] = (
+                new[7] + weight * px,
+                new[8] + weight * py,
+                new[9] + weight * pz,
+            )
             weight *= h - s
-            new[0], new[1], new[2] = new[0] + weight * px, new[1] + weight * py, new[2] + weight * pz
+            new[0], new[1], new[2] = (
+                new[0] + weight * px,
+                new[1] + weight * py,
+                new[2] + weight * pz,
+            )
     if w0 != 0.0 or w1 != 0.0 or w2 != 0.0 or ax != 0.0 or ay != 0.0 or az != 0.0:
-        a, b = 0.5 * h * h, h * h * h / 12.0
-        turn = exponential(h * w0 + a * ax + b * cx, h * w1 + a * ay + b * cy, h * w2 + a * az + b * cz)
+        a = 0.5 * h * h
+        b = h * h * h / 12.0
+        turn = exponential(
+            h * w0 + a * ax + b * cx, h * w1 + a * ay + b * cy, h * w2 + a * az + b * cz
+        )
         new[3], new[4], new[5], new[6] = product(q, turn)
     new[0], new[1], new[2] = new[0] + h * now[7], new[1] + h * now[8], new[2] + h * now[9]
-    new[10], new[11], new[12] = w0 + h * ax, w1 + h * ay, w2 + h * az
+    new[10] = w0 + h * ax
+    new[11] = w1 + h * ay
+    new[12] = w2 + h * az
 
 
 @compiled
 def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
     """By how many radii of position, velocity and attitude a state is off; a quantum of spin counts as 5."""
-    far, fast, spin, same = 0.0, 0.0, 0.0, 0.0
+    far = 0.0
+    fast = 0.0
+    spin = 0.0
+    same = 0.0
     for i in range(3):
         far += (state[i] - goal[i]) ** 2
         fast += (state[7 + i] - goal[7 + i]) ** 2
         spin += (state[10 + i] - goal[10 + i]) ** 2
     for i in range(4):
         same += state[3 + i] * goal[3 + i]
-    angle, spin = 2.0 * math.acos(min(1.0, abs(same))), math.sqrt(spin)
-    miss = (max(0.0, math.sqrt(far) / radii[0] - 1.0) + max(0.0, math.sqrt(fast) / radii[1] - 1.0)
-            + max(0.0, angle / radii[2] - 1.0))
+    angle = 2.0 * math.acos(min(1.0, abs(same)))
+    spin = math.sqrt(spin)
+    miss = (
+        max(0.0, math.sqrt(far) / radii[0] - 1.0)
+        + max(0.0, math.sqrt(fast) / radii[1] - 1.0)
+        + max(0.0, angle / radii[2] - 1.0)
+    )
     return miss if spin <= radii[3] else miss + 5.0 * spin / quantum
 
 
 @compiled
-def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start: np.ndarray, goal: np.ndarray,
-           radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, tries: int,
-           random: np.random.Generator) -> float:
+def anneal(
+    commands: np.ndarray,
+    wrenches: np.ndarray,
+    mates: np.ndarray,
+    start: np.ndarray,
+    goal: np.ndarray,
+    radii: np.ndarray,
+    quantum: float,
+    h: float,
+    rule: np.ndarray,
+    tries: int,
+    random: np.random.Generator,
+) -> float:
     """Change commands (N, thrusters) until they end in the goal set.
 
     Simulated annealing at one temperature, so that the first commands should turn as they must. A change
@@ -190,7 +261,9 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
     left in ``commands`` is the best; returned is its miss, 0 within the set.
     """
     steps, count = commands.shape
-    path, new, best_commands = np.zeros((steps + 1, 13)), np.zeros((steps + 1, 13)), commands.copy()
+    path = np.zeros((steps + 1, 13))
+    new = np.zeros((steps + 1, 13))
+    best_commands = commands.copy()
     path[0] = start
     fly(commands, 0, wrenches, h, rule, path)
     best = value = miss(path[steps], goal, radii, quantum)
@@ -198,14 +271,18 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
         if best <= 0.0:
             break
         # which thruster, and which with it
-        k, i = int(steps * random.random()), int(count * random.random())
-        kind, k2, i2 = random.random(), k, i if random.random() < 0.3 else int(count * random.random())
+        k = int(steps * random.random())
+        i = int(count * random.random())
+        kind = random.random()
+        k2 = k
+        i2 = i if random.random() < 0.3 else int(count * random.random())
         if kind > 0.45:
             k2 = k - 3 + int(7.0 * random.random()) if kind < 0.8 else int(steps * random.random())
         single = kind > 0.97
         if k2 < 0 or k2 >= steps or (k2 == k and i2 == i):
             continue
-        change, change2 = 1 - 2 * commands[k, i], 1 - 2 * commands[k2, i2]
+        change = 1 - 2 * commands[k, i]
+        change2 = 1 - 2 * commands[k2, i2]
         if not single and mates[i, i2] != -change * change2:
             continue
         # what comes of it
@@ -217,9 +294,11 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
         fly(commands, first, wrenches, h, rule, new)
         changed = miss(new[steps], goal, radii, quantum)
         if changed <= value or random.random() < math.exp((value - changed) / _HEAT):
-            value, path[first:] = changed, new[first:]
+            value = changed
+            path[first:] = new[first:]
             if value < best:
-                best, best_commands[:] = value, commands
+                best = value
+                best_commands[:] = commands
         else:
             commands[k, i] -= change
             if not single:

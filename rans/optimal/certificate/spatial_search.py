@@ -54,26 +54,34 @@ class Wanted(NamedTuple):
     @property
     def wrenches(self) -> np.ndarray:
         """(thrusters, 6) acceleration and angular acceleration on B."""
-        craft, moment = self.lattice.craft, self.lattice.moment
+        craft = self.lattice.craft
+        moment = self.lattice.moment
         return np.array(craft.wrench_map) / np.repeat([craft.mass, moment], 3)
 
     @property
     def ends(self) -> list[np.ndarray]:
         """Start and goal, (13,) each: p, quaternion, v, w in B."""
-        return [np.array([*x.p.columns(), *leaves(x.attitude.normalised()), *x.v.columns(), *x.w.columns()])
-                for x in (self.start, self.goal)]
+        return [
+            np.array(
+                [*x.p.columns(), *leaves(x.attitude.normalised()), *x.v.columns(), *x.w.columns()]
+            )
+            for x in (self.start, self.goal)
+        ]
 
     @property
     def radii(self) -> np.ndarray:
         """(4,) of position, velocity, attitude and spin, a little inside."""
         set_ = self.goal_set
         spin = set_.spin if self.spins else math.inf
-        return np.maximum(_INSIDE * np.array([set_.position, set_.velocity, set_.heading, spin]), 1e-9)
+        return np.maximum(
+            _INSIDE * np.array([set_.position, set_.velocity, set_.heading, spin]), 1e-9
+        )
 
     @property
     def mates(self) -> np.ndarray:
         """(thrusters, thrusters): 1 where torques are the same, -1 where opposite, 0 else."""
-        products, squares = self.lattice.products, np.diag(self.lattice.products)
+        products = self.lattice.products
+        squares = np.diag(self.lattice.products)
         same = (squares[:, None] == squares) & (np.abs(products) == squares)
         mates = np.where(same, np.sign(products), 0)
         mates[(squares[:, None] == 0) & (squares == 0)] = 1
@@ -88,31 +96,52 @@ class Wanted(NamedTuple):
 def arrived(state: SpatialState, goal: SpatialState, goal_set: GoalSet, spins: bool) -> bool:
     """Whether a state of floats is in the set; its spin counts where ``spins``."""
     spin = np.linalg.norm(np.subtract(state.w.columns(), goal.w.columns()))
-    return bool((goal.p - state.p).norm() <= goal_set.position
-                and (goal.v - state.v).norm() <= goal_set.velocity
-                and state.attitude.normalised().to(goal.attitude.normalised()).magnitude() <= goal_set.heading
-                and (not spins or spin <= goal_set.spin + 1e-9))
+    return bool(
+        (goal.p - state.p).norm() <= goal_set.position
+        and (goal.v - state.v).norm() <= goal_set.velocity
+        and state.attitude.normalised().to(goal.attitude.normalised()).magnitude()
+        <= goal_set.heading
+        and (not spins or spin <= goal_set.spin + 1e-9)
+    )
 
 
-def with_pulses(wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.ndarray]) -> np.ndarray | None:
+def with_pulses(
+    wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.ndarray]
+) -> np.ndarray | None:
     """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once time is up.
 
     Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
     """
     from rans.optimal.certificate.pulses_kernel import few
 
-    lattice, radii = wanted.lattice, wanted.radii
+    lattice = wanted.lattice
+    radii = wanted.radii
     nothing = np.zeros((steps, len(lattice.products)), dtype=np.int64)
     if pulses == 0:
         return nothing if wanted.reached(nothing) else None
     inner = _ROUNDED * radii[:3]
     when, who = np.zeros((2, pulses), dtype=np.int64)
-    deadline, attempt = time.process_time() + wanted.seconds, 0
+    deadline = time.process_time() + wanted.seconds
+    attempt = 0
     while time.process_time() < deadline:
         random = np.random.default_rng(attempt)
         first = _drawn(wanted, shares[attempt % len(shares)], pulses, random)
-        miss = few(*first, steps, wanted.wrenches, lattice.products, *wanted.ends, radii, inner,
-                   lattice.spin, lattice.period, gauss(), _TRIES, random, when, who)
+        miss = few(
+            *first,
+            steps,
+            wanted.wrenches,
+            lattice.products,
+            *wanted.ends,
+            radii,
+            inner,
+            lattice.spin,
+            lattice.period,
+            gauss(),
+            _TRIES,
+            random,
+            when,
+            who,
+        )
         commands = nothing.copy()
         commands[when, who] = 1
         if miss <= 0.0 and wanted.reached(commands):
@@ -121,21 +150,27 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.nda
     return None
 
 
-def _drawn(wanted: Wanted, shares: np.ndarray, pulses: int,
-           random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _drawn(
+    wanted: Wanted, shares: np.ndarray, pulses: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Instants (K,) and thrusters (K,) of pulses: as many from every stretch of time as its shares say.
 
     Of some draws the one whose torques leave the least spin.
     """
-    h, (steps, count) = wanted.lattice.period, shares.shape
-    turns, (start, goal) = h * wanted.wrenches[:, 3:], wanted.ends
+    h = wanted.lattice.period
+    (steps, count) = shares.shape
+    turns = h * wanted.wrenches[:, 3:]
+    (start, goal) = wanted.ends
     passed = np.cumsum(shares) / shares.sum()
-    (periods, who), left = np.zeros((2, pulses), dtype=np.int64), math.inf
+    (periods, who) = np.zeros((2, pulses), dtype=np.int64)
+    left = math.inf
     for _ in range(_DRAWS):
         places = np.searchsorted(passed, (np.arange(pulses) + random.random()) / pulses)
         spin = float(np.linalg.norm(start[10:] - goal[10:] + turns[places % count].sum(axis=0)))
         if spin < left - 1e-9:
-            who, left, periods = places % count, spin, places // count
+            who = places % count
+            left = spin
+            periods = places // count
         if left <= wanted.radii[3]:
             break
     instants = (periods + 0.5 + random.uniform(-_JITTER, _JITTER, pulses)) * h
@@ -150,12 +185,23 @@ def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
     from rans.optimal.certificate.spatial_kernel import anneal
 
     lattice = wanted.lattice
-    deadline, attempt = time.process_time() + wanted.seconds, 0
+    deadline = time.process_time() + wanted.seconds
+    attempt = 0
     while time.process_time() < deadline:
         random = np.random.default_rng(attempt)
         commands = _rounded(wanted, shares[attempt % len(shares)], random)
-        miss = anneal(commands, wanted.wrenches, wanted.mates, *wanted.ends, wanted.radii, lattice.spin,
-                      lattice.period, gauss(), _CHANGES, random)
+        miss = anneal(
+            commands,
+            wanted.wrenches,
+            wanted.mates,
+            *wanted.ends,
+            wanted.radii,
+            lattice.spin,
+            lattice.period,
+            gauss(),
+            _CHANGES,
+            random,
+        )
         if miss <= 0.0 and wanted.reached(commands):
             return commands
         attempt += 1
@@ -169,8 +215,13 @@ def _rounded(wanted: Wanted, shares: np.ndarray, random: np.random.Generator) ->
     """
     from rans.optimal.certificate.spatial_kernel import fly, miss
 
-    (start, goal), radii, lattice, rule = wanted.ends, wanted.radii, wanted.lattice, gauss()
-    passed, best, least = np.cumsum(shares, axis=0), np.zeros(shares.shape, dtype=np.int64), math.inf
+    (start, goal) = wanted.ends
+    radii = wanted.radii
+    lattice = wanted.lattice
+    rule = gauss()
+    passed = np.cumsum(shares, axis=0)
+    best = np.zeros(shares.shape, dtype=np.int64)
+    least = math.inf
     path = np.zeros((len(shares) + 1, 13))
     path[0] = start
     for _ in range(_ROUNDINGS):
@@ -179,7 +230,8 @@ def _rounded(wanted: Wanted, shares: np.ndarray, random: np.random.Generator) ->
         fly(commands, 0, wanted.wrenches, lattice.period, rule, path)
         left = miss(path[-1], goal, radii, lattice.spin)
         if left < least:
-            best, least = commands, left
+            best = commands
+            least = left
     return best
 
 

@@ -43,15 +43,21 @@ class _Arriving(GoToPose):
         return super().errors(state, goal) | {"velocity": (goal.v - state.v).norm()}
 
 
-def throttled(lattice: SpinLattice, start: SpatialState, goal: SpatialState, goal_set: GoalSet,
-              steps: int) -> list[Shares]:
+def throttled(
+    lattice: SpinLattice, start: SpatialState, goal: SpatialState, goal_set: GoalSet, steps: int
+) -> list[Shares]:
     """Least thrust-time that rests in the goal set after so many periods, the cheapest first.
 
     Local optima from two guesses; none where the optimiser finds none.
     """
-    task = _Arriving(position_tolerance=goal_set.position, attitude_tolerance=goal_set.heading,
-                     velocity_tolerance=goal_set.velocity)
+    task = _Arriving(
+        position_tolerance=goal_set.position,
+        attitude_tolerance=goal_set.heading,
+        velocity_tolerance=goal_set.velocity,
+    )
     objective = MinimumFuel(steps * lattice.period, lattice.period, "set")
     problem = Transcription(lattice.craft, task, objective)
     found = [problem.attempt(start, goal, number) for number in range(_GUESSES)]
-    return sorted((Shares(one.cost, one.commands) for one in found if one.solved), key=lambda one: one.fuel)
+    return sorted(
+        (Shares(one.cost, one.commands) for one in found if one.solved), key=lambda one: one.fuel
+    )

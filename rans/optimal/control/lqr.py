@@ -17,7 +17,8 @@ from rans.optimal.trajectory.allocation import SigmaDelta, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
-_WEIGHTS, _DEADBAND = Weights(), Deadband()
+_WEIGHTS = Weights()
+_DEADBAND = Deadband()
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on the default weights: from twice as stiff to four times as lazy."""
@@ -41,11 +42,17 @@ class LQR(ModelBased):
     tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
-                 weights: Weights = _WEIGHTS,
-                 deadband: Deadband = _DEADBAND) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        weights: Weights = _WEIGHTS,
+        deadband: Deadband = _DEADBAND,
+    ) -> None:
         super().__init__(craft, task, timing)
-        craft, self._deadband = self._craft, checked("deadband", deadband, Deadband)
+        craft = self._craft
+        self._deadband = checked("deadband", deadband, Deadband)
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, self._task, self._timing, weights)
@@ -55,8 +62,15 @@ class LQR(ModelBased):
     def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
         """One for every factor of `SWEEP` on its weights, by name."""
         weights = asdict(_WEIGHTS)
-        return {f"{cls.name} x {factor:g}": cls(craft, task, timing, Weights(
-            **{name: factor * value for name, value in weights.items()})) for factor in SWEEP}
+        return {
+            f"{cls.name} x {factor:g}": cls(
+                craft,
+                task,
+                timing,
+                Weights(**{name: factor * value for name, value in weights.items()}),
+            )
+            for factor in SWEEP
+        }
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -17,7 +17,19 @@ import numpy as np
 from rans.errors import checked, whole
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
+from rans.model.fields import (
+    Field,
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    atan2,
+    cos,
+    leaves,
+    map_leaves,
+    sin,
+    sqrt,
+)
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
@@ -45,7 +57,9 @@ class Settings:
             whole(f"MPC: {key}", getattr(self, key))
 
 
-_WEIGHTS, _DEADBAND, _SETTINGS = Weights(), Deadband(), Settings()
+_WEIGHTS = Weights()
+_DEADBAND = Deadband()
+_SETTINGS = Settings()
 _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
@@ -73,17 +87,27 @@ class MPC(ModelBased):
     slow = True
     """Many episodes are flown by many processes."""
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
-                 weights: Weights = _WEIGHTS,
-                 deadband: Deadband = _DEADBAND, settings: Settings = _SETTINGS) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        weights: Weights = _WEIGHTS,
+        deadband: Deadband = _DEADBAND,
+        settings: Settings = _SETTINGS,
+    ) -> None:
         super().__init__(craft, task, timing)
-        craft, task, timing = self._craft, self._task, self._timing
+        craft = self._craft
+        task = self._task
+        timing = self._timing
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, Settings)
         self._wrenches = np.array(craft.wrench_map)
         regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = SigmaDelta(craft, regulator.carried(craft))
-        step = _step(craft, timing.control_period, scenario(task, craft.dimension, seed=0, episode=0).goal)
+        step = _step(
+            craft, timing.control_period, scenario(task, craft.dimension, seed=0, episode=0).goal
+        )
         self._program = _Program(craft, regulator, step, settings.horizon)
         self._plans = np.zeros((0, len(craft.thrusters), settings.horizon))
         self.failures = 0
@@ -102,14 +126,17 @@ class MPC(ModelBased):
 
     def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
         """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing."""
-        errors, goals = shortest(state, goal), np.array(leaves(goal))
+        errors = shortest(state, goal)
+        goals = np.array(leaves(goal))
         self._plans[rest] = 0.0
         for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
             better = self._program.improved(self._plans[k], errors[:, k], goals[:, k])
             self.failures += better is None
             self._plans[k] = self._plans[k] if better is None else better
         first = self._plans[..., 0]  # then one period later; what follows the end is a coast
-        self._plans = np.concatenate([self._plans[..., 1:], np.zeros_like(self._plans[..., :1])], axis=-1)
+        self._plans = np.concatenate(
+            [self._plans[..., 1:], np.zeros_like(self._plans[..., :1])], axis=-1
+        )
         return first @ self._wrenches
 
 
@@ -120,19 +147,31 @@ class _Program:
     shared) and e_k+1 = f(e_k, u_k) linearised along the plan.
     """
 
-    def __init__(self, craft: Spacecraft, regulator: Regulator, step: ca.Function, horizon: int) -> None:
-        self._nozzles, self._count, self._size = len(craft.thrusters), horizon, 2 * craft.degrees_of_freedom
-        commands, errors = horizon * self._nozzles, horizon * self._size
+    def __init__(
+        self, craft: Spacecraft, regulator: Regulator, step: ca.Function, horizon: int
+    ) -> None:
+        self._nozzles = len(craft.thrusters)
+        self._count = horizon
+        self._size = 2 * craft.degrees_of_freedom
+        commands = horizon * self._nozzles
+        errors = horizon * self._size
         self._linearised, curvature = self._linearisation(step), self._curvature(craft, regulator)
         rows = horizon if craft.thrust_sharing == "split" else 0
         sums = ca.kron(ca.DM.eye(rows), ca.DM.ones(1, self._nozzles))  # of the commands of a period
         self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
         limits = ca.vertcat(self._linearised.sparsity_out(1), self._sharing.sparsity())
-        self._solver = ca.conic("plan", "piqp", {"h": curvature.sparsity(), "a": limits},
-                                {"error_on_fail": False, "print_time": False})
-        self._fixed = {"h": curvature, "g": np.zeros(commands + errors),
-                       "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
-                       "ubx": np.repeat([1.0, np.inf], [commands, errors])}
+        self._solver = ca.conic(
+            "plan",
+            "piqp",
+            {"h": curvature.sparsity(), "a": limits},
+            {"error_on_fail": False, "print_time": False},
+        )
+        self._fixed = {
+            "h": curvature,
+            "g": np.zeros(commands + errors),
+            "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
+            "ubx": np.repeat([1.0, np.inf], [commands, errors]),
+        }
 
     def improved(self, plan: np.ndarray, error: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
         """The best plan (thrusters, horizon) of the linearised problem; None if PIQP finds none."""
@@ -143,23 +182,30 @@ class _Program:
         answer = self._solver(**self._fixed, a=ca.vertcat(matrix, self._sharing), lba=low, uba=high)
         if not self._solver.stats()["success"]:
             return None
-        commands = np.array(answer["x"])[:plan.size].reshape(plan.shape, order="F")
+        commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
         return np.clip(commands, 0.0, 1.0)  # the interior point method leaves bounds a little
 
     def _linearisation(self, step: ca.Function) -> ca.Function:
         """(first error, plan, goal) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
-        error, goal = ca.MX.sym("error", self._size), ca.MX.sym("goal", step.size1_in(2))
+        error = ca.MX.sym("error", self._size)
+        goal = ca.MX.sym("goal", step.size1_in(2))
         plan = ca.MX.sym("plan", self._nozzles, self._count)
         flown = step.mapaccum(self._count)(error, plan, goal)
         before = ca.horzcat(error, flown[:, :-1])
         x, u, g = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xug"))
         after = step(x, u, g)
-        gradient = ca.Function("gradient", [x, u, g], [ca.jacobian(after, x), ca.jacobian(after, u)])
+        gradient = ca.Function(
+            "gradient", [x, u, g], [ca.jacobian(after, x), ca.jacobian(after, u)]
+        )
         by_error, by_command = gradient.map(self._count)(before, plan, goal)
         _, *others = ca.horzsplit(by_error, self._size)
-        from_before = ca.diagcat(ca.MX(self._size, 0), *others, ca.MX(0, self._size))  # one block lower
-        matrix = ca.horzcat(-ca.diagcat(*ca.horzsplit(by_command, self._nozzles)),
-                            ca.MX.eye(from_before.size1()) - from_before)
+        from_before = ca.diagcat(
+            ca.MX(self._size, 0), *others, ca.MX(0, self._size)
+        )  # one block lower
+        matrix = ca.horzcat(
+            -ca.diagcat(*ca.horzsplit(by_command, self._nozzles)),
+            ca.MX.eye(from_before.size1()) - from_before,
+        )
         return ca.Function("linearised", [error, plan, goal], [flown, matrix])
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
@@ -168,13 +214,19 @@ class _Program:
         force, _ = allocation.authority()
         full = allocation.commands(np.eye(craft.degrees_of_freedom)[:1] * force)
         effort = 1.0 / float((full * full).sum())
-        straight = np.diag([1.0] * craft.dimension + [0.0] * (craft.degrees_of_freedom - craft.dimension))
-        axes = ((regulator.translation, straight), (regulator.rotation, np.eye(len(straight)) - straight))
+        straight = np.diag(
+            [1.0] * craft.dimension + [0.0] * (craft.degrees_of_freedom - craft.dimension)
+        )
+        axes = (
+            (regulator.translation, straight),
+            (regulator.rotation, np.eye(len(straight)) - straight),
+        )
         # of (deviation, speed) per axis, over the entries of an error
         stage = ca.sparsify(ca.DM(sum(np.kron(np.diag(axis.price), along) for axis, along in axes)))
         last = ca.sparsify(ca.DM(sum(np.kron(axis.cost_to_go, along) for axis, along in axes)))
-        return 2.0 * ca.diagcat(effort * ca.DM.eye(self._nozzles * self._count),
-                                *[stage] * (self._count - 1), last)
+        return 2.0 * ca.diagcat(
+            effort * ca.DM.eye(self._nozzles * self._count), *[stage] * (self._count - 1), last
+        )
 
 
 def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
@@ -183,7 +235,8 @@ def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     Where thrust is shared the sum of the commands stays within 1, where sharing is linear. One integration
     step is off by 0.2 mm after the 4 s of a plan.
     """
-    linear, body = replace(craft, thrust_sharing="none"), Body.of(craft)
+    linear = replace(craft, thrust_sharing="none")
+    body = Body.of(craft)
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
     u = [ca.SX.sym("u") for _ in craft.thrusters]
@@ -211,9 +264,13 @@ def around(goal: Any, coordinates: Any) -> Any:
     """The state that has these coordinates around the goal, given as 6 or 12 fields."""
     if len(coordinates) == 6:
         px, py, turn, vx, vy, w = coordinates
-        return PlanarState(goal.p + Vec2(px, py), Heading(goal.attitude.angle + turn),
-                           goal.v + Vec2(vx, vy), goal.w + w)
-    p, turn, v, w = (Vec3(*coordinates[i:i + 3]) for i in (0, 3, 6, 9))
+        return PlanarState(
+            goal.p + Vec2(px, py),
+            Heading(goal.attitude.angle + turn),
+            goal.v + Vec2(vx, vy),
+            goal.w + w,
+        )
+    p, turn, v, w = (Vec3(*coordinates[i : i + 3]) for i in (0, 3, 6, 9))
     return SpatialState(goal.p + p, goal.attitude.times(_quaternion(turn)), goal.v + v, goal.w + w)
 
 

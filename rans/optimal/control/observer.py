@@ -47,8 +47,11 @@ class Observer:
     """
 
     def __init__(self, craft: Spacecraft, timing: Timing, trust: Trust) -> None:
-        self._craft, self._period, self._trust = craft, timing.control_period, trust
-        self._body, self._inertia = Body.of(craft), inertia(craft)
+        self._craft = craft
+        self._period = timing.control_period
+        self._trust = trust
+        self._body = Body.of(craft)
+        self._inertia = inertia(craft)
         self.reset(0)
 
     def reset(self, count: int) -> None:
@@ -70,7 +73,9 @@ class Observer:
     def expect(self, state: Any, commands: np.ndarray) -> None:
         """Predict what follows from commands (N, thrusters) in this state."""
         applied = wrench(self._craft, tuple(commands.T))
-        self._expected = advance(state, applied, self._body, self._period, disturbance=self.acting())
+        self._expected = advance(
+            state, applied, self._body, self._period, disturbance=self.acting()
+        )
 
     def acting(self) -> Wrench:
         """The estimate, as the equations take it."""
@@ -80,7 +85,9 @@ class Observer:
 
     def in_body(self, state: Any) -> np.ndarray:
         """The estimate as a wrench on B, (N, 3 or 6)."""
-        to_body = state.attitude.to(Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0))
+        to_body = state.attitude.to(
+            Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+        )
         force = np.array(leaves(to_body.rotate(self.acting().force)))
         return np.vstack([force, self._turned(self.torque, to_body)]).T
 
@@ -89,7 +96,10 @@ class Observer:
         return torque if self._craft.dimension == 2 else np.array(leaves(by.rotate(Vec3(*torque))))
 
 
-_WEIGHTS, _DEADBAND, _SETTINGS, _TRUST = Weights(), Deadband(), Settings(), Trust()
+_WEIGHTS = Weights()
+_DEADBAND = Deadband()
+_SETTINGS = Settings()
+_TRUST = Trust()
 
 
 class ObserverMPC(MPC):
@@ -108,10 +118,16 @@ class ObserverMPC(MPC):
 
     name = "MPC + observer"
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
-                 weights: Weights = _WEIGHTS,
-                 deadband: Deadband = _DEADBAND, settings: Settings = _SETTINGS,
-                 trust: Trust = _TRUST) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        weights: Weights = _WEIGHTS,
+        deadband: Deadband = _DEADBAND,
+        settings: Settings = _SETTINGS,
+        trust: Trust = _TRUST,
+    ) -> None:
         super().__init__(craft, task, timing, weights, deadband, settings)
         self._observer = Observer(self._craft, self._timing, checked("trust", trust, Trust))
 

@@ -43,8 +43,12 @@ class Weights:
     spin: float = 0.1
     """rad/s, where no attitude is held; a third of what one pulse of a 1 N nozzle changes."""
 
-    tunable: ClassVar = {"weights.position": (0.1, 3.0), "weights.attitude": (0.1, 3.0),
-                         "weights.velocity": (0.003, 0.3), "weights.spin": (0.01, 1.0)}
+    tunable: ClassVar = {
+        "weights.position": (0.1, 3.0),
+        "weights.attitude": (0.1, 3.0),
+        "weights.velocity": (0.003, 0.3),
+        "weights.spin": (0.01, 1.0),
+    }
     """Bounds for `rans tune`."""
 
     def __post_init__(self) -> None:
@@ -71,8 +75,11 @@ class Deadband:
     spin: float = 0.1
     """Highest spin to rest at, rad/s, where the task has no tolerance for it."""
 
-    tunable: ClassVar = {"deadband.share": (0.4, 0.98), "deadband.look_ahead": (0.2, 2.0),
-                         "deadband.spin": (0.02, 0.3)}
+    tunable: ClassVar = {
+        "deadband.share": (0.4, 0.98),
+        "deadband.look_ahead": (0.2, 2.0),
+        "deadband.spin": (0.02, 0.3),
+    }
     """Bounds for `rans tune`."""
 
     def __post_init__(self) -> None:
@@ -81,17 +88,25 @@ class Deadband:
             if not (math.isfinite(value) and value >= 0):
                 raise ConfigError(f"deadband: {field.name} must be finite and >= 0, got {value!r}.")
 
-    def holds(self, craft: Spacecraft, task: Task, state: Any, goal: Any,
-              acting: Wrench | None = None) -> np.ndarray:
+    def holds(
+        self, craft: Spacecraft, task: Task, state: Any, goal: Any, acting: Wrench | None = None
+    ) -> np.ndarray:
         """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,).
 
         What acts on the craft besides its thrusters, in W, drives it while it rests.
         """
-        shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), Body.of(craft)
-        later = [advance(state, shut, body, 0.5 * n * self.look_ahead, disturbance=acting) for n in (1, 2)]
+        shut = wrench(craft, (0.0,) * len(craft.thrusters))
+        body = Body.of(craft)
+        later = [
+            advance(state, shut, body, 0.5 * n * self.look_ahead, disturbance=acting)
+            for n in (1, 2)
+        ]
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
-        inside = [error < bounds.get(name, self.spin)
-                  for instant in (state, *later) for name, error in task.errors(instant, goal).items()]
+        inside = [
+            error < bounds.get(name, self.spin)
+            for instant in (state, *later)
+            for name, error in task.errors(instant, goal).items()
+        ]
         return np.logical_and.reduce(inside)
 
 
@@ -106,8 +121,11 @@ class ModelBased:
 
     name: str
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None) -> None:
-        self._craft, self._task = load_spacecraft(craft), load_task(task)
+    def __init__(
+        self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
+    ) -> None:
+        self._craft = load_spacecraft(craft)
+        self._task = load_task(task)
         self._timing = Timing() if timing is None else checked("timing", timing, Timing)
 
     def __repr__(self) -> str:
@@ -138,7 +156,9 @@ class Axis:
     @classmethod
     def held(cls, period: float, acceleration: float, deviation: float) -> Axis:
         """Brings the deviation back to zero."""
-        return cls._solved(period, acceleration, 1.0 / deviation**2, 1.0 / (acceleration * deviation))
+        return cls._solved(
+            period, acceleration, 1.0 / deviation**2, 1.0 / (acceleration * deviation)
+        )
 
     @classmethod
     def free(cls, period: float, acceleration: float, speed: float) -> Axis:
@@ -153,7 +173,8 @@ class Axis:
         motion = np.array([[1.0, period], [0.0, 1.0]])[kept, kept]
         effect = np.array([[0.5 * period**2], [period]])[kept]
         effort = np.array([[1.0 / acceleration**2]])
-        cost_to_go, gain = np.zeros((2, 2)), np.zeros(2)
+        cost_to_go = np.zeros((2, 2))
+        gain = np.zeros(2)
         p = solve_discrete_are(motion, effect, np.diag(price[kept]), effort)
         cost_to_go[kept, kept] = p
         gain[kept] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ motion)[0]
@@ -176,12 +197,18 @@ class Regulator:
         """
         checked("weights", weights, Weights)
         force, torque = Allocation(craft).authority()
-        push, turn = force / craft.mass, torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
-        held, period = task.tolerances(), timing.control_period
-        return cls(Axis.held(period, push, weights.position) if "position" in held
-                   else Axis.free(period, push, weights.velocity),
-                   Axis.held(period, turn, weights.attitude) if "attitude" in held
-                   else Axis.free(period, turn, weights.spin))
+        push = force / craft.mass
+        turn = torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
+        held = task.tolerances()
+        period = timing.control_period
+        return cls(
+            Axis.held(period, push, weights.position)
+            if "position" in held
+            else Axis.free(period, push, weights.velocity),
+            Axis.held(period, turn, weights.attitude)
+            if "attitude" in held
+            else Axis.free(period, turn, weights.spin),
+        )
 
     def carried(self, craft: Spacecraft) -> np.ndarray:
         """Components of a wrench along which `SigmaDelta` must carry what is owed.

@@ -48,10 +48,14 @@ class Sampling:
         for key in ("samples", "rounds"):
             whole(f"MPPI: {key}", getattr(self, key))
         if not (math.isfinite(self.temperature) and self.temperature > 0):
-            raise ConfigError(f"MPPI: temperature must be finite and > 0 s, got {self.temperature!r}.")
+            raise ConfigError(
+                f"MPPI: temperature must be finite and > 0 s, got {self.temperature!r}."
+            )
 
 
-_CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Sampling()
+_CURVE = Curve(thrust_weight=0.03)
+_DEADBAND = Deadband()
+_DRAWS = Sampling()
 
 
 class MPPI(ModelBased):
@@ -74,14 +78,23 @@ class MPPI(ModelBased):
     tunable: ClassVar = {**Switching.tunable, "draws.temperature": (0.005, 0.5)}
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
-                 curve: Curve = _CURVE,
-                 deadband: Deadband = _DEADBAND, draws: Sampling = _DRAWS) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        curve: Curve = _CURVE,
+        deadband: Deadband = _DEADBAND,
+        draws: Sampling = _DRAWS,
+    ) -> None:
         super().__init__(craft, task, timing)
-        self._deadband, self._draws = deadband, checked("draws", draws, Sampling)
+        self._deadband = deadband
+        self._draws = checked("draws", draws, Sampling)
         self._value = Switching(self._craft, self._task, self._timing, curve, deadband)
-        craft, self._period = self._craft, self._timing.control_period
-        self._body, self._price = Body.of(craft), curve.thrust_weight
+        craft = self._craft
+        self._period = self._timing.control_period
+        self._body = Body.of(craft)
+        self._price = curve.thrust_weight
         self._patterns = Patterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self.reset(0)
@@ -106,18 +119,22 @@ class MPPI(ModelBased):
         """First patterns of the best plans of some episodes, (M, thrusters); their chances go on in time."""
         chances = self._chances[which]
         shape = len(which), self._draws.samples, *chances.shape[1:]
-        best, least = np.zeros(chances.shape), np.full(len(which), np.inf)
+        best = np.zeros(chances.shape)
+        least = np.full(len(which), np.inf)
         for _ in range(self._draws.rounds):
             plans = self._random.random(shape) < np.clip(chances, _DOUBT, 1.0 - _DOUBT)[:, None]
             plans[:, 0] = best > 0.5  # in the first round: to coast
             costs = self._costs(state, goal, plans)
-            lowest, episodes = costs.argmin(axis=1), np.arange(len(which))
+            lowest = costs.argmin(axis=1)
+            episodes = np.arange(len(which))
             better = costs[episodes, lowest] < least
             best = np.where(better[:, None, None], plans[episodes, lowest], best)
             least = np.minimum(least, costs[episodes, lowest])
             weights = np.exp((least[:, None] - costs) / self._draws.temperature)
             chances = np.einsum("nk,nkst->nst", weights / weights.sum(axis=1, keepdims=True), plans)
-        self._chances[which] = np.concatenate([chances[:, 1:], np.full_like(chances[:, :1], _FIRST)], axis=1)
+        self._chances[which] = np.concatenate(
+            [chances[:, 1:], np.full_like(chances[:, :1], _FIRST)], axis=1
+        )
         return best[:, 0]
 
     def _costs(self, state: Any, goal: Any, plans: np.ndarray) -> np.ndarray:

@@ -44,7 +44,8 @@ class Curve:
         check_settings(self)
 
 
-_CURVE, _DEADBAND = Curve(), Deadband()
+_CURVE = Curve()
+_DEADBAND = Deadband()
 _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
@@ -68,22 +69,37 @@ class Switching(ModelBased):
     """
 
     name = "switching"
-    tunable: ClassVar = {"curve.push_scale": (0.3, 1.5), "curve.turn_scale": (0.1, 1.5),
-                         "curve.norm_scale": (1.0, 10.0), "curve.thrust_weight": (0.003, 0.3),
-                         **Deadband.tunable}
+    tunable: ClassVar = {
+        "curve.push_scale": (0.3, 1.5),
+        "curve.turn_scale": (0.1, 1.5),
+        "curve.norm_scale": (1.0, 10.0),
+        "curve.thrust_weight": (0.003, 0.3),
+        **Deadband.tunable,
+    }
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
-                 curve: Curve = _CURVE,
-                 deadband: Deadband = _DEADBAND) -> None:
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        curve: Curve = _CURVE,
+        deadband: Deadband = _DEADBAND,
+    ) -> None:
         super().__init__(craft, task, timing)
-        self._deadband, self._curve = checked("deadband", deadband, Deadband), checked("curve", curve, Curve)
-        craft, self._period = self._craft, self._timing.control_period
-        self._patterns, matrix = Patterns(craft), inertia(craft)
+        self._deadband = checked("deadband", deadband, Deadband)
+        self._curve = checked("curve", curve, Curve)
+        craft = self._craft
+        self._period = self._timing.control_period
+        self._patterns = Patterns(craft)
+        matrix = inertia(craft)
         force, torque = Allocation(craft).authority()
-        self._push, self._turn = force / craft.mass, torque / float(np.linalg.eigvalsh(matrix)[-1])
-        wrenches, straight = self._patterns.wrenches, craft.dimension
-        self._pushes, self._turns = wrenches[:, :straight] / craft.mass, wrenches[:, straight:]
+        self._push = force / craft.mass
+        self._turn = torque / float(np.linalg.eigvalsh(matrix)[-1])
+        wrenches = self._patterns.wrenches
+        straight = craft.dimension
+        self._pushes = wrenches[:, :straight] / craft.mass
+        self._turns = wrenches[:, straight:]
         self._turns = self._turns @ np.linalg.inv(matrix)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
@@ -120,22 +136,36 @@ class Switching(ModelBased):
         A pulse may be too long to be braked by a share of the thrusters; then waiting looks better than any,
         also a period later.
         """
-        held, scales = self._task.tolerances(), self._scales(len(now.p))
+        held = self._task.tolerances()
+        scales = self._scales(len(now.p))
         shut = np.zeros((len(now.p), 1, len(self._forces)), bool)
         waits = (self._cost(coast, shut, scales) >= self._cost(now, shut, scales))[:, 0]
-        for rate, full, kept in ((now.v, self._push, "position"), (now.spin, self._turn, "attitude")):
+        for rate, full, kept in (
+            (now.v, self._push, "position"),
+            (now.spin, self._turn, "attitude"),
+        ):
             waits &= (kept not in held) | (least_time(None, rate, full) < _SLOW * self._period)
         scales[:, waits] = 1.0
         return scales
 
     def _cost(self, gap: _Gap, patterns: np.ndarray, scales: np.ndarray) -> np.ndarray:
         """(M, C) s, of patterns (M, C, thrusters) and scales of push and turn (2, M, 1)."""
-        shares, held, h = self._patterns.shares(patterns), self._task.tolerances(), self._period
-        push, turn = (shares @ self._pushes) @ gap.to_world, shares @ self._turns
+        shares = self._patterns.shares(patterns)
+        held = self._task.tolerances()
+        h = self._period
+        push = (shares @ self._pushes) @ gap.to_world
+        turn = shares @ self._turns
         way, turning = (
-            least_time(x[:, None] + 0.5 * h * h * more if kept in held else None, v[:, None] + h * more, most)
-            for x, v, more, most, kept in ((gap.p, gap.v, push, self._push * scales[0], "position"),
-                                           (gap.turn, gap.spin, turn, self._turn * scales[1], "attitude")))
+            least_time(
+                x[:, None] + 0.5 * h * h * more if kept in held else None,
+                v[:, None] + h * more,
+                most,
+            )
+            for x, v, more, most, kept in (
+                (gap.p, gap.v, push, self._push * scales[0], "position"),
+                (gap.turn, gap.spin, turn, self._turn * scales[1], "attitude"),
+            )
+        )
         power = self._curve.norm_scale
         both = (way**power + turning**power) ** (1.0 / power)
         return both + self._curve.thrust_weight * h * (shares @ self._forces)
@@ -155,14 +185,19 @@ class _Gap:
     @classmethod
     def after(cls, period: float, craft: Spacecraft, state: Any, goal: Any) -> _Gap:
         """Of a state and a goal of arrays (N,) that coast for a period, s."""
-        shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), Body.of(craft)
+        shut = wrench(craft, (0.0,) * len(craft.thrusters))
+        body = Body.of(craft)
         end, there = (advance(s, shut, body, period) for s in (state, goal))
         middle = advance(state, shut, body, 0.5 * period).attitude
-        units = (Vec2(1.0, 0.0), Vec2(0.0, 1.0)) if craft.dimension == 2 else (
-            Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), Vec3(0.0, 0.0, 1.0))
+        units = (
+            (Vec2(1.0, 0.0), Vec2(0.0, 1.0))
+            if craft.dimension == 2
+            else (Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), Vec3(0.0, 0.0, 1.0))
+        )
         axes = np.array([leaves(middle.rotate(unit)) for unit in units])
         p, v = (np.array(leaves(gap)).T for gap in (end.p - there.p, end.v - there.v))
-        turn, spin = rotation_vector(there.attitude.to(end.attitude)), np.array(end.spin()) - there.spin()
+        turn = rotation_vector(there.attitude.to(end.attitude))
+        spin = np.array(end.spin()) - there.spin()
         return cls(p, v, turn.T, spin.T, np.moveaxis(axes, 2, 0))
 
     def of_episodes(self, which: np.ndarray) -> _Gap:

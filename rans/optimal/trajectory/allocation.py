@@ -39,17 +39,22 @@ class Allocation:
 
     def __init__(self, craft: Spacecraft) -> None:
         if not controls_every_direction(craft):
-            raise ConfigError(f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} "
-                              "thrusters do not push and turn it in every direction; the usual cause is a "
-                              "missing or reversed thruster.")
+            raise ConfigError(
+                f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} "
+                "thrusters do not push and turn it in every direction; the usual cause is a "
+                "missing or reversed thruster."
+            )
         columns = np.array(craft.wrench_map).T
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
         if (spread := np.linalg.cond(self._columns)) > _UNEVEN:
-            raise ConfigError(f"spacecraft {craft.name!r} cannot be steered: its thrusters push and turn it "
-                              f"{spread:.2g} times harder in one direction than in another, {_UNEVEN:.0e} at "
-                              "most can be computed with; the usual cause is a force in other units.")
-        self._dimension, self._shared = craft.dimension, craft.thrust_sharing == "split"
+            raise ConfigError(
+                f"spacecraft {craft.name!r} cannot be steered: its thrusters push and turn it "
+                f"{spread:.2g} times harder in one direction than in another, {_UNEVEN:.0e} at "
+                "most can be computed with; the usual cause is a force in other units."
+            )
+        self._dimension = craft.dimension
+        self._shared = craft.thrust_sharing == "split"
 
     def commands(self, wrench: np.ndarray) -> np.ndarray:
         """Commands that give the wrench, or as great a share of it as the thrusters can.
@@ -69,7 +74,7 @@ class Allocation:
         axes = np.diag(self._size)
         load = self._load(self._unbounded(np.vstack([axes, -axes]) / self._size))
         reach = (np.tile(self._size, 2) / load).reshape(2, -1).min(axis=0)
-        return float(reach[:self._dimension].min()), float(reach[self._dimension:].min())
+        return float(reach[: self._dimension].min()), float(reach[self._dimension :].min())
 
     def _load(self, command: np.ndarray) -> np.ndarray:
         """(N,) by how much commands without upper bound ask for more than there is."""
@@ -90,9 +95,12 @@ class Allocation:
             dual = dual + step * self._damping(wrench, dual, step, missing)[:, None]
         return np.maximum(0.0, dual @ columns)
 
-    def _damping(self, wrench: np.ndarray, dual: np.ndarray, step: np.ndarray, up: np.ndarray) -> np.ndarray:
+    def _damping(
+        self, wrench: np.ndarray, dual: np.ndarray, step: np.ndarray, up: np.ndarray
+    ) -> np.ndarray:
         """(N,) largest powers of a half at which the dual function rises enough (Armijo's rule)."""
-        before, slope = self._value(wrench, dual), 1e-4 * (step * up).sum(axis=1)
+        before = self._value(wrench, dual)
+        slope = 1e-4 * (step * up).sum(axis=1)
         share = np.ones(len(wrench))
         for _ in range(40):
             short = self._value(wrench, dual + share[:, None] * step) < before + share * slope
@@ -137,8 +145,12 @@ class Patterns:
         """(..., 3 or 6) the wrench of open thrusters."""
         return self.shares(pattern) @ self.wrenches
 
-    def best(self, pattern: np.ndarray, cost: Callable[[np.ndarray, np.ndarray], np.ndarray],
-             free: np.ndarray) -> np.ndarray:
+    def best(
+        self,
+        pattern: np.ndarray,
+        cost: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        free: np.ndarray,
+    ) -> np.ndarray:
         """Goes from pattern to better neighbour, best first, until there is none.
 
         Args:
@@ -146,12 +158,14 @@ class Patterns:
             cost: of episodes (M,), their numbers, and candidates (M, C, thrusters): (M, C).
             free: which episodes may change, (N,) bool.
         """
-        pattern, free = pattern.copy(), np.flatnonzero(free)
+        pattern = pattern.copy()
+        free = np.flatnonzero(free)
         for _ in range(_FLIPS):
             if not len(free):
                 break
             candidates = pattern[free][:, None] ^ self._flips
-            costs, episodes = cost(free, candidates), np.arange(len(free))
+            costs = cost(free, candidates)
+            episodes = np.arange(len(free))
             first = costs.argmin(axis=1)
             pattern[free] = candidates[episodes, first]
             # by more than rounding, or equal patterns would take turns
@@ -172,11 +186,12 @@ class SigmaDelta:
     """
 
     def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
-        self._patterns, self._allocation = Patterns(craft), Allocation(craft)
+        self._patterns = Patterns(craft)
+        self._allocation = Allocation(craft)
         size = craft.degrees_of_freedom
         metric = np.zeros((size, size))
-        metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
-        metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia(craft))
+        metric[: craft.dimension, : craft.dimension] = np.eye(craft.dimension) / craft.mass
+        metric[craft.dimension :, craft.dimension :] = np.linalg.inv(inertia(craft))
         self._root = np.linalg.cholesky(metric)
         self._carried = np.ones(size, bool) if carried is None else carried
         self._owed = np.zeros((0, size))

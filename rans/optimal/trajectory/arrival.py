@@ -39,8 +39,10 @@ def check_goal(task: Task) -> None:
     """
     aims(task)
     if not goal_stands_still(task):
-        raise ConfigError(f"optimal trajectories are for goals that stand still, and {type(task).__name__} "
-                          "moves its goal (`next_goal`).")
+        raise ConfigError(
+            f"optimal trajectories are for goals that stand still, and {type(task).__name__} "
+            "moves its goal (`next_goal`)."
+        )
 
 
 class Arrival:
@@ -71,16 +73,20 @@ class Arrival:
             self.conditions = ca.Function("arrival", arguments, [ca.vertcat(*gaps)])
             gradient = _gradient(self.conditions, leaves(there), leaves(goal))
             if not np.isfinite(gradient).all():
-                raise ConfigError(f"what {type(task).__name__} shows (its `sight`) has no gradient at the "
-                                  "goal, which optimal trajectories need; the usual cause is the length of a "
-                                  "vector that is zero there.")
+                raise ConfigError(
+                    f"what {type(task).__name__} shows (its `sight`) has no gradient at the "
+                    "goal, which optimal trajectories need; the usual cause is the length of a "
+                    "vector that is zero there."
+                )
             self.high = np.where(_independent(gradient), 0.0, _BRANCH)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
             gaps = [*(errors[name] for name in tolerances), *rates]
             self.conditions = rounded(ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _KNEE)
-            self.high = np.array([*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)])
+            self.high = np.array(
+                [*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)]
+            )
         self.low = -self.high
 
 
@@ -101,7 +107,7 @@ def _gradient(conditions: ca.Function, there: Sequence[float], goal: Sequence[fl
 
 def _independent(rows: np.ndarray) -> np.ndarray:
     """Whether each row is none of those before it combined."""
-    ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]
+    ranks = [0, *(np.linalg.matrix_rank(rows[: k + 1], tol=1e-9) for k in range(len(rows)))]
     return np.diff(ranks) > 0
 
 
@@ -116,7 +122,8 @@ def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
     outputs = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     work: dict[int, ca.SX] = {}
     for k in range(function.n_instructions()):
-        source, sink = function.instruction_input(k), function.instruction_output(k)
+        source = function.instruction_input(k)
+        sink = function.instruction_output(k)
         operation = function.instruction_id(k)
         if operation == ca.OP_OUTPUT:
             outputs[sink[0]].nz[sink[1]] = work[source[0]]
@@ -130,4 +137,6 @@ def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
         else:
             apply = ca.SX.unary if len(source) == 1 else ca.SX.binary
             work[sink[0]] = apply(operation, *(work[i] for i in source))
-    return ca.Function(function.name(), [*inputs, *([radius] if isinstance(radius, ca.SX) else [])], outputs)
+    return ca.Function(
+        function.name(), [*inputs, *([radius] if isinstance(radius, ca.SX) else [])], outputs
+    )

@@ -29,12 +29,20 @@ def rotation_vector(rotation: Attitude) -> np.ndarray:
     vector = np.array(xyz)
     sine = np.linalg.norm(vector, axis=0)
     # angle / sin(angle / 2) tends to 2 where the rotation vanishes
-    ratio = np.where(sine > 0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0, sine, 1.0), 2.0)
+    ratio = np.where(
+        sine > 0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0, sine, 1.0), 2.0
+    )
     return vector * np.where(w < 0, -ratio, ratio)
 
 
-def guess(aims: Collection[str], start: State, goal: State, duration: float, intervals: int,
-          number: int = 0) -> np.ndarray:
+def guess(
+    aims: Collection[str],
+    start: State,
+    goal: State,
+    duration: float,
+    intervals: int,
+    number: int = 0,
+) -> np.ndarray:
     """A motion that meets the aims (`rans.optimal.trajectory.arrival.aims`) and leaves all else alone.
 
     It is (leaves of the state, N): the states at the ends of N equal intervals of the duration, s. Guesses of
@@ -46,27 +54,35 @@ def guess(aims: Collection[str], start: State, goal: State, duration: float, int
     if number >= 2:
         size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
         bow = np.random.default_rng(number).normal(size=(len(p), 1)) * size
-        p, v = p + 16.0 * bow * (s * (1 - s)) ** 2, v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
+        p = p + 16.0 * bow * (s * (1 - s)) ** 2
+        v = v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
     attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
     return np.vstack([p, attitude, v, w])
 
 
-def _translation(aims: Collection[str], start: State, goal: State, duration: float,
-                 s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _translation(
+    aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Cubic in time (Hermite), or constant acceleration where no place is asked for: p and v."""
     p0, p1, v0, v1 = (np.array(x.columns())[:, None] for x in (start.p, goal.p, start.v, goal.v))
     if "velocity" not in aims:
         v1 = v0
     if "position" not in aims:
         p1 = p0 + 0.5 * duration * (v0 + v1)
-    way, before, after = p1 - p0, duration * v0, duration * v1
-    square, cube = 3.0 * way - 2.0 * before - after, before + after - 2.0 * way
-    return (p0 + s * (before + s * (square + s * cube)),
-            (before + s * (2.0 * square + s * 3.0 * cube)) / duration)
+    way = p1 - p0
+    before = duration * v0
+    after = duration * v1
+    square = 3.0 * way - 2.0 * before - after
+    cube = before + after - 2.0 * way
+    return (
+        p0 + s * (before + s * (square + s * cube)),
+        (before + s * (2.0 * square + s * 3.0 * cube)) / duration,
+    )
 
 
-def _rotation(aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray,
-              long_way: bool) -> tuple[np.ndarray, np.ndarray]:
+def _rotation(
+    aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray, long_way: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """About one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration: attitude and w.
 
     Where an attitude is asked for, the rates of start and goal are not matched.
@@ -76,11 +92,13 @@ def _rotation(aims: Collection[str], start: State, goal: State, duration: float,
         if long_way:
             angle = float(np.linalg.norm(turn))
             turn = (turn / angle if angle > 0 else np.eye(len(turn))[-1]) * (angle - math.tau)
-        pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
+        pace = s * s * (3.0 - 2.0 * s)
+        rate = 6.0 * s * (1.0 - s) / duration
         # the axis is the same in W relative to the start and in B throughout
         return _turned(start.attitude, turn, pace), np.outer(turn, rate)
     first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
-    attitude, columns = start.attitude, []
+    attitude = start.attitude
+    columns = []
     for share in s - 0.5 / len(s):  # each interval with its mean rate
         step = (first + share * (last - first)) * duration / len(s)
         columns.append(_turned(attitude, step, np.ones(1))[:, 0])
@@ -135,7 +153,11 @@ def _accelerations(craft: Spacecraft) -> tuple[float, float]:
     return force / craft.mass, torque / float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
 
 
-def _time(aims: Collection[str], way: tuple[str, np.ndarray], rate: tuple[str, np.ndarray],
-          acceleration: float) -> float:
+def _time(
+    aims: Collection[str],
+    way: tuple[str, np.ndarray],
+    rate: tuple[str, np.ndarray],
+    acceleration: float,
+) -> float:
     far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (way, rate))
     return 2.0 * math.sqrt(far / acceleration) + fast / acceleration

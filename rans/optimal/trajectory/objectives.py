@@ -57,14 +57,23 @@ class _GivenTime(ABC):
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(cast(Any, self)):
-            name, value = field.name, getattr(self, field.name)
-            if name in ("horizon", "control_period") and not fits(value, lambda x: 0 < x < math.inf):
-                raise ConfigError(f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}.")
+            name = field.name
+            value = getattr(self, field.name)
+            if name in ("horizon", "control_period") and not fits(
+                value, lambda x: 0 < x < math.inf
+            ):
+                raise ConfigError(
+                    f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}."
+                )
             if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
-                raise ConfigError(f"{self.kind}: {name} must be finite and not negative, got {value}.")
+                raise ConfigError(
+                    f"{self.kind}: {name} must be finite and not negative, got {value}."
+                )
         if self.horizon / self.control_period > MOST_STEPS:
-            raise ConfigError(f"{self.kind}: horizon must be at most {MOST_STEPS:,} control periods of "
-                              f"{self.control_period:g} s, got {self.horizon:g} s.")
+            raise ConfigError(
+                f"{self.kind}: horizon must be at most {MOST_STEPS:,} control periods of "
+                f"{self.control_period:g} s, got {self.horizon:g} s."
+            )
 
     @property
     def name(self) -> str:
@@ -86,7 +95,8 @@ class MinimumFuel(_GivenTime):
     """Least thrust impulse, N s, that arrives within a given time."""
 
     ending: Ending = "exact"
-    kind, measure = "minimum fuel", "fuel N s"
+    kind = "minimum fuel"
+    measure = "fuel N s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Thrust times time, summed over the thrusters, N s."""
@@ -98,7 +108,8 @@ class MinimumEnergy(_GivenTime):
     """Least squared thrust, summed over the thrusters and over time, N^2 s."""
 
     ending: Ending = "exact"
-    kind, measure = "minimum energy", "energy N^2 s"
+    kind = "minimum energy"
+    measure = "energy N^2 s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of the sum of the thrusters' squared forces, N^2 s."""
@@ -116,13 +127,16 @@ class QuadraticTracking(_GivenTime):
     """Cost of a fully open thruster, as that of 1 m, 1 m/s, or a cosine or sine that is off by 1."""
 
     ending: ClassVar[Ending] = "free"
-    kind, measure = "quadratic tracking", "cost s"
+    kind = "quadratic tracking"
+    measure = "cost s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
-        far = ca.sum2(stage.map(self.intervals)(path.states, ca.repmat(path.goal, 1, self.intervals)))
+        far = ca.sum2(
+            stage.map(self.intervals)(path.states, ca.repmat(path.goal, 1, self.intervals))
+        )
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
 
@@ -137,15 +151,17 @@ class MaximumReward(_GivenTime):
     """Length of the episode, s."""
 
     ending: ClassVar[Ending] = "free"
-    kind, measure = "maximum reward", "minus return"
+    kind = "maximum reward"
+    measure = "minus return"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))
         terms = path.task.reward(Transition(state, goal, tuple(now), tuple(before)))
-        stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
-                            [sum(terms.values())])
+        stage = ca.Function(
+            "reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)], [sum(terms.values())]
+        )
         previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
         given = [path.states, ca.repmat(path.goal, 1, self.intervals), path.commands, previous]
         if path.corner is not None:
@@ -165,12 +181,16 @@ class MinimumTime:
     intervals: int = 50
     """For the paper's starts, 5 s away, this is finer than the default 5 Hz."""
     ending: Ending = "exact"
-    name, measure, control_period = "minimum time", "time s", None
+    name = "minimum time"
+    measure = "time s"
+    control_period = None
 
     def __post_init__(self) -> None:
         if not fits(self.intervals, lambda count: 1 <= count <= MOST_STEPS):
-            raise ConfigError(f"minimum time: intervals must be >= 1 and <= {MOST_STEPS:,}, got "
-                              f"{brief(self.intervals)}.")
+            raise ConfigError(
+                f"minimum time: intervals must be >= 1 and <= {MOST_STEPS:,}, got "
+                f"{brief(self.intervals)}."
+            )
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Time of arrival, s."""
@@ -181,8 +201,13 @@ Objective = MinimumFuel | MinimumEnergy | QuadraticTracking | MaximumReward | Mi
 ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
 
 
-def objective_of(name: ObjectiveName, horizon: float | None = None, control_period: float = 0.2,
-                 ending: Literal["exact", "set"] = "exact", intervals: int = 50) -> Objective:
+def objective_of(
+    name: ObjectiveName,
+    horizon: float | None = None,
+    control_period: float = 0.2,
+    ending: Literal["exact", "set"] = "exact",
+    intervals: int = 50,
+) -> Objective:
     """The objective of this name.
 
     Args:

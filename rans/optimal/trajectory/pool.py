@@ -18,9 +18,15 @@ _transcriptions: list[Transcription] = []
 """One per objective, in each worker process."""
 
 
-def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], starts: Scenario,
-              workers: int | None = None, progress: Callable[[], object] = lambda: None,
-              guesses: int = 1) -> list[list[Trajectory]]:
+def solve_all(
+    craft: Spacecraft,
+    task: Task,
+    objectives: Sequence[Objective],
+    starts: Scenario,
+    workers: int | None = None,
+    progress: Callable[[], object] = lambda: None,
+    guesses: int = 1,
+) -> list[list[Trajectory]]:
     """Solve every objective from every start: per objective N trajectories in the order of the starts.
 
     See `rans.processes.submitted` for worker processes and interrupts. The starts are of arrays (N,), as
@@ -32,10 +38,13 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
         ConfigError: see `Transcription`.
     """
     example = scenario(task, craft.dimension, seed=0, episode=0)
-    for objective in objectives:  # says here, not in every worker, if this task has no such trajectories
+    for (
+        objective
+    ) in objectives:  # says here, not in every worker, if this task has no such trajectories
         Arrival(task, example.goal, objective.ending)
     jobs = [(index, one, guesses) for index in range(len(objectives)) for one in each(starts)]
-    workers, answers = workers or processors(), []
+    workers = workers or processors()
+    answers = []
     if workers == 1:
         _build(craft, task, objectives)
         for job in jobs:
@@ -45,11 +54,14 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
         with submitted(_solve, jobs, workers, _build, (craft, task, objectives)) as futures:
             for _ in as_completed(futures):
                 progress()
-            answers = [unsolved(objectives[index], craft, one.start, "Worker_Died")
-                       if isinstance(future.exception(), BrokenProcessPool) else future.result()
-                       for future, (index, one, _) in zip(futures, jobs, strict=True)]
+            answers = [
+                unsolved(objectives[index], craft, one.start, "Worker_Died")
+                if isinstance(future.exception(), BrokenProcessPool)
+                else future.result()
+                for future, (index, one, _) in zip(futures, jobs, strict=True)
+            ]
     count = len(jobs) // max(1, len(objectives))
-    return [answers[i * count:(i + 1) * count] for i in range(len(objectives))]
+    return [answers[i * count : (i + 1) * count] for i in range(len(objectives))]
 
 
 def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> None:

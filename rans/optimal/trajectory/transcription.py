@@ -29,9 +29,18 @@ from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.goal_set import aims
 
-_OPTIONS = {"expand": True, "print_time": False, "error_on_fail": False, "show_eval_warnings": False,
-            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500, "ipopt.min_refinement_steps": 0,
-            "ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_scaling": 0}
+_OPTIONS = {
+    "expand": True,
+    "print_time": False,
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.max_iter": 500,
+    "ipopt.min_refinement_steps": 0,
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_scaling": 0,
+}
 """IPOPT on scalar graphs: the most robust of the solvers tried on these problems. A solvable one takes
 20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
 linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
@@ -73,15 +82,28 @@ class Trajectory:
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
     """A trajectory of NaN, for a problem whose solver never answered."""
     nothing = np.full((objective.intervals + 1, len(craft.thrusters)), np.nan)
-    return Trajectory(objective.name, status, False, math.nan, map_leaves(lambda _: nothing[:, 0], start),
-                      nothing[1:], math.nan, 0, 0.0, 0)
+    return Trajectory(
+        objective.name,
+        status,
+        False,
+        math.nan,
+        map_leaves(lambda _: nothing[:, 0], start),
+        nothing[1:],
+        math.nan,
+        0,
+        0.0,
+        0,
+    )
 
 
 def _best(found: Sequence[Trajectory]) -> Trajectory:
     """The cheapest of those solved, with the iterations and the time of all."""
     best = min(found, key=lambda one: (not one.solved, one.cost))
-    return replace(best, iterations=sum(one.iterations for one in found),
-                   seconds=sum(one.seconds for one in found))
+    return replace(
+        best,
+        iterations=sum(one.iterations for one in found),
+        seconds=sum(one.seconds for one in found),
+    )
 
 
 class Transcription:
@@ -103,9 +125,12 @@ class Transcription:
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:
-        self._craft, self._task, self._objective = craft, task, objective
+        self._craft = craft
+        self._task = task
+        self._objective = objective
         example = scenario(task, craft.dimension, seed=0, episode=0)
-        self._like, self._aims = example.start, aims(task)
+        self._like = example.start
+        self._aims = aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
@@ -119,23 +144,35 @@ class Transcription:
         Constraints: intervals join, wrenches are the commands', arrival, and with shared thrust the sums
         of commands.
         """
-        count, (nozzles, forces, width) = self._objective.intervals, self._rows
+        count = self._objective.intervals
+        (nozzles, forces, width) = self._rows
         variables = ca.MX.sym("variables", count * sum(self._rows) + 1)
-        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", goal_width)
-        table, period = ca.reshape(variables[:-1], sum(self._rows), count), variables[-1]
+        start = ca.MX.sym("start", width)
+        goal = ca.MX.sym("goal", goal_width)
+        table = ca.reshape(variables[:-1], sum(self._rows), count)
+        period = variables[-1]
         if self._objective.control_period is not None:  # a constant is differentiated faster
             period = self._objective.control_period
-        commands, applied, after = ca.vertsplit(table, [0, nozzles, nozzles + forces, sum(self._rows)])
+        commands, applied, after = ca.vertsplit(
+            table, [0, nozzles, nozzles + forces, sum(self._rows)]
+        )
         gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
-        constraints = [ca.vec(gaps), ca.vec(ca.DM(self._wrenches) @ commands - applied),
-                       self._arrival.conditions(after[:, -1], goal)]
+        constraints = [
+            ca.vec(gaps),
+            ca.vec(ca.DM(self._wrenches) @ commands - applied),
+            self._arrival.conditions(after[:, -1], goal),
+        ]
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(self._craft, self._task, after, commands, period, goal, corner)
         cost = self._objective.cost(path)
-        problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "f": cost,
-                   "g": ca.vertcat(*constraints)}
+        problem = {
+            "x": variables,
+            "p": ca.vertcat(start, goal, corner),
+            "f": cost,
+            "g": ca.vertcat(*constraints),
+        }
         self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
         self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
         exact = self._objective.cost(replace(path, corner=None))
@@ -163,7 +200,8 @@ class Transcription:
 
     def attempt(self, start: State, goal: State, number: int) -> Trajectory:
         """From one guess; what has corners is solved again with sharper ones, from the answer before."""
-        problem, found = self._bounds_and_guess(start, goal, number), []
+        problem = self._bounds_and_guess(start, goal, number)
+        found = []
         for corner in self._corners:
             begun = time.perf_counter()
             solution = self._solver(p=[*leaves(start), *leaves(goal), corner], **problem)
@@ -173,18 +211,34 @@ class Transcription:
             problem["x0"] = np.array(solution["x"]).ravel()
         return _best(found)
 
-    def _trajectory(self, solution: dict[str, Any], start: State, goal: State, seconds: float) -> Trajectory:
-        statistics, variables = self._solver.stats(), np.array(solution["x"]).ravel()
-        table, (nozzles, forces, _) = variables[:-1].reshape(self._objective.intervals, -1), self._rows
-        states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces:]]).T)
-        commands = np.clip(table[:, :nozzles], 0.0, 1.0)  # interior point methods leave bounds by up to 1e-8
+    def _trajectory(
+        self, solution: dict[str, Any], start: State, goal: State, seconds: float
+    ) -> Trajectory:
+        statistics = self._solver.stats()
+        variables = np.array(solution["x"]).ravel()
+        table = variables[:-1].reshape(self._objective.intervals, -1)
+        (nozzles, forces, _) = self._rows
+        states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces :]]).T)
+        commands = np.clip(
+            table[:, :nozzles], 0.0, 1.0
+        )  # interior point methods leave bounds by up to 1e-8
         solved = statistics["success"]
         cost = float(self._cost(variables, leaves(goal))) if solved else math.nan
-        return Trajectory(self._objective.name, statistics["return_status"], solved, cost, states, commands,
-                          float(variables[-1]), statistics["iter_count"], seconds)
+        return Trajectory(
+            self._objective.name,
+            statistics["return_status"],
+            solved,
+            cost,
+            states,
+            commands,
+            float(variables[-1]),
+            statistics["iter_count"],
+            seconds,
+        )
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
-        count, (_, forces, width) = self._objective.intervals, self._rows
+        count = self._objective.intervals
+        (_, forces, width) = self._rows
         period = given = self._objective.control_period
         if period is None:
             period = transfer_time(self._craft, self._aims, start, goal) / count
@@ -193,35 +247,47 @@ class Transcription:
         states = self._guess(start, goal, count, period, number)
         command = self._commands(start, states, period)
 
-        def pack(command: np.ndarray, applied: np.ndarray, state: np.ndarray, period: float) -> np.ndarray:
+        def pack(
+            command: np.ndarray, applied: np.ndarray, state: np.ndarray, period: float
+        ) -> np.ndarray:
             return np.append(np.vstack([command, applied, state]).T, period)
 
-        free, unbound = np.full((width, count), np.inf), np.full((forces, count), np.inf)
+        free = np.full((width, count), np.inf)
+        unbound = np.full((forces, count), np.inf)
         joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
-        return {"x0": pack(command, self._wrenches @ command, states, period),
-                "lbx": pack(0.0 * command, -unbound, -free, shortest),
-                "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
-                "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
-                "ubg": np.concatenate([joined, self._arrival.high, sums])}
+        return {
+            "x0": pack(command, self._wrenches @ command, states, period),
+            "lbx": pack(0.0 * command, -unbound, -free, shortest),
+            "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
+            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
+            "ubg": np.concatenate([joined, self._arrival.high, sums]),
+        }
 
-    def _guess(self, start: State, goal: State, count: int, period: float, number: int) -> np.ndarray:
+    def _guess(
+        self, start: State, goal: State, count: int, period: float, number: int
+    ) -> np.ndarray:
         """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
         moving = count
         if self._objective.ending == "free":
-            moving = min(count, math.ceil(transfer_time(self._craft, self._aims, start, goal) / period))
+            moving = min(
+                count, math.ceil(transfer_time(self._craft, self._aims, start, goal) / period)
+            )
         there = guess(self._aims, start, goal, moving * period, moving, number)
         if moving == count:
             return there
         arrived = unflatten(start, there[:, -1])
-        return np.hstack([there, guess((), arrived, arrived, (count - moving) * period, count - moving)])
+        return np.hstack(
+            [there, guess((), arrived, arrived, (count - moving) * period, count - moving)]
+        )
 
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
             return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
         wrenches = needed_wrenches(
-            self._craft, unflatten(start, np.column_stack([leaves(start), states])), period)
+            self._craft, unflatten(start, np.column_stack([leaves(start), states])), period
+        )
         return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
 
 
@@ -230,7 +296,9 @@ def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:
     state: Any = map_leaves(lambda _: ca.SX.sym("s"), like)
     period, *parts = [ca.SX.sym("s") for _ in range(1 + craft.degrees_of_freedom)]
     planar = craft.dimension == 2
-    applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
+    applied = (
+        Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
+    )
     after = advance(state, applied, Body.of(craft), period, 1, _NODES, drift=drift)
     columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
     return ca.Function("step", [columns[0], columns[1], period], [columns[2]])

@@ -12,7 +12,9 @@ from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Plan, flights_needed, lower, plan, upper
 
 
-@pytest.mark.parametrize(("events", "flights"), [(0, 10), (3, 1000), (10, 10), (17, 10**6), (0, 10**9)])
+@pytest.mark.parametrize(
+    ("events", "flights"), [(0, 10), (3, 1000), (10, 10), (17, 10**6), (0, 10**9)]
+)
 def test_bounds_are_those_of_scipys_exact_interval(events: int, flights: int) -> None:
     # A two-sided interval at 98 % leaves 1 % outside of either end.
     low, high = binomtest(events, flights).proportion_ci(0.98, "exact")
@@ -22,12 +24,15 @@ def test_bounds_are_those_of_scipys_exact_interval(events: int, flights: int) ->
 
 @pytest.mark.parametrize("events", [0, 1, 5])
 def test_so_many_flights_suffice_and_one_less_does_not(events: int) -> None:
-    below, level = 3e-3, 0.01
+    below = 3e-3
+    level = 0.01
     needed = flights_needed(below, level, events)
 
     def chance(flights: int) -> float:
-        return sum(math.comb(flights, k) * below**k * (1.0 - below) ** (flights - k)
-                   for k in range(events + 1))
+        return sum(
+            math.comb(flights, k) * below**k * (1.0 - below) ** (flights - k)
+            for k in range(events + 1)
+        )
 
     assert chance(needed) <= level < chance(needed - 1)
 
@@ -39,7 +44,8 @@ def test_a_rare_event_needs_as_many_flights_as_the_logarithm_says() -> None:
 
 def _ends(made: Plan, probability: float, campaigns: int) -> tuple[float, float]:
     """Shares of campaigns that end in "below" and in "above"."""
-    random, ends = np.random.default_rng(0), {"below": 0, "above": 0, "open": 0}
+    random = np.random.default_rng(0)
+    ends = {"below": 0, "above": 0, "open": 0}
     for _ in range(campaigns):
         failures = flown = 0
         decision = "open"
@@ -72,10 +78,17 @@ def test_campaigns_end_early_on_either_side() -> None:
 
 
 def test_levels_of_all_looks_add_up_to_the_chance_of_error() -> None:
-    for made in (plan(0.99, None, 1e-4), plan(0.99, 150_000, 1e-4), plan(0.99, 50_000, 1e-4), plan(0.9, 7)):
+    for made in (
+        plan(0.99, None, 1e-4),
+        plan(0.99, 150_000, 1e-4),
+        plan(0.99, 50_000, 1e-4),
+        plan(0.9, 7),
+    ):
         assert sum(look.high_level for look in made.looks) == pytest.approx(1.0 - made.confidence)
         assert sum(look.low_level for look in made.looks) == pytest.approx(1.0 - made.confidence)
-        assert [look.flights for look in made.looks] == sorted({look.flights for look in made.looks})
+        assert [look.flights for look in made.looks] == sorted(
+            {look.flights for look in made.looks}
+        )
 
 
 def test_a_plan_ends_where_numbers_of_flights_do() -> None:
@@ -92,11 +105,17 @@ def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough() -> None:
         assert made.decision(most + 1, look.flights) != "below"
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ((1.0, 100, None), "--confidence"), ((0.99, 100, 0.0), "--failure-below"),
-    ((0.99, 1000, 1e-7), "47,105,3"),
-    ((0.99, None, 1e-300), "cannot show a probability below 1e-300")])
-def test_wrong_wishes_are_refused_in_a_sentence(arguments: tuple[float, int | None, float],
-                                                words: str) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((1.0, 100, None), "--confidence"),
+        ((0.99, 100, 0.0), "--failure-below"),
+        ((0.99, 1000, 1e-7), "47,105,3"),
+        ((0.99, None, 1e-300), "cannot show a probability below 1e-300"),
+    ],
+)
+def test_wrong_wishes_are_refused_in_a_sentence(
+    arguments: tuple[float, int | None, float], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         plan(*arguments)

@@ -37,8 +37,14 @@ class Fleet:
         numbers = np.array([n for n in range(first, first + count) if n % 100 == 7], dtype=np.int64)
         kinds = np.where(numbers % 1000 == 7, Failure.TERMINATED, Failure.LEFT).astype(np.uint8)
         counts = {kind: int((kinds == kind).sum()) for kind in Failure}
-        return replace(Verdicts.none(125), flights=count, failures=counts, numbers=numbers, kinds=kinds,
-                       ways=frozenset({"by hand"}))
+        return replace(
+            Verdicts.none(125),
+            flights=count,
+            failures=counts,
+            numbers=numbers,
+            kinds=kinds,
+            ways=frozenset({"by hand"}),
+        )
 
 
 @pytest.fixture
@@ -60,7 +66,10 @@ def _flown(campaign: Campaign, until: int | None = None) -> Campaign:
 def test_every_flight_is_counted_once_and_failures_are_listed_by_number() -> None:
     campaign = _flown(Campaign(plan(0.99, 50_000), 3))
     assert campaign.flights == 50_000
-    assert campaign.events == dict.fromkeys(Failure, 0) | {Failure.LEFT: 450, Failure.TERMINATED: 50}
+    assert campaign.events == dict.fromkeys(Failure, 0) | {
+        Failure.LEFT: 450,
+        Failure.TERMINATED: 50,
+    }
     assert campaign.numbers(Failure.TERMINATED)[:2] == [7, 1007]
     bound = campaign.bound(Failure.TERMINATED)
     assert bound.low < bound.rate == 1e-3 < bound.high
@@ -87,7 +96,11 @@ def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
     gone_on = Campaign(plan(0.99, 60_000), 0)
     gone_on.go_on_from(part.to_json())
     _flown(gone_on)
-    assert (gone_on.flights, gone_on.events, gone_on.listed) == (whole.flights, whole.events, whole.listed)
+    assert (gone_on.flights, gone_on.events, gone_on.listed) == (
+        whole.flights,
+        whole.events,
+        whole.listed,
+    )
     with pytest.raises(ConfigError, match="--restart"):
         gone_on.go_on_from({"flights": 3})
 
@@ -97,16 +110,20 @@ def run() -> LoadedRun:
     return contestant("pretrained:go-to-pose-2d").under("lab")
 
 
-def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(run: LoadedRun) -> None:
+def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(
+    run: LoadedRun,
+) -> None:
     flight = fly_drawn(run.controller, run.judged, drawing(2026, range(100, 228)))
-    found, right = failures(flight), solved(flight)
+    found = failures(flight)
+    right = solved(flight)
     assert [one is None for one in found] == right.tolist()
     assert 0 < (~right).sum() < 128  # four in five fail
 
 
 def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
     flight = fly_drawn(run.controller, run.judged, drawing(2026, [0] * 6))
-    steps, tolerance = len(flight.commands), flight.task.tolerances()["position"]
+    steps = len(flight.commands)
+    tolerance = flight.task.tolerances()["position"]
     distance = np.zeros((steps + 1, 6))
     distance[:, 1] = 9.0 * (np.arange(steps + 1) == 10)  # once farther away than the task allows
     distance[:, 2] = 2.0 * tolerance * (np.arange(steps + 1) == steps - 3)
@@ -114,9 +131,17 @@ def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
     distance[:, 4] = 2.0 * tolerance * (np.arange(steps + 1) < steps - 5)
     distance[:, 5] = np.where(np.arange(steps + 1) > 40, np.nan, 0.0)
     heading = replace(flight.states.attitude, angle=0.0 * distance + flight.goals.attitude.angle)
-    still = replace(flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading)
+    still = replace(
+        flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading
+    )
     assert failures(replace(flight, states=still)) == [
-        None, Failure.TERMINATED, Failure.LEFT, Failure.UNSETTLED, Failure.LATE, Failure.NOT_FINITE]
+        None,
+        Failure.TERMINATED,
+        Failure.LEFT,
+        Failure.UNSETTLED,
+        Failure.LATE,
+        Failure.NOT_FINITE,
+    ]
 
 
 def test_an_idle_policy_fails_for_every_judge(run: LoadedRun) -> None:

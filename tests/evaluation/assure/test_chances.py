@@ -56,17 +56,24 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: 
     lab = Conditions(body=BodyConditions((0.9, 1.1), (0.9, 1.1)))
     timing = replace(run.judged.timing, episode_steps=20)
     setup = run.judged._replace(timing=timing, conditions=lab)
-    numbers, chances = np.arange(5, 9, dtype=np.int32), Chances.of(setup)
+    numbers = np.arange(5, 9, dtype=np.int32)
+    chances = Chances.of(setup)
     chosen = chances.draws(_hashed(chances, 0, numbers), numbers)
-    ours, theirs = (fly_drawn(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist())))
-    assert len(chances.places) == 6  # bearing, distance, attitude, goal's attitude; mass and inertia
+    ours, theirs = (
+        fly_drawn(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist()))
+    )
+    assert (
+        len(chances.places) == 6
+    )  # bearing, distance, attitude, goal's attitude; mass and inertia
     np.testing.assert_array_equal(np.stack(leaves(ours.states)), np.stack(leaves(theirs.states)))
 
 
 def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: Setup) -> None:
-    chances, agent = Chances.of(setup), run.controller
+    chances = Chances.of(setup)
+    agent = run.controller
     random = np.random.default_rng(0)
-    z, number = random.standard_normal((len(chances.places), COUNT)), np.arange(COUNT, dtype=np.int32)
+    z = random.standard_normal((len(chances.places), COUNT))
+    number = np.arange(COUNT, dtype=np.int32)
     assert isinstance(agent, Agent)
     network = agent.network
     score = chances.scores(network, torch.device("cpu"))(z, number)
@@ -78,18 +85,21 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
-def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(run: LoadedRun,
-                                                                             setup: Setup) -> None:
+def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(
+    run: LoadedRun, setup: Setup
+) -> None:
     delayed = replace(load_conditions("lab"), sensors=SensorsConditions(delay=(0.0, 2.0)))
     measured = setup._replace(conditions=sized(delayed))
-    chances, number = Chances.of(measured), np.arange(8, dtype=np.int32)
+    chances = Chances.of(measured)
+    number = np.arange(8, dtype=np.int32)
     units = np.random.default_rng(1).random((len(chances.places), 8))
 
     def states(size: float | None, of: Setup) -> np.ndarray:
         own = chances.draws(units, number, None if size is None else np.full(8, size))
         return np.stack(leaves(fly_drawn(run.controller, of, own).states))
 
-    perfect, usual = setup._replace(conditions=None), setup._replace(conditions=delayed)
+    perfect = setup._replace(conditions=None)
+    usual = setup._replace(conditions=delayed)
     # 1e-9: nothing is switched off at size 0, so that sums with zeros round otherwise.
     np.testing.assert_allclose(states(0.0, measured), states(None, perfect), atol=1e-9)
     np.testing.assert_allclose(states(1.0, measured), states(None, usual), atol=1e-9)
@@ -98,7 +108,9 @@ def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(ru
 
 def test_a_flight_tells_what_it_drew(setup: Setup) -> None:
     chances = Chances.of(setup._replace(conditions=sized(load_conditions("lab"))))
-    own = chances.draws(np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 2.0))
+    own = chances.draws(
+        np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 2.0)
+    )
     said = drew(chances, own)
     # The middle of every range of lab: mass 1, thrust 1, force 0.125 N and so on; twice that.
     assert said["body"].startswith("mass 1.000 and inertia 1.000")
@@ -121,7 +133,9 @@ def test_size_grows_from_where_there_is_no_trouble() -> None:
 def test_rare_events_have_the_probability_that_the_normal_distribution_gives(limit: float) -> None:
     # The mean of 20 normal numbers, in its own standard deviation.
     found = rare(lambda z, _: z.sum(axis=0) / np.sqrt(20) / limit, 20, 20_000, 0)
-    assert found.probability == pytest.approx(norm.sf(limit), abs=4.0 * found.error)  # once in 16,000
+    assert found.probability == pytest.approx(
+        norm.sf(limit), abs=4.0 * found.error
+    )  # once in 16,000
     assert found.error < 0.1 * norm.sf(limit)
     assert found.gain > (1.0 if limit < 3.0 else 1000.0)
 
@@ -153,8 +167,9 @@ def test_a_search_finds_the_nearest_place_of_failure() -> None:
     assert sum(told) == 20 * 2048
 
 
-def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: LoadedRun, setup: Setup,
-                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
+    run: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
     monkeypatch.setattr(search, "_ROUNDS", 2)
     monkeypatch.setattr(search, "_COUNT", 64)
@@ -167,10 +182,15 @@ def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: Loaded
     assert breaking.again == dict.fromkeys(("numpy", "drake"), Failure.UNSETTLED)
     assert found.failed == found.flights == 128
     measured = Chances.of(setup._replace(conditions=sized(lab)))
-    own = measured.draws(np.array(breaking.units)[:, None], np.array([breaking.number], np.int32),
-                         np.array([breaking.size]))
+    own = measured.draws(
+        np.array(breaking.units)[:, None],
+        np.array([breaking.number], np.int32),
+        np.array([breaking.size]),
+    )
     again = fly_drawn(run.controller, measured.setup, own)
-    np.testing.assert_array_equal(np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states)))
+    np.testing.assert_array_equal(
+        np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states))
+    )
 
 
 def test_a_missing_number_is_an_error_and_no_accident() -> None:

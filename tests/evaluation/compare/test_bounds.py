@@ -35,14 +35,17 @@ from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
 from tests.crafts import nasty_planar
 
-PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(0.5, 0.6))
+PLATFORM = load_spacecraft("floating-platform")
+TASK = GoToPose(spawn_distance=(0.5, 0.6))
 
 
 def asked(craft: Spacecraft, task: Task, starts: Scenario, horizon: float | None) -> list[Bound]:
     common = (craft, tuple(sorted(aims(task))), goal_set(task), 0.2, horizon, Effort(5.0))
     questions = [Question(*common, one) for one in each(starts)]
     ticks: list[int] = []
-    found = [answer for _, answer in bounds(questions, range(len(questions)), 1, lambda: ticks.append(1))]
+    found = [
+        answer for _, answer in bounds(questions, range(len(questions)), 1, lambda: ticks.append(1))
+    ]
     assert len(ticks) == len(found) == len(questions)
     return found
 
@@ -53,17 +56,26 @@ def test_hull_is_below_certificate_is_below_control_found() -> None:
         assert 0 < answer.hull <= answer.lower == answer.best <= answer.upper < 8.0
 
 
-@pytest.mark.parametrize(("craft", "task", "reason"), [
-    (load_spacecraft("free-flyer-shared"), TASK, "share no supply"),
-    (replace(PLATFORM, thrust_sharing="split"), TASK, "thrust_sharing"),
-    (PLATFORM, GoToPosition(), "ask for a pose"),
-], ids=["space", "shared", "position"])
-def test_where_no_certificate_exists_the_hull_counts(craft: Spacecraft, task: Task, reason: str) -> None:
+@pytest.mark.parametrize(
+    ("craft", "task", "reason"),
+    [
+        (load_spacecraft("free-flyer-shared"), TASK, "share no supply"),
+        (replace(PLATFORM, thrust_sharing="split"), TASK, "thrust_sharing"),
+        (PLATFORM, GoToPosition(), "ask for a pose"),
+    ],
+    ids=["space", "shared", "position"],
+)
+def test_where_no_certificate_exists_the_hull_counts(
+    craft: Spacecraft, task: Task, reason: str
+) -> None:
     assert reason in no_certificate(craft, aims(task), 0.2)
     found = asked(craft, task, scenarios(task, craft, 5, 2), 10.0)
     assert all(answer.lower is None and answer.best >= answer.hull > 0 for answer in found)
-    assert [answer.best for answer in found] == pytest.approx([  # whole pulses of 0.2 N s
-        math.ceil(answer.hull / 0.2) * 0.2 for answer in found])
+    assert [answer.best for answer in found] == pytest.approx(
+        [  # whole pulses of 0.2 N s
+            math.ceil(answer.hull / 0.2) * 0.2 for answer in found
+        ]
+    )
     assert table("no", "N s", found, [math.nan, 5.0]).row_count == 2
 
 
@@ -78,7 +90,9 @@ def test_a_spin_that_no_pulse_stops_has_no_certificate() -> None:
     """Halfway between two spins of the lattice, 0.303 rad/s apart; the goal set allows 0.087 rad/s."""
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     spinning = replace(one, start=replace(one.start, w=0.15))
-    question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), spinning)
+    question = Question(
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), spinning
+    )
     [(_, answer)] = bounds([question], [7], 1)
     assert (answer.start, answer.lower, answer.upper) == (7, None, math.inf)
     assert answer.hull > 0
@@ -87,16 +101,26 @@ def test_a_spin_that_no_pulse_stops_has_no_certificate() -> None:
 
 def test_who_is_there_already_needs_nothing() -> None:
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
-    there = replace(one, start=replace(one.goal, p=Vec2(one.goal.p.x + 0.04, one.goal.p.y),  # type: ignore[union-attr]
-                                       attitude=Heading(one.goal.attitude.angle)))  # type: ignore[union-attr]
-    question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), there)
+    there = replace(
+        one,
+        start=replace(
+            one.goal,
+            p=Vec2(one.goal.p.x + 0.04, one.goal.p.y),
+            attitude=Heading(one.goal.attitude.angle),  # type: ignore[union-attr]
+        ),
+    )  # type: ignore[union-attr]
+    question = Question(
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), there
+    )
     [(_, answer)] = bounds([question], [0], 1)
     assert answer.hull == answer.lower == answer.upper == 0.0
 
 
 def one_start(**changes: Any) -> Question:
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
-    question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), one)
+    question = Question(
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), one
+    )
     return question._replace(**changes)
 
 
@@ -113,8 +137,10 @@ def test_while_a_gap_is_open_only_its_lower_end_is_proven() -> None:
 def test_bounds_of_settling_are_below_those_of_arrival() -> None:
     """Within 5 cm and 5 degrees at a speed that allows to stay, no rest asked; no control is claimed."""
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
-    settles, arrives = (bound(0, question(PLATFORM, TASK, 0.2, Event(kind), Effort(5.0), one))
-                        for kind in ("settling", "arrival"))
+    settles, arrives = (
+        bound(0, question(PLATFORM, TASK, 0.2, Event(kind), Effort(5.0), one))
+        for kind in ("settling", "arrival")
+    )
     assert settles.lower is not None
     assert arrives.lower is not None
     assert 0 < settles.hull <= settles.lower < arrives.lower
@@ -123,19 +149,31 @@ def test_bounds_of_settling_are_below_those_of_arrival() -> None:
     assert arrives.commands is not None
 
 
-@pytest.mark.parametrize(("craft", "task", "wanted"), [
-    (PLATFORM, TASK, ("attitude", "position", "velocity")),
-    (load_spacecraft("free-flyer"), TASK, ("attitude", "position", "velocity")),
-    (PLATFORM, GoToPosition(), ("position", "velocity")), (PLATFORM, TrackVelocity(), ("velocity",)),
-], ids=["pose", "space", "position", "velocity"])
+@pytest.mark.parametrize(
+    ("craft", "task", "wanted"),
+    [
+        (PLATFORM, TASK, ("attitude", "position", "velocity")),
+        (load_spacecraft("free-flyer"), TASK, ("attitude", "position", "velocity")),
+        (PLATFORM, GoToPosition(), ("position", "velocity")),
+        (PLATFORM, TrackVelocity(), ("velocity",)),
+    ],
+    ids=["pose", "space", "position", "velocity"],
+)
 def test_what_settling_asks_for(craft: Spacecraft, task: Task, wanted: tuple[str, ...]) -> None:
     """The task's tolerances, and the speed up to which one can stay near a place; no rest, and no spin."""
     [one] = each(scenarios(task, craft, 5, 1))
     asking = question(craft, task, 0.2, Event("settling"), Effort(1.0), one)
     near = task.tolerances()
     assert (asking.aims, asking.kind, asking.horizon) == (wanted, "settling", None)
-    assert (asking.goals.position, asking.goals.heading) == (near.get("position", 0), near.get("attitude", 0))
-    assert asking.goals.velocity == near["velocity"] if "velocity" in near else asking.goals.velocity > 0.2
+    assert (asking.goals.position, asking.goals.heading) == (
+        near.get("position", 0),
+        near.get("attitude", 0),
+    )
+    assert (
+        asking.goals.velocity == near["velocity"]
+        if "velocity" in near
+        else asking.goals.velocity > 0.2
+    )
 
 
 def test_settling_has_a_time_only() -> None:
@@ -145,7 +183,9 @@ def test_settling_has_a_time_only() -> None:
 
 def test_no_sequence_settles_before_its_bound() -> None:
     """All 59,049 of ten periods of 1 N pairs ahead, back and none, 25 cm from the goal, by the exact sums."""
-    steps, period, push = 10, 0.2, 2.0 / PLATFORM.mass
+    steps = 10
+    period = 0.2
+    push = 2.0 / PLATFORM.mass
     told = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=steps))) * push
     speed = np.cumsum(np.c_[np.zeros(len(told)), told], axis=1) * period
     way = (speed[:, :-1] + 0.5 * told * period) * period
@@ -191,13 +231,20 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
     assert answer.lower == math.inf
 
 
-@pytest.mark.parametrize(("changes", "sentence"), [
-    ({"horizon": 10.1}, r"whole control periods of 0\.2 s, got 10\.1 s"),
-    ({"horizon": 0.05}, "whole control periods"), ({"horizon": math.nan}, "whole control periods"),
-    ({"horizon": math.inf}, "whole control periods"), ({"horizon": -2.0}, "whole control periods"),
-    ({"period": 0.0}, r"control period > 0 s, got 0\.0"), ({"period": math.nan}, "control period > 0 s"),
-    ({"period": -0.2}, "control period > 0 s"), ({"period": math.inf}, "control period > 0 s"),
-])
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"horizon": 10.1}, r"whole control periods of 0\.2 s, got 10\.1 s"),
+        ({"horizon": 0.05}, "whole control periods"),
+        ({"horizon": math.nan}, "whole control periods"),
+        ({"horizon": math.inf}, "whole control periods"),
+        ({"horizon": -2.0}, "whole control periods"),
+        ({"period": 0.0}, r"control period > 0 s, got 0\.0"),
+        ({"period": math.nan}, "control period > 0 s"),
+        ({"period": -0.2}, "control period > 0 s"),
+        ({"period": math.inf}, "control period > 0 s"),
+    ],
+)
 def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         list(bounds([one_start(**changes)], [0], 1))
@@ -210,8 +257,15 @@ def test_periods_that_no_horizon_is_made_of(period: float) -> None:
 
 
 @pytest.mark.parametrize("horizon", [None, 4.0])
-@pytest.mark.parametrize(("field", "value"), [("w", math.nan), ("p", Vec2(math.nan, 0.0)),
-                                              ("v", Vec2(math.inf, 0.0)), ("attitude", Heading(math.nan))])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("w", math.nan),
+        ("p", Vec2(math.nan, 0.0)),
+        ("v", Vec2(math.inf, 0.0)),
+        ("attitude", Heading(math.nan)),
+    ],
+)
 def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, value: Any) -> None:
     """It would compare with nothing, and so look impossible at every horizon."""
     question = one_start(horizon=horizon)
@@ -224,10 +278,17 @@ def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, va
 
 @pytest.mark.parametrize("horizon", [None, 10.0])
 def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> None:
-    craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 3.1))
+    craft = load_spacecraft("free-flyer")
+    task = GoToPose(spawn_distance=(3.0, 3.1))
     assert no_certificate(craft, aims(task), 0.2) == ""
-    asking = question(craft, task, 0.2, Event(horizon=horizon), Effort(1e-9), next(iter(each(
-        scenarios(task, craft, 5, 1)))))
+    asking = question(
+        craft,
+        task,
+        0.2,
+        Event(horizon=horizon),
+        Effort(1e-9),
+        next(iter(each(scenarios(task, craft, 5, 1)))),
+    )
     found = bound(0, asking)
     assert found.lower is not None
     assert found.hull < found.lower == found.best < 1.5 * found.hull
@@ -240,6 +301,7 @@ def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> No
 
 def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only a proof makes a bound infinite; whatever else stops the search is an error."""
+
     def missing(*_: object) -> None:
         raise ConfigError("install numba")
 
@@ -274,11 +336,24 @@ def test_the_table_shows_every_number() -> None:
     answers = [Bound(4, 8.0, 1.0, 2.0, 2.5), Bound(5, 8.0, 1.25), Bound(6, 8.0, 1.0, math.inf)]
     shown = table("why", "N s", answers, [1.5, math.nan, 2.0])
     cells = [list(column.cells) for column in shown.columns]
-    assert cells == [["4", "5", "6"], ["1.000", "1.250", "1.000"], ["1.500", "-", "2.000"],
-                     ["2.000", "-", "inf"], ["2.500", "-", "inf"], ["25.0 %", "-", "-"]]
+    assert cells == [
+        ["4", "5", "6"],
+        ["1.000", "1.250", "1.000"],
+        ["1.500", "-", "2.000"],
+        ["2.000", "-", "inf"],
+        ["2.500", "-", "inf"],
+        ["25.0 %", "-", "-"],
+    ]
     assert (shown.title, shown.caption) == ("What nothing can beat: N s", "why")
     shown = table("why", "s", [Bound(4, None, 1.0, 2.0, kind="settling")], [math.nan])
-    assert [[*column.cells] for column in shown.columns] == [["4"], ["1.000"], ["-"], ["2.000"], ["-"], ["-"]]
+    assert [[*column.cells] for column in shown.columns] == [
+        ["4"],
+        ["1.000"],
+        ["-"],
+        ["2.000"],
+        ["-"],
+        ["-"],
+    ]
 
 
 def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,9 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
 
-CONTEST = Contest(load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(0.25), 4, 3)
+CONTEST = Contest(
+    load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(0.25), 4, 3
+)
 EVENTS = [Event("settling"), Event(horizon=5.0)]
 
 
@@ -31,8 +33,20 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Question]:
     def search(given: list[Question], starts: list[int], *_: Any) -> Iterator[tuple[int, Bound]]:
         for k, (question, start) in enumerate(zip(given, starts, strict=True)):
             questions.append(question)
-            yield k, Bound(start, question.horizon, 1.0 + start, math.inf, math.inf, [[1, 0]], 2.0, 0.25,
-                           question.kind)
+            yield (
+                k,
+                Bound(
+                    start,
+                    question.horizon,
+                    1.0 + start,
+                    math.inf,
+                    math.inf,
+                    [[1, 0]],
+                    2.0,
+                    0.25,
+                    question.kind,
+                ),
+            )
 
     monkeypatch.setattr(certified, "bounds", search)
     return questions
@@ -47,14 +61,16 @@ def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
         rest = asking.kind == "arrival"
         assert (asking.craft, asking.period) == (CONTEST.craft, 0.25)
         assert asking.aims == ("attitude", "position", *["spin"] * rest, "velocity")
-        assert asking.goals == (goal_set(CONTEST.task) if rest
-                                else staying_set(CONTEST.craft, CONTEST.task, 0.25))
+        assert asking.goals == (
+            goal_set(CONTEST.task) if rest else staying_set(CONTEST.craft, CONTEST.task, 0.25)
+        )
     assert len(list(certify(CONTEST, 99, [Event()]))) == 3  # no more starts than there are
 
 
 def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) -> None:
     """Infinities too; under the number that the start has now; and each counts as progress."""
-    cache, ticks = tmp_path / "bounds.json", []
+    cache = tmp_path / "bounds.json"
+    ticks = []
     first = list(certify(CONTEST, 2, EVENTS, cache))
     again = list(certify(CONTEST, 2, EVENTS, cache, progress=lambda: ticks.append(1)))
     assert again == first
@@ -69,19 +85,24 @@ def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) ->
 def test_two_comparisons_at_once_lose_no_bounds(tmp_path: Path) -> None:
     """Each reads what is kept when it begins, and adds to what is there when it has found something."""
     cache = tmp_path / "bounds.json"
-    slow, quick = certify(CONTEST, 2, [Event()], cache), certify(CONTEST, 1, [Event("settling")], cache)
+    slow = certify(CONTEST, 2, [Event()], cache)
+    quick = certify(CONTEST, 1, [Event("settling")], cache)
     next(slow)
     list(quick)
     list(slow)
     assert len(json.loads(cache.read_text())) == 3
 
 
-def test_other_questions_and_older_proofs_are_searched_anew(asked: list[Question], tmp_path: Path,
-                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_questions_and_older_proofs_are_searched_anew(
+    asked: list[Question], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cache = tmp_path / "bounds.json"
     list(certify(CONTEST, 1, [Event()], cache))
-    for other in (replace(CONTEST, timing=Timing(0.2)), replace(CONTEST, seed=5),
-                  replace(CONTEST, craft=replace(CONTEST.craft, mass=6.0))):
+    for other in (
+        replace(CONTEST, timing=Timing(0.2)),
+        replace(CONTEST, seed=5),
+        replace(CONTEST, craft=replace(CONTEST.craft, mass=6.0)),
+    ):
         list(certify(other, 1, [Event()], cache))
     assert len(asked) == 4
     list(certify(CONTEST, 1, [Event()], cache))

@@ -21,25 +21,34 @@ from tests.evaluation.flights import flight_of
 
 def test_half_certified_starts_are_left_out() -> None:
     found = Comparison(CONTEST)
-    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0), Bound(1, None, 1.0, kind="settling")]
+    found.certified += [
+        Bound(0, None, 1.0),
+        Bound(1, None, 1.0),
+        Bound(1, None, 1.0, kind="settling"),
+    ]
     found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
     assert found.certified_starts() == [1]
 
 
-def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound],
-            settling: float = 0.1) -> Comparison:
+def by_hand(
+    arrival: float, thrust: float, bounds: dict[float | None, Bound], settling: float = 0.1
+) -> Comparison:
     """Two starts; a flight that is in the goal set from an instant on, having spent as much until then."""
     steps = CONTEST.timing.episode_steps
     distance = np.where(np.arange(steps + 1)[:, None] * 0.2 >= arrival - 1e-9, [[0.01, 0.01]], 1.0)
     commands = np.zeros((steps, 2, 8))
-    commands[:round(thrust / 0.2), :, 0] = 1.0
+    commands[: round(thrust / 0.2), :, 0] = 1.0
     flight = replace(flight_of(distance, 0.0, commands), timing=CONTEST.timing)
     found = Comparison(replace(CONTEST, episodes=2))
     who = Contestant("x", user_policy(IDLE, CONTEST.craft, CONTEST.task), "", "")
     found.entries.append(Entry(who, flight, np.zeros(1)))
     for start in (0, 1):
         for horizon in (None, *found.horizons()):
-            given = bounds.get(horizon, Bound(start, horizon, 0.1)) if start else Bound(start, horizon, 0.1)
+            given = (
+                bounds.get(horizon, Bound(start, horizon, 0.1))
+                if start
+                else Bound(start, horizon, 0.1)
+            )
             found.certified.append(replace(given, start=start, horizon=horizon))
         found.certified.append(Bound(start, None, settling, kind="settling"))
     return found
@@ -57,8 +66,9 @@ def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.8)}).impossible() == []
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 2.2)}).impossible() == said
     assert by_hand(2.0, 3.0, {last: Bound(1, last, 2.5)}).impossible() == []
-    assert by_hand(2.0, 1.0, {}, settling=2.2).impossible() == [said[0].replace("start 1", f"start {k}")
-                                                                for k in (0, 1)]
+    assert by_hand(2.0, 1.0, {}, settling=2.2).impossible() == [
+        said[0].replace("start 1", f"start {k}") for k in (0, 1)
+    ]
     # an open gap: what the best controls found need is no bound
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}).impossible() == []
     # exactly at the bound, but for rounding
@@ -90,8 +100,10 @@ def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
     """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
     ratios = {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}
     axes = gap_histograms({"time": ratios}, ["time"]).axes[0]
-    drawn = [[bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
-             for bars in axes.containers]
+    drawn = [
+        [bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
+        for bars in axes.containers
+    ]
     assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
     assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
     assert len(drawn[1]) == 3
@@ -99,6 +111,9 @@ def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
 
 
 def test_medians_of_gaps_count_who_is_not_there() -> None:
-    both, one = np.array([1.5, np.inf, 1.2]), np.array([1.5, np.inf, np.inf])
+    both = np.array([1.5, np.inf, 1.2])
+    one = np.array([1.5, np.inf, np.inf])
     assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
-        ["time", "1.5 (2 of 3)", "never (1 of 3)"], ["thrust", None, None]]
+        ["time", "1.5 (2 of 3)", "never (1 of 3)"],
+        ["thrust", None, None],
+    ]

@@ -27,12 +27,15 @@ CONTEST = Contest(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
 
 
 def entry_of(flight: Flight) -> Entry:
-    return Entry(Contestant("x", LQR(flight.craft, flight.task, flight.timing), "", ""), flight, np.zeros(1))
+    return Entry(
+        Contestant("x", LQR(flight.craft, flight.task, flight.timing), "", ""), flight, np.zeros(1)
+    )
 
 
 def test_goal_set_is_that_of_the_certificate() -> None:
     """Around the goal, about a fifth of random states are in the set; both must name the same ones."""
-    random, count = np.random.default_rng(2), 4000
+    random = np.random.default_rng(2)
+    count = 4000
     x, y = random.uniform(-0.06, 0.06, (2, count))
     u, v = random.uniform(-0.05, 0.05, (2, count))
     angle, w = random.uniform(-0.1, 0.1, (2, count))
@@ -40,15 +43,22 @@ def test_goal_set_is_that_of_the_certificate() -> None:
     goal = PlanarState(Vec2(1.0, 0.0), Heading(-math.pi), Vec2(0.0, 0.0), 0.0)
     goals = goal_set(CONTEST.task)
     ours = arrived(CONTEST.task, map_leaves(lambda f: np.asarray(f)[None], states), goal)[0]
-    theirs = [goals.contains(map_leaves(lambda f, k=k: float(f[k]), states), goal) for k in range(count)]
+    theirs = [
+        goals.contains(map_leaves(lambda f, k=k: float(f[k]), states), goal) for k in range(count)
+    ]
     np.testing.assert_array_equal(ours, theirs)
     assert 0.1 < ours.mean() < 0.9
 
 
-@pytest.mark.parametrize(("speed", "spin", "there"), [
-    ((0.0, 0.0), 0.0, True), ((0.03, 0.03), 0.08, True),
-    ((0.04, 0.04), 0.0, False), ((0.0, 0.0), -0.09, False),
-])
+@pytest.mark.parametrize(
+    ("speed", "spin", "there"),
+    [
+        ((0.0, 0.0), 0.0, True),
+        ((0.03, 0.03), 0.08, True),
+        ((0.04, 0.04), 0.0, False),
+        ((0.0, 0.0), -0.09, False),
+    ],
+)
 def test_who_is_at_a_pose_must_rest(speed: tuple[float, float], spin: float, there: bool) -> None:
     """5 cm/s and 5 degrees/s = 0.0873 rad/s; (4, 4) cm/s is 5.7 cm/s fast."""
     flight = flight_of([[0.01]] * 2, 0.0, None, speed, spin)
@@ -87,8 +97,10 @@ def test_both_engines_fly_the_same_starts() -> None:
     """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
     policy = user_policy("python:tests.evaluation.policies:idle", CRAFT, GoToPose())
     timing = Timing(episode_steps=5)
-    fast, drake = (Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight
-                   for engine in ("fast", "drake"))
+    fast, drake = (
+        Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight
+        for engine in ("fast", "drake")
+    )
     assert (fast.engine, drake.engine) == ("fast", "drake")
     for ours, theirs in zip(fast.states.p.columns(), drake.states.p.columns(), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
@@ -120,7 +132,10 @@ def test_amounts_are_of_their_event() -> None:
     with pytest.raises(ConfigError, match="for arrival only"):
         entry.amounts(Event("settling", 3.0))
     assert [event.text for event in (Event(), Event("settling"), Event(horizon=2.4))] == [
-        "time of arrival", "time of settling", "thrust-time by 2.4 s"]
+        "time of arrival",
+        "time of settling",
+        "thrust-time by 2.4 s",
+    ]
 
 
 def test_who_turns_unseen_has_not_settled_at_an_attitude() -> None:
@@ -136,7 +151,9 @@ def test_thrust_by_a_whole_number_of_periods(periods: int) -> None:
     """0.2 s times these, over 0.2 s again, is just below the whole number; one pulse of 1 N a period."""
     commands = np.zeros((100, 1, 8))
     commands[:, 0, 0] = 1.0
-    flight = replace(flight_of(np.full((101, 1), 0.01), 0.0, commands), timing=Timing(0.2, episode_steps=100))
+    flight = replace(
+        flight_of(np.full((101, 1), 0.01), 0.0, commands), timing=Timing(0.2, episode_steps=100)
+    )
     entry = entry_of(flight)
     assert entry.thrust_by(periods * 0.2) == pytest.approx([0.2 * periods])
     assert entry.amounts(Event(horizon=periods * 0.2)).values == pytest.approx([0.2 * periods])
@@ -152,7 +169,9 @@ def test_forces_count_in_thrust_time() -> None:
     commands[0, 0, 0] = commands[1, 0, 1] = 1.0
     distance = np.array([[1.0, 1.0], [0.5, 0.5], [0.01, 0.5], [0.01, 0.01]])
     flight = replace(flight_of(distance, 0.0, commands), craft=replace(CRAFT, thrusters=stronger))
-    entry = Entry(Contestant("x", LQR(CRAFT, flight.task, flight.timing), "", ""), flight, np.zeros(1))
+    entry = Entry(
+        Contestant("x", LQR(CRAFT, flight.task, flight.timing), "", ""), flight, np.zeros(1)
+    )
     np.testing.assert_allclose(entry.spent[:, 0], [0.0, 1.0, 1.25, 1.25])
     assert entry.arrival.tolist() == [1.0, 1.5]
     assert entry.arrival_thrust.tolist() == [1.25, 0.0]

@@ -27,12 +27,26 @@ LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4
 HORIZONS = (2.0, 5.0)
 
 
-@pytest.mark.parametrize(("what", "given", "limit", "place"), [
-    ("impulse", "time", 6.0, (6.0, 18.0, 0.014, 0.98)),  # a fifth of the way from the first to the second
-    ("impulse", "time", 10.0, LINE[1]), ("impulse", "time", 99.0, LINE[2]), ("impulse", "time", 4.9, None),
-    ("time", "impulse", 7.0, (15.0, 7.0, 0.025, 0.95)),  # half-way from the second to the third
-    ("time", "impulse", 99.0, LINE[0]), ("time", "impulse", 3.9, None)])
-def test_places_on_a_line(what: str, given: str, limit: float, place: tuple[float, ...] | None) -> None:
+@pytest.mark.parametrize(
+    ("what", "given", "limit", "place"),
+    [
+        (
+            "impulse",
+            "time",
+            6.0,
+            (6.0, 18.0, 0.014, 0.98),
+        ),  # a fifth of the way from the first to the second
+        ("impulse", "time", 10.0, LINE[1]),
+        ("impulse", "time", 99.0, LINE[2]),
+        ("impulse", "time", 4.9, None),
+        ("time", "impulse", 7.0, (15.0, 7.0, 0.025, 0.95)),  # half-way from the second to the third
+        ("time", "impulse", 99.0, LINE[0]),
+        ("time", "impulse", 3.9, None),
+    ],
+)
+def test_places_on_a_line(
+    what: str, given: str, limit: float, place: tuple[float, ...] | None
+) -> None:
     found = least(LINE, what, given, limit)
     assert found == (place and pytest.approx(place))
 
@@ -45,13 +59,18 @@ def test_a_line_may_bend_back() -> None:
     assert least(line, "time", "impulse", 21.0) == line[0]
 
 
-@pytest.mark.parametrize(("other", "dominates"), [
-    (Point(6.0, 20.0, 0.02, 0.9), True),  # 18 N s in 6 s, 5 s with 20 N s
-    (Point(6.0, 20.0, 0.012, 0.9), False),  # but an error of 0.014 in 6 s
-    (Point(6.0, 20.0, 0.02, 0.99), False),  # but there from 98 % only in 6 s
-    (Point(6.0, 18.0, 1.0, 0.0), False),  # on the line
-    (Point(4.0, 99.0, 1.0, 0.0), False), (Point(99.0, 3.0, 1.0, 0.0), False),  # quicker; thriftier than all
-    (Point(30.0, 4.5, 0.1, 0.5), True)])  # slower than all, and dearer than the last
+@pytest.mark.parametrize(
+    ("other", "dominates"),
+    [
+        (Point(6.0, 20.0, 0.02, 0.9), True),  # 18 N s in 6 s, 5 s with 20 N s
+        (Point(6.0, 20.0, 0.012, 0.9), False),  # but an error of 0.014 in 6 s
+        (Point(6.0, 20.0, 0.02, 0.99), False),  # but there from 98 % only in 6 s
+        (Point(6.0, 18.0, 1.0, 0.0), False),  # on the line
+        (Point(4.0, 99.0, 1.0, 0.0), False),
+        (Point(99.0, 3.0, 1.0, 0.0), False),  # quicker; thriftier than all
+        (Point(30.0, 4.5, 0.1, 0.5), True),
+    ],
+)  # slower than all, and dearer than the last
 def test_who_is_dominated(other: Point, dominates: bool) -> None:
     assert judged(LINE, other).dominates == dominates
 
@@ -63,15 +82,22 @@ def named(name: str, knob: float | None = None, **changes: Any) -> Entry:
 
 def answers(own: tuple[float, float] = (0.4, 0.6)) -> list[Bound]:
     """Of all three starts: nobody in 0.5 s, 0.2 N s by each horizon; and for 1 and 2 s of the first two."""
-    found = [Bound(k, horizon, 0.5 if horizon is None else 0.2) for k in range(3)
-             for horizon in (None, *HORIZONS)]
-    return [Bound(1, 2.0, own[1]) if (one.start, one.horizon) == (1, 2.0) else one
-            for one in (*found, Bound(0, 1.0, own[0]))]
+    found = [
+        Bound(k, horizon, 0.5 if horizon is None else 0.2)
+        for k in range(3)
+        for horizon in (None, *HORIZONS)
+    ]
+    return [
+        Bound(1, 2.0, own[1]) if (one.start, one.horizon) == (1, 2.0) else one
+        for one in (*found, Bound(0, 1.0, own[0]))
+    ]
 
 
 def front(*entries: Entry, **changes: Any) -> Front:
     flight = entries[0].flight
-    return Front(Contest(flight.craft, flight.task, flight.timing, 1, 3), HORIZONS, [*entries], **changes)
+    return Front(
+        Contest(flight.craft, flight.task, flight.timing, 1, 3), HORIZONS, [*entries], **changes
+    )
 
 
 def test_where_somebody_stands() -> None:
@@ -86,17 +112,24 @@ def test_multiples_are_of_bounds_of_the_same_starts_and_times() -> None:
     assert found.starts() == [0, 1, 2]
     # 2 and 1 N s in all, 1 and 1 until there, of 0.4 and 0.6. The first is there in twice the least time, and
     # spends 2.5 times what 1 s takes; the second in four times, and spends 1 / 0.6 times what 2 s take.
-    assert found.multiple(found.entries[0]) == pytest.approx((3.0, 2.0, 0.5, 1.5, (2.0 + 1.0 / 0.6) / 2.0, 2))
+    assert found.multiple(found.entries[0]) == pytest.approx(
+        (3.0, 2.0, 0.5, 1.5, (2.0 + 1.0 / 0.6) / 2.0, 2)
+    )
     assert found.front() == pytest.approx(
-        {Event(): 0.5, Event(horizon=2.0): 1.0 / 3, Event(horizon=5.0): 0.2})
+        {Event(): 0.5, Event(horizon=2.0): 1.0 / 3, Event(horizon=5.0): 0.2}
+    )
     assert not list(found.impossible())
-    unknown = front(named("agent"), certified=answers()[:-1])  # the first one's own time is not known
+    unknown = front(
+        named("agent"), certified=answers()[:-1]
+    )  # the first one's own time is not known
     assert unknown.starts() == [1, 2]
     assert front(named("agent")).multiple(found.entries[0]) is None
     assert front(named("agent")).front() == {}
 
 
-@given(st.integers(1, 25), st.integers(0, 24), st.lists(st.floats(0.0, 1.0), min_size=25, max_size=25))
+@given(
+    st.integers(1, 25), st.integers(0, 24), st.lists(st.floats(0.0, 1.0), min_size=25, max_size=25)
+)
 def test_behind_the_front_by_trying_factors(own: int, least_time: int, falls: list[float]) -> None:
     """All bounds known, in periods of 0.5 s: a little more is excluded, a little less is not."""
     one = named("agent")
@@ -104,8 +137,13 @@ def test_behind_the_front_by_trying_factors(own: int, least_time: int, falls: li
     spent = float(one.arrival_thrust[0])
     bounds = np.cumsum(falls)[::-1]  # by the end of period 1, 2, ..., never more than before
     bounds = bounds * min(1.0, spent / (bounds[own - 1] or 1.0))  # the flight itself beats none
-    found = front(one, certified=[Bound(0, None, 0.5 * min(least_time, own)), *(
-        Bound(0, 0.5 * k, float(bound)) for k, bound in enumerate(bounds, 1))])
+    found = front(
+        one,
+        certified=[
+            Bound(0, None, 0.5 * min(least_time, own)),
+            *(Bound(0, 0.5 * k, float(bound)) for k, bound in enumerate(bounds, 1)),
+        ],
+    )
 
     def excluded(factor: float) -> bool:
         periods = math.floor(own / factor)
@@ -127,13 +165,16 @@ def test_from_a_start_that_moves_nobody_can_wait() -> None:
 @pytest.mark.parametrize("wrong", [(1.1, 0.6), (0.4, 1.1)])
 def test_who_beats_a_bound_is_found_out(wrong: tuple[float, float]) -> None:
     told = list(front(named("agent"), certified=answers(wrong)).impossible())
-    assert told == [f"agent beats the certified front from start {wrong.index(1.1)}: the certificate or a "
-                    "flight is wrong."]
+    assert told == [
+        f"agent beats the certified front from start {wrong.index(1.1)}: the certificate or a "
+        "flight is wrong."
+    ]
 
 
 def knobs() -> Front:
     """A line from 1 N s to a half, and somebody beside it who needs four times that."""
-    fast, thrifty = named("agent#0", 0.0), named("agent#1", 1.0)
+    fast = named("agent#0", 0.0)
+    thrifty = named("agent#1", 1.0)
     dear = named("dear")
     thrifty.flight.commands[:] *= 0.5
     dear.flight.commands[:] *= 4.0
@@ -143,7 +184,8 @@ def knobs() -> Front:
 def test_how_sure_a_line_is() -> None:
     """Better on every draw of three starts but one of 27: three times the third, from where nobody spends."""
     found = knobs()
-    line, (dear, held) = found.lines()["agent"], found.others()
+    line = found.lines()["agent"]
+    (dear, held) = found.others()
     quicker = named("quicker#0", 0.0)
     vars(quicker)["arrival"] = np.array([0.5, 0.5, 0.5])
     sure = found.chance([quicker, *line], dear)
@@ -165,13 +207,22 @@ def test_words_and_figures_of_a_front() -> None:
         "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
         "agent is behind the certified front, in time and impulse at once, by factors of 1.83 at 0, "
         "1.04 at 1.",
-        "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1."]
+        "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1.",
+    ]
     axes, _ = front_figure(found).axes
     drawn = points(axes)
-    assert drawn["agent, knob at 2 positions"] == [pytest.approx([8 / 3, 1.0]), pytest.approx([8 / 3, 0.5])]
+    assert drawn["agent, knob at 2 positions"] == [
+        pytest.approx([8 / 3, 1.0]),
+        pytest.approx([8 / 3, 0.5]),
+    ]
     assert drawn["dear (66.7 % get there)"] == [pytest.approx([8 / 3, 4.0])]
-    time, bars = (drawn[f"certified least {what}, mean of 3 starts"] for what in (
-        "time to be at rest\nin the goal set", "impulse to be at rest in it\nat this time from each start"))
+    time, bars = (
+        drawn[f"certified least {what}, mean of 3 starts"]
+        for what in (
+            "time to be at rest\nin the goal set",
+            "impulse to be at rest in it\nat this time from each start",
+        )
+    )
     assert [x for x, _ in time] == [0.5, 0.5]
     assert bars == [pytest.approx([2.0, 1 / 3]), pytest.approx([5.0, 0.2])]
 
@@ -192,8 +243,13 @@ def test_the_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each answer takes 10 s of a clock of ours; what is found in time is kept."""
     clock = iter(np.arange(0.0, 1e3, 10.0))
     monkeypatch.setattr("rans.evaluation.compare.front.time.monotonic", lambda: float(next(clock)))
-    monkeypatch.setattr(certified, "bounds", lambda asked, starts, *_: (
-        (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)))
+    monkeypatch.setattr(
+        certified,
+        "bounds",
+        lambda asked, starts, *_: (
+            (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
+        ),
+    )
     for seconds, count in ((35.0, 4), (math.inf, 10), (0.0, 0)):
         found = front(named("agent"))
         certify_front(found, seconds)

@@ -21,7 +21,8 @@ from rans.reference.flight import replay
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose
 
-PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose().for_evaluation()
+PLATFORM = load_spacecraft("floating-platform")
+TASK = GoToPose().for_evaluation()
 FUEL = MinimumFuel(10.0, 0.5)
 
 
@@ -33,8 +34,9 @@ def test_every_trajectory_is_flown_in_drake() -> None:
     """Also least times, each with its own control period."""
     ticks: list[int] = []
     for objective in (FUEL, MinimumTime(12)):
-        answers = optima.optima(PLATFORM, TASK, objective, starts(), workers=1,
-                                progress=lambda: ticks.append(1))
+        answers = optima.optima(
+            PLATFORM, TASK, objective, starts(), workers=1, progress=lambda: ticks.append(1)
+        )
         assert [answer.start for answer in answers] == [0, 1, 2]
         for answer in answers:
             path = answer.trajectory
@@ -49,12 +51,17 @@ def test_every_trajectory_is_flown_in_drake() -> None:
 
 def test_lost_starts_are_rows_with_a_sentence() -> None:
     batch = starts()
-    batch.start.p.x[1], batch.start.p.x[2] = math.nan, 60.0
+    batch.start.p.x[1] = math.nan
+    batch.start.p.x[2] = 60.0
     answers = optima.optima(PLATFORM, TASK, FUEL, batch, workers=1)
     assert [answer.good for answer in answers] == [True, False, False]
     assert "NaN" in answers[1].sentence
     assert "out of reach" in answers[2].sentence
-    assert [math.isnan(row["cost"]) for row in (a.to_json() for a in answers)] == [False, True, True]
+    assert [math.isnan(row["cost"]) for row in (a.to_json() for a in answers)] == [
+        False,
+        True,
+        True,
+    ]
     table = optima.table("title", FUEL, answers)
     assert table.row_count == 3
     assert str(table.caption).count("\n") == 1
@@ -64,7 +71,9 @@ def test_a_trajectory_that_drake_does_not_fly_is_lost() -> None:
     [answer] = optima.optima(PLATFORM, TASK, FUEL, starts(1), workers=1)
     heavier = replace(PLATFORM, mass=1.01 * PLATFORM.mass)
     [scenario] = each(starts(1))
-    flight = optima.episode(heavier, TASK, Timing(0.5, episode_steps=1), scenario, answer.trajectory)
+    flight = optima.episode(
+        heavier, TASK, Timing(0.5, episode_steps=1), scenario, answer.trajectory
+    )
     away = optima._judged(0, answer.trajectory, flight).replay_error
     assert away > optima.REPLAY_BOUND
     assert not replace(answer, replay_error=away).good
@@ -112,12 +121,16 @@ def made_up(count: int, period: float, solved: bool = True) -> Trajectory:
     return Trajectory("nothing", "Solve_Succeeded", solved, 1.5, states, shut, period, 7, 0.25)
 
 
-@pytest.mark.parametrize(("count", "period", "steps"), [
-    (10, 0.2, 25), (30, 0.2, 30), (4, 0.3, 17), (5, 5 / 3, 5), (25, 0.2, 25)])
+@pytest.mark.parametrize(
+    ("count", "period", "steps"),
+    [(10, 0.2, 25), (30, 0.2, 30), (4, 0.3, 17), (5, 5 / 3, 5), (25, 0.2, 25)],
+)
 def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> None:
     """5 s in whole periods of its own, and longer only if the trajectory is."""
     [scenario] = each(starts(1))
-    flight = optima.episode(PLATFORM, TASK, Timing(0.2, episode_steps=25), scenario, made_up(count, period))
+    flight = optima.episode(
+        PLATFORM, TASK, Timing(0.2, episode_steps=25), scenario, made_up(count, period)
+    )
     assert flight.timing == Timing(control_period=period, episode_steps=steps)
     assert flight.commands.shape == (steps, 1, 8)
     assert len(flight.states.p.x) == steps + 1
@@ -126,11 +139,21 @@ def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> Non
 
 def test_a_row_of_numbers() -> None:
     """2 cm and 1 degree off at the end, 0.4 mm from Drake's path, 250 ms."""
-    answer = optima.Optimum(3, made_up(4, 0.2), 4e-4, {"position": 0.02, "attitude": math.radians(1.0)})
+    answer = optima.Optimum(
+        3, made_up(4, 0.2), 4e-4, {"position": 0.02, "attitude": math.radians(1.0)}
+    )
     shown = optima.table("title", FUEL, [answer, replace(answer, start=4, replay_error=0.002)])
     cells = [list(column.cells) for column in shown.columns]
-    assert cells == [["3", "4"], ["1.500"] * 2, ["2.000"] * 2, ["1.000"] * 2, ["0.400", "2.000"], ["7"] * 2,
-                     ["250"] * 2, ["solved", "lost"]]
+    assert cells == [
+        ["3", "4"],
+        ["1.500"] * 2,
+        ["2.000"] * 2,
+        ["1.000"] * 2,
+        ["0.400", "2.000"],
+        ["7"] * 2,
+        ["250"] * 2,
+        ["solved", "lost"],
+    ]
     assert str(shown.caption) == "Start 4: solved, but Drake flies elsewhere."
     row = answer.to_json()
     assert (row["cost"], row["time"], row["seconds"], row["replay_error"]) == (1.5, 0.8, 0.25, 4e-4)

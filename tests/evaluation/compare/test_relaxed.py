@@ -64,4 +64,6 @@ def test_what_was_lost_has_no_scores() -> None:
     row = relaxed._scored(CONTEST, objective, strayed)
     assert not row.solved
     assert row.status == "solved, but Drake flies elsewhere"
-    assert all(math.isnan(x) for x in (row.arrival, row.settling, row.thrust, row.total, row.replay_error))
+    assert all(
+        math.isnan(x) for x in (row.arrival, row.settling, row.thrust, row.total, row.replay_error)
+    )

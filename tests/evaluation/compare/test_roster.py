@@ -39,17 +39,31 @@ def test_conditions_of_the_first() -> None:
 
 
 def test_several_tasks_are_none() -> None:
-    with pytest.raises(ConfigError, match="knows several tasks: pick one, as in pretrained:multi-task-2d#"):
+    with pytest.raises(
+        ConfigError, match="knows several tasks: pick one, as in pretrained:multi-task-2d#"
+    ):
         contest_of("pretrained:multi-task-2d", 2)
 
 
-@pytest.mark.parametrize(("change", "spec", "sentence"), [
-    ({"timing": Timing(0.1)}, "lqr:go-to-pose-2d", "acts every 0.2 s, but .* every 0.1 s"),
-    ({}, "lqr:go-to-position-2d", "is for the task GoToPosition, but the first contestant for GoToPose"),
-    ({}, "lqr:go-to-pose-2d@floating-platform-shared", "is for the spacecraft floating-platform-shared"),
-])
-def test_only_the_same_is_compared(contest: Contest, change: dict[str, Timing], spec: str,
-                                   sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("change", "spec", "sentence"),
+    [
+        ({"timing": Timing(0.1)}, "lqr:go-to-pose-2d", "acts every 0.2 s, but .* every 0.1 s"),
+        (
+            {},
+            "lqr:go-to-position-2d",
+            "is for the task GoToPosition, but the first contestant for GoToPose",
+        ),
+        (
+            {},
+            "lqr:go-to-pose-2d@floating-platform-shared",
+            "is for the spacecraft floating-platform-shared",
+        ),
+    ],
+)
+def test_only_the_same_is_compared(
+    contest: Contest, change: dict[str, Timing], spec: str, sentence: str
+) -> None:
     with pytest.raises(ConfigError, match=sentence):
         enlist(spec, replace(contest, **change))
 
@@ -61,7 +75,8 @@ def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest)
 
 
 def test_what_everybody_knows_and_cost(contest: Contest) -> None:
-    lqr, idle = enlist("lqr:go-to-pose-2d", contest), enlist(IDLE, contest)
+    lqr = enlist("lqr:go-to-pose-2d", contest)
+    idle = enlist(IDLE, contest)
     assert (lqr.name, lqr.knows) == ("LQR", "state, exact model")
     assert lqr.tuning == "tuned: 400 settings on 256 starts"
     default = enlist("rans.optimal.control.lqr:LQR:go-to-pose-2d", contest)
@@ -72,13 +87,15 @@ def test_what_everybody_knows_and_cost(contest: Contest) -> None:
     assert beside.tuning == "tuned: 16 settings on 256 starts"
 
 
-def test_the_cost_of_an_agent_is_that_on_its_card(contest: Contest, monkeypatch: pytest.MonkeyPatch,
-                                                  tmp_path: Path) -> None:
+def test_the_cost_of_an_agent_is_that_on_its_card(
+    contest: Contest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Also of one of its tasks, as 'NAME#TASK'."""
     card = {"training": {"steps": 26_200_000, "seconds": 0.2549, "device": "cuda:0"}}
     (tmp_path / "card.json").write_text(json.dumps(card))
-    monkeypatch.setattr(contestants, "pretrained_folder",
-                        lambda name: tmp_path if name == "mine" else Path("no"))
+    monkeypatch.setattr(
+        contestants, "pretrained_folder", lambda name: tmp_path if name == "mine" else Path("no")
+    )
     said = "training: 26.2 M steps, 0.255 s on a GPU"
     assert roster._tuning("pretrained:mine") == roster._tuning("pretrained:mine#go-to-pose") == said
     assert roster._tuning(str(tmp_path)) == said
@@ -89,7 +106,9 @@ def test_the_cost_of_an_agent_is_that_on_its_card(contest: Contest, monkeypatch:
     assert roster._tuning("pretrained:mine") == "training: not known"
 
 
-def test_the_cost_of_a_run_is_in_its_last_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cost_of_a_run_is_in_its_last_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Folder:
         def __init__(self, folder: Path) -> None:
             assert folder == tmp_path

@@ -71,9 +71,11 @@ def test_everyone_flies_every_start(comparison: Comparison) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
     told = "\n".join(comparison.failures)
-    for sentence in ("broken failed: KeyError: 'no such layer'",
-                     "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts (nothing found that arrives: "
-                     "the goal is out of reach in this time)."):
+    for sentence in (
+        "broken failed: KeyError: 'no such layer'",
+        "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts (nothing found that arrives: "
+        "the goal is out of reach in this time).",
+    ):
         assert sentence in told
     assert len(comparison.failures) == 2
     report = page(comparison)
@@ -83,17 +85,28 @@ def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> 
 
 def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
     with pytest.raises(ConfigError) as told:
-        enlisted([*SPECS, "runs/nobody", "lqr:go-to-pose-3d", "mpc:track-velocity-2d",
-                  "lqr:go-to-pose-2d@floating-platform-shared"], CONTEST)
-    for sentence in ("runs/nobody is not a run folder",
-                     "is for the spacecraft free-flyer, but the first contestant for floating-platform",
-                     "is for the task TrackVelocity, but the first contestant for GoToPose",
-                     "is for the spacecraft floating-platform-shared"):
+        enlisted(
+            [
+                *SPECS,
+                "runs/nobody",
+                "lqr:go-to-pose-3d",
+                "mpc:track-velocity-2d",
+                "lqr:go-to-pose-2d@floating-platform-shared",
+            ],
+            CONTEST,
+        )
+    for sentence in (
+        "runs/nobody is not a run folder",
+        "is for the spacecraft free-flyer, but the first contestant for floating-platform",
+        "is for the task TrackVelocity, but the first contestant for GoToPose",
+        "is for the spacecraft floating-platform-shared",
+    ):
         assert sentence in str(told.value)
 
 
 def test_who_never_arrives_counts(comparison: Comparison) -> None:
-    idle, lqr = scoreboard(comparison)[IDLE], scoreboard(comparison)["LQR"]
+    idle = scoreboard(comparison)[IDLE]
+    lqr = scoreboard(comparison)["LQR"]
     assert idle["arrival, s"].value == idle["settling time, s"].value == math.inf
     assert (idle["settled, %"].value, idle["duty, %"].value) == (0.0, 0.0)
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
@@ -105,8 +118,11 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
     ratios = gaps(comparison)
-    assert list(ratios) == ["time of arrival", "time of settling",
-                            *(f"thrust-time by {t:g} s" for t in comparison.horizons())]
+    assert list(ratios) == [
+        "time of arrival",
+        "time of settling",
+        *(f"thrust-time by {t:g} s" for t in comparison.horizons()),
+    ]
     every = np.concatenate([r for question in ratios.values() for r in question.values()])
     assert (every >= 1.0 - 1e-9).all()
     for what in ("time of arrival", "time of settling"):
@@ -115,14 +131,21 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
 
 
 def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
-    wrong = [replace(c, lower=1e3) if (c.start, c.event) == (1, Event()) else c for c in comparison.certified]
+    wrong = [
+        replace(c, lower=1e3) if (c.start, c.event) == (1, Event()) else c
+        for c in comparison.certified
+    ]
     told = replace(comparison, certified=wrong).impossible()
-    assert told[0] == "LQR beats the certified bound from start 1: the certificate or a flight is wrong."
+    assert (
+        told[0]
+        == "LQR beats the certified bound from start 1: the certificate or a flight is wrong."
+    )
     assert not any(IDLE in sentence for sentence in told)
 
 
 def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     """Flown by the engine, not by the search; the same definition judges the contestants."""
+
     class Script:
         name = "script"
 
@@ -139,18 +162,25 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     assert found
     for answer in found:
         commands = np.array(answer.commands, dtype=float)
-        flight = fly(CONTEST.craft, CONTEST.task, Script(commands), CONTEST.start(answer.start),
-                     Timing(episode_steps=len(commands)))
+        flight = fly(
+            CONTEST.craft,
+            CONTEST.task,
+            Script(commands),
+            CONTEST.start(answer.start),
+            Timing(episode_steps=len(commands)),
+        )
         assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
         spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
         assert spent == pytest.approx(answer.upper)
 
 
-def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
-                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bounds_are_kept_for_the_next_time(
+    comparison: Comparison, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     searched: list[object] = []
-    monkeypatch.setattr("rans.evaluation.compare.certified.bounds",
-                        lambda asked, *_: searched.extend(asked) or ())
+    monkeypatch.setattr(
+        "rans.evaluation.compare.certified.bounds", lambda asked, *_: searched.extend(asked) or ()
+    )
     again = list(certify(CONTEST, 2, comparison.events(), cache))
     assert not searched
     key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
@@ -163,7 +193,9 @@ def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
         list(certify(CONTEST, 1, [Event()], cache))
 
 
-def test_a_front_between_flights_and_proofs(comparison: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_front_between_flights_and_proofs(
+    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What somebody spends until it is there is above the bound for its own time."""
     monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", Effort(0.2, 0.1, 1))
     monkeypatch.setattr("rans.evaluation.compare.front._MOST_STARTS", 1)
@@ -181,7 +213,10 @@ def test_a_front_between_flights_and_proofs(comparison: Comparison, monkeypatch:
     assert told.failures == []
     assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
     trace(told, {}, seconds=0.0)
-    assert told.notes[-1] == "No start has all bounds of the front after 0 s: give it a larger --budget."
+    assert (
+        told.notes[-1]
+        == "No start has all bounds of the front after 0 s: give it a larger --budget."
+    )
     rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
     trace(rough, {}, 1e3)
     assert rough.front
@@ -199,7 +234,9 @@ def test_relaxed_optima(comparison: Comparison) -> None:
     """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
     solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
     assert solved == [True, False, True, True]  # 2.4 s are too short
-    errors = [row.replay_error for rows in comparison.relaxed.values() for row in rows if row.solved]
+    errors = [
+        row.replay_error for rows in comparison.relaxed.values() for row in rows if row.solved
+    ]
     assert max(errors) < 1e-3
     best = best_returns(comparison)
     assert best is not None
@@ -210,11 +247,15 @@ def test_relaxed_optima(comparison: Comparison) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
     """The share is that of the other starts."""
-    name, rows = next((name, rows) for name, rows in comparison.relaxed.items()
-                      if isinstance(rows[0].objective, MaximumReward))
+    name, rows = next(
+        (name, rows)
+        for name, rows in comparison.relaxed.items()
+        if isinstance(rows[0].objective, MaximumReward)
+    )
     lost = [replace(rows[0], solved=False, total=math.nan), *rows[1:]]
     without = replace(comparison, relaxed={**comparison.relaxed, name: lost})
-    entry, best = comparison.entries[0], np.array([row.total for row in rows])
+    entry = comparison.entries[0]
+    best = np.array([row.total for row in rows])
     found = scoreboard(without)[entry.name][RETURN].value
     assert found == pytest.approx(100 * entry.returns[1:].sum() / best[1:].sum())
     assert found != pytest.approx(scoreboard(comparison)[entry.name][RETURN].value)
@@ -258,19 +299,26 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     assert "LQR settles from 3 of 3 starts, " in page(found).html()
 
 
-@pytest.mark.parametrize(("spec", "episodes", "sentence"), [
-    ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
-    (IDLE, 4, "idle knows no task: name somebody who does before it"),
-    ("nobody:x", 4, "there is no contestant 'nobody:x'"),
-])
-def test_without_a_first_contestant_there_is_nothing(spec: str, episodes: int, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("spec", "episodes", "sentence"),
+    [
+        ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
+        (IDLE, 4, "idle knows no task: name somebody who does before it"),
+        ("nobody:x", 4, "there is no contestant 'nobody:x'"),
+    ],
+)
+def test_without_a_first_contestant_there_is_nothing(
+    spec: str, episodes: int, sentence: str
+) -> None:
     with pytest.raises(ConfigError, match=sentence):
         contest_of(spec, episodes)
 
 
 def test_states_are_those_of_the_protocol() -> None:
     start = CONTEST.start(2)
-    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x)
+    np.testing.assert_array_equal(
+        map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x
+    )
 
 
 def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,7 +333,13 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
 
     found = Comparison(CONTEST)
     monkeypatch.setattr(run, "certify", lambda *given: iter(()))
-    fill(found, enlisted(["lqr:go-to-pose-2d"], found.contest), ["optimal"], certified=99, track=track)
+    fill(
+        found,
+        enlisted(["lqr:go-to-pose-2d"], found.contest),
+        ["optimal"],
+        certified=99,
+        track=track,
+    )
     assert told == {"flying LQR": 3, "certified bounds": 3 * 8}  # no more starts than there are
     assert found.curve == []
 

@@ -21,7 +21,9 @@ from rans.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
 from rans.tasks import GoToPose
 
 HERE = "tests.evaluation.compare.test_tuning"
-SETUP = Setup(load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(episode_steps=10))
+SETUP = Setup(
+    load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(episode_steps=10)
+)
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,12 @@ class Habit:
 class Firing:
     """Opens every thruster in a share of the periods: the least thrust is that of the least share."""
 
-    name, tunable = "firing", {"habit.share": (0.1, 10.0), "habit.unused": (0.5, 2.0)}
+    name = "firing"
+    tunable = {"habit.share": (0.1, 10.0), "habit.unused": (0.5, 2.0)}  # noqa: RUF012
 
     def __init__(self, craft: Any, task: Any, timing: Any, habit: Habit = Habit()) -> None:
-        self._share, self._count = habit.share, len(craft.thrusters)
+        self._share = habit.share
+        self._count = len(craft.thrusters)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -64,13 +68,16 @@ def test_finds_the_least_and_counts_the_budget() -> None:
     assert found.settings["habit.share"] < 0.2
     assert 0.5 <= found.settings["habit.unused"] <= 2.0
     assert found.costs["tuned"] == pytest.approx(4.0)
-    assert found.costs["default"] == pytest.approx(4.0 + 0.5 * 7 * 8 * 0.2)  # 7 periods, 8 thrusters of 1 N
+    assert found.costs["default"] == pytest.approx(
+        4.0 + 0.5 * 7 * 8 * 0.2
+    )  # 7 periods, 8 thrusters of 1 N
     assert (found.candidates, found.starts, found.seed, found.price) == (12, 3, TUNING_SEED, 0.5)
     assert found == tune(f"{HERE}:Firing", SETUP, 12, 3, 0.5, "the command")
 
 
 def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown, fly = [], Contest.fly
+    flown = []
+    fly = Contest.fly
 
     def interrupted(*given: Any) -> Any:
         if len(flown) == 3:
@@ -93,7 +100,9 @@ def test_the_cost_is_that_of_the_flights() -> None:
     made = LQR(*setup[:3], **arguments(LQR, found.settings))
     flight, _ = contest.fly(made)
     entry = Entry(Contestant("LQR", made, "", ""), flight, np.zeros(0))
-    expected = 0.5 * (settling_times(flight) + entry.arrival).mean() + 0.02 * impulses(flight).mean()
+    expected = (
+        0.5 * (settling_times(flight) + entry.arrival).mean() + 0.02 * impulses(flight).mean()
+    )
     assert found.costs["tuned"] == pytest.approx(expected) == cost(entry, 0.02)
     assert found.costs["tuned"] <= found.costs["default"]
 
@@ -102,9 +111,14 @@ def test_no_report_uses_its_starts() -> None:
     assert len({EVALUATION_SEED, SELECTION_SEED, TUNING_SEED}) == 3
 
 
-@pytest.mark.parametrize(("name", "price", "said"), [
-    (f"{HERE}:Fixed", 0.0, "tells nothing that can be tuned; its class needs a `tunable`"),
-    ("lqr", -1.0, "--price must be finite and >= 0"), ("lqr", float("nan"), "--price must be finite")])
+@pytest.mark.parametrize(
+    ("name", "price", "said"),
+    [
+        (f"{HERE}:Fixed", 0.0, "tells nothing that can be tuned; its class needs a `tunable`"),
+        ("lqr", -1.0, "--price must be finite and >= 0"),
+        ("lqr", float("nan"), "--price must be finite"),
+    ],
+)
 def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         tune(name, SETUP, 1, 1, price)

@@ -34,13 +34,20 @@ class Chase(Orbit):
         return step_goal(goal, self.drift, period)
 
 
-@pytest.mark.parametrize(("task", "said"), [
-    (Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
-    (Chase(), "stand still; none is claimed, as Chase moves its goal")])
-def test_what_cannot_be_said_is_a_note_and_no_failure(task: GoToPose, said: str,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("task", "said"),
+    [
+        (Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
+        (Chase(), "stand still; none is claimed, as Chase moves its goal"),
+    ],
+)
+def test_what_cannot_be_said_is_a_note_and_no_failure(
+    task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(Contest(load_spacecraft("floating-platform"), task, Timing(episode_steps=30), 4, 3))
+    found = Comparison(
+        Contest(load_spacecraft("floating-platform"), task, Timing(episode_steps=30), 4, 3)
+    )
     fill(found, enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
     trace(found, {}, 1.0)
     assert [entry.name for entry in found.entries] == ["LQR"]

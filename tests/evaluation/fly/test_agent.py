@@ -27,7 +27,8 @@ from tests.fast.training import CONFIG
 def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder with a briefly trained agent."""
     path = tmp_path_factory.mktemp("runs") / "first"
-    run, config = RunFolder(path), replace(CONFIG, spacecraft=request.param)
+    run = RunFolder(path)
+    config = replace(CONFIG, spacecraft=request.param)
     run.begin(config, "rans train")
     Trainer([config], run.spacecraft(), run).train(lambda _: None)
     return path
@@ -83,14 +84,18 @@ def test_a_damaged_policy(run_folder: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(empty, "w") as archive:
         archive.writestr("data", "{}")
     generator = np.random.default_rng(1)
-    spoiled = [good[:n] + generator.bytes(40) + good[n + 40:] for n in generator.integers(0, 3000, 5)]
+    spoiled = [
+        good[:n] + generator.bytes(40) + good[n + 40 :] for n in generator.integers(0, 3000, 5)
+    ]
     for content in (b"", b"rubbish", good[:2000], good[:-100], empty.read_bytes(), *spoiled):
         assert "\n" not in refused(run_folder, content)
 
 
 def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
     config = json.loads((run_folder / "config.json").read_text())
-    other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[config["spacecraft"]]
+    other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[
+        config["spacecraft"]
+    ]
     (run_folder / "spacecraft.toml").write_text(spacecraft_text(other))
     with pytest.raises(ConfigError, match="they are of different runs"):
         load_agent(run_folder)
@@ -100,11 +105,15 @@ def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
     """Same columns, same thrusters, other commands; the reverse is in `tests.fast.learn.test_duties`."""
     craft = RunFolder(run_folder).spacecraft()
     (run_folder / "spacecraft.toml").write_text(to_toml(replace(craft, actuators=Throttle())))
-    with pytest.raises(ConfigError, match=r"does not command the throttle actuators of .* different runs"):
+    with pytest.raises(
+        ConfigError, match=r"does not command the throttle actuators of .* different runs"
+    ):
         load_agent(run_folder)
 
 
-def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(run_folder: Path) -> None:
+def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(
+    run_folder: Path,
+) -> None:
     loaded = load_agent(run_folder)
     for given, judged in ((1, None), (50, 50)):
         timing = replace(loaded.timing, substeps=given)

@@ -50,16 +50,27 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_run_folder_is_itself(run: Path) -> None:
     controller, craft, task, timing, _ = contestant(str(run))
-    assert (controller.name, craft.name, task, timing) == ("poser", "floating-platform", CONFIG.settings,
-                                                           CONFIG.timing)
+    assert (controller.name, craft.name, task, timing) == (
+        "poser",
+        "floating-platform",
+        CONFIG.settings,
+        CONFIG.timing,
+    )
     assert output_folder(str(run)) == run
 
 
-@pytest.mark.parametrize(("spec", "craft", "task"), [
-    ("lqr:go-to-pose-2d", "floating-platform", GoToPose()),
-    ("lqr:go-to-position-3d", "free-flyer", GoToPosition()),
-    ("mpc:track-velocity-2d@floating-platform-shared", "floating-platform-shared", TrackVelocity()),
-])
+@pytest.mark.parametrize(
+    ("spec", "craft", "task"),
+    [
+        ("lqr:go-to-pose-2d", "floating-platform", GoToPose()),
+        ("lqr:go-to-position-3d", "free-flyer", GoToPosition()),
+        (
+            "mpc:track-velocity-2d@floating-platform-shared",
+            "floating-platform-shared",
+            TrackVelocity(),
+        ),
+    ],
+)
 def test_simple_controllers_by_name(spec: str, craft: str, task: object) -> None:
     found = contestant(spec)
     assert (found.controller.name.lower(), found.craft.name, found.task) == (spec[:3], craft, task)
@@ -78,12 +89,15 @@ def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"
     assert output_folder("pretrained:poser") == Path("runs/evaluations/pretrained-poser")
-    with pytest.raises(ConfigError, match=r"comes with RANS \(did you mean poser\?\); known are poser\."):
+    with pytest.raises(
+        ConfigError, match=r"comes with RANS \(did you mean poser\?\); known are poser\."
+    ):
         contestant("pretrained:posr")
 
 
-def test_an_agent_by_its_bare_name_where_no_folder_has_it(tmp_path: Path,
-                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_by_its_bare_name_where_no_folder_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert contestant("go-to-pose-2d").controller.name == "go-to-pose-2d"
     assert output_folder("go-to-pose-2d") == Path("runs/evaluations/pretrained-go-to-pose-2d")
@@ -94,28 +108,45 @@ def test_an_agent_by_its_bare_name_where_no_folder_has_it(tmp_path: Path,
 
 def test_results_stay_inside_their_folder() -> None:
     """And apart: files that differ in their folder only have one each."""
-    places = [output_folder(f"lqr:go-to-pose-2d@{file}") for file in
-              ("../own craft.toml", "a/own.toml", "a-own.toml", "own.toml")]
+    places = [
+        output_folder(f"lqr:go-to-pose-2d@{file}")
+        for file in ("../own craft.toml", "a/own.toml", "a-own.toml", "own.toml")
+    ]
     assert {place.parent for place in places} == {Path("runs/evaluations")}
     assert len({place.name for place in places}) == 4
     assert output_folder("lqr:go-to-pose-2d@atmos").name == "lqr-go-to-pose-2d-atmos"
 
 
-@pytest.mark.parametrize(("spec", "said"), [
-    ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
-    ("lqr:go-to-pose", "must say in how many dimensions"),
-    ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
-    ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
-    ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
-    ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
-    ("lqr:", "lqr: names nobody after its colon; known are a run folder"),
-    ("rans.optimal.control.lqr:LQR", r"LQR knows no task; add one, as in rans.*LQR:go-to-pose-2d\.$"),
-    ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
-    ("rans.optimal.control.lqr:LQR:go-to-pose", "as in rans.optimal.control.lqr:LQR:go-to-pose-2d or -3d"),
-    ("nowhere", "nowhere is not a run folder"),
-    ("go-to-pose-2", r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)"),
-    ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
-])
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
+        ("lqr:go-to-pose", "must say in how many dimensions"),
+        ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
+        ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
+        ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
+        (
+            "pretraned:x",
+            r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,",
+        ),
+        ("lqr:", "lqr: names nobody after its colon; known are a run folder"),
+        (
+            "rans.optimal.control.lqr:LQR",
+            r"LQR knows no task; add one, as in rans.*LQR:go-to-pose-2d\.$",
+        ),
+        ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
+        (
+            "rans.optimal.control.lqr:LQR:go-to-pose",
+            "as in rans.optimal.control.lqr:LQR:go-to-pose-2d or -3d",
+        ),
+        ("nowhere", "nowhere is not a run folder"),
+        (
+            "go-to-pose-2",
+            r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",
+        ),
+        ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
+    ],
+)
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         contestant(spec)
@@ -125,9 +156,23 @@ def test_the_command_that_shows_a_flight_says_whose_code_it_runs() -> None:
     class Mine(GoToPose):
         """From outside of RANS."""
 
-    assert view_command(["runs/a b"], GoToPose(), None, 3, 7) == "rans view 'runs/a b' --episode 3 --seed 7"
+    assert (
+        view_command(["runs/a b"], GoToPose(), None, 3, 7)
+        == "rans view 'runs/a b' --episode 3 --seed 7"
+    )
     assert view_command(["x", "y"], Mine(), "lab", 0, 1).split() == [
-        "rans", "view", "x", "y", "--conditions", "lab", "--episode", "0", "--seed", "1", "--trust"]
+        "rans",
+        "view",
+        "x",
+        "y",
+        "--conditions",
+        "lab",
+        "--episode",
+        "0",
+        "--seed",
+        "1",
+        "--trust",
+    ]
 
 
 def test_protocols(run: Path) -> None:
@@ -140,16 +185,26 @@ def test_protocols(run: Path) -> None:
         assert (timing.episode_steps, timing.control_period) == (250, 0.2)
         assert 3.0 <= distance.min() < 3.05 < 3.95 < distance.max() <= 4.0
         assert sorted(fitting_protocols(craft)) == sorted(["own", protocol])
-    with pytest.raises(ConfigError, match="--protocol paper is for planar spacecraft with 8 thrusters"):
+    with pytest.raises(
+        ConfigError, match="--protocol paper is for planar spacecraft with 8 thrusters"
+    ):
         contestant("lqr:go-to-pose-3d", "paper")
 
 
 def test_a_protocol_has_a_rate_of_its_own() -> None:
     """Whoever acts at another rate, for another time, is judged at the paper's 5 Hz for 50 s."""
-    own = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(control_period=0.1, episode_steps=7))
+    own = Setup(
+        load_spacecraft("floating-platform"),
+        GoToPose(),
+        Timing(control_period=0.1, episode_steps=7),
+    )
     for protocol in ("paper", "original"):
         timing = under_protocol(protocol, own).timing
-        assert (timing.control_period, timing.episode_steps, timing.substeps) == (0.2, 250, Timing().substeps)
+        assert (timing.control_period, timing.episode_steps, timing.substeps) == (
+            0.2,
+            250,
+            Timing().substeps,
+        )
     assert under_protocol("own", own) is own
 
 
@@ -166,12 +221,16 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
     picked = contestant(f"{multi}#track-velocity", "paper")
     assert (picked.task, picked.timing.episode_steps) == (TrackVelocity(), 250)
     assert output_folder(f"{multi}#track-velocity") == multi
-    with pytest.raises(ConfigError, match="picks the task 'go-to-pose', but there is only go-to-position, "):
+    with pytest.raises(
+        ConfigError, match="picks the task 'go-to-pose', but there is only go-to-position, "
+    ):
         contestant(f"{multi}#go-to-pose")
 
 
 @contextlib.contextmanager
-def at_once(function: Any, jobs: Any, _: Any, prepare: Any, arguments: Any) -> Iterator[list[Future[Any]]]:
+def at_once(
+    function: Any, jobs: Any, _: Any, prepare: Any, arguments: Any
+) -> Iterator[list[Future[Any]]]:
     """`rans.processes.submitted` in this process; tests of the engines' agreement have another."""
     with ThreadPoolExecutor(1, initializer=prepare, initargs=arguments) as pool:
         yield [pool.submit(function, *job) for job in jobs]
@@ -181,13 +240,16 @@ def test_slow_controllers_fly_in_shares(monkeypatch: pytest.MonkeyPatch) -> None
     """Ten episodes of an MPC are two; together they are what flies at once."""
     monkeypatch.setattr("rans.evaluation.fly.judge.submitted", at_once)
     controller, craft, task, _, _ = contestant("mpc:go-to-pose-2d")
-    setup, counted = Setup(craft, task.for_evaluation(), Timing(episode_steps=6)), []
+    setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
+    counted = []
     together, stopped = flown(controller, setup, 1, 10, progress=counted.append)
     alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
     assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
     assert together.commands.any()
     np.testing.assert_array_equal(together.commands, alone.commands)
-    np.testing.assert_allclose(together.states.p.x, alone.states.p.x, atol=1e-12)  # batches round alike
+    np.testing.assert_allclose(
+        together.states.p.x, alone.states.p.x, atol=1e-12
+    )  # batches round alike
 
 
 def test_drake_flies_contestants_by_name() -> None:

@@ -33,7 +33,9 @@ SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(episode_s
 class Alternating:
     """Opens every second thruster of the craft it was made for; a slow one by its own word."""
 
-    name, slow, failures = "alternating", True, 5
+    name = "alternating"
+    slow = True
+    failures = 5
 
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing) -> None:
         self.pattern = np.arange(len(craft.thrusters)) % 2 == 0
@@ -75,10 +77,15 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
     spec = f"{HERE}:Alternating:go-to-pose-2d@floating-platform-shared"
     found = contestant(spec)
     assert (found.craft.name, found.task, found.controller.name) == (
-        "floating-platform-shared", GoToPose(), "alternating")
+        "floating-platform-shared",
+        GoToPose(),
+        "alternating",
+    )
     assert controller_name(spec)
     assert output_folder(spec).name == f"{HERE}-Alternating-go-to-pose-2d-floating-platform-shared"
-    made: Any = pickle.loads(pickle.dumps(found.controller))  # as processes get it that share the flights
+    made: Any = pickle.loads(
+        pickle.dumps(found.controller)
+    )  # as processes get it that share the flights
     assert made.slow  # so that they do
     flight, failures = flown(made, SETUP, 1, 4)
     np.testing.assert_array_equal(flight.commands, np.tile([1.0, 0.0] * 4, (3, 4, 1)))
@@ -87,25 +94,36 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
 
 def test_only_controllers_are_controllers() -> None:
     assert controller_name("lqr:go-to-pose-2d") == "lqr"
-    assert not any(map(controller_name, ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act")))
+    assert not any(
+        map(controller_name, ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act"))
+    )
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("Wide", r"must answer 2 observations with commands of shape \(2, 8\), got \(2, 3\)"),
-    ("Throttling", r"answers what floating-platform cannot do: .*0 \(shut\) or 1 \(open\).* got .*0\.25"),
-    ("Raising", "failed: ZeroDivisionError: by nothing"),
-])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Wide", r"must answer 2 observations with commands of shape \(2, 8\), got \(2, 3\)"),
+        (
+            "Throttling",
+            r"answers what floating-platform cannot do: .*0 \(shut\) or 1 \(open\).* got .*0\.25",
+        ),
+        ("Raising", "failed: ZeroDivisionError: by nothing"),
+    ],
+)
 def test_answers_are_checked(name: str, said: str) -> None:
     made = controller(f"{HERE}:{name}", SETUP)
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
         flown(made, SETUP, 1, 2)
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    ("impossible", "cannot be made: KeyError: 'gain'"),
-    ("no_controller", "is no controller: it has no reset"),
-    ("NUMBER", "cannot be used: a controller must be a class or function"),
-])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("impossible", "cannot be made: KeyError: 'gain'"),
+        ("no_controller", "is no controller: it has no reset"),
+        ("NUMBER", "cannot be used: a controller must be a class or function"),
+    ],
+)
 def test_what_is_no_controller(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
         controller(f"{HERE}:{name}", SETUP)
@@ -122,8 +140,6 @@ def test_registered_in_python() -> None:
 
 CRAFT = load_spacecraft("floating-platform")
 OBSERVATIONS = np.random.default_rng(0).normal(size=(7, 10)).astype(np.float32)
-
-
 
 
 def saved(path: Path, algorithm: type, action_space: object, width: int = 10) -> tuple[str, object]:
@@ -183,13 +199,22 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
 
-@pytest.mark.parametrize(("space", "width", "sentence"), [
-    (Box(-1, 1, (8,)), 10, r"8 thrusters, .* 0 \(shut\) or 1 \(open\): MultiDiscrete\(.*, MultiBinary\(8\)"),
-    (MultiBinary(16), 10, "has 8 thrusters"),
-    (MultiDiscrete([3] * 8), 10, "has 8 thrusters"),
-    (MultiBinary(8), 22, r"observes \(22,\), but floating-platform shows \(10,\)"),
-])
-def test_sb3_file_for_something_else(tmp_path: Path, space: object, width: int, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("space", "width", "sentence"),
+    [
+        (
+            Box(-1, 1, (8,)),
+            10,
+            r"8 thrusters, .* 0 \(shut\) or 1 \(open\): MultiDiscrete\(.*, MultiBinary\(8\)",
+        ),
+        (MultiBinary(16), 10, "has 8 thrusters"),
+        (MultiDiscrete([3] * 8), 10, "has 8 thrusters"),
+        (MultiBinary(8), 22, r"observes \(22,\), but floating-platform shows \(10,\)"),
+    ],
+)
+def test_sb3_file_for_something_else(
+    tmp_path: Path, space: object, width: int, sentence: str
+) -> None:
     file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
     with pytest.raises(ConfigError, match=sentence):
         user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
@@ -201,27 +226,33 @@ def test_python_function() -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), np.ones((7, 8)))
 
 
-@pytest.mark.parametrize(("name", "sentence"), [
-    ("unsure", "answers what floating-platform cannot do: .* 0 .shut. or 1 .open.*got .*0.5"),
-    ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
-    ("broken", "broken failed: KeyError: 'no such layer'"),
-    ("leaving", "leaving failed: SystemExit: 3"),
-])
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("unsure", "answers what floating-platform cannot do: .* 0 .shut. or 1 .open.*got .*0.5"),
+        ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
+        ("broken", "broken failed: KeyError: 'no such layer'"),
+        ("leaving", "leaving failed: SystemExit: 3"),
+    ],
+)
 def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
     policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match=sentence):
         policy.act(None, None, OBSERVATIONS)
 
 
-@pytest.mark.parametrize(("spec", "sentence"), [
-    ("python:tests.evaluation.policies:none", "cannot be imported: AttributeError"),
-    ("python:tests.evaluation.policies:PI", "is a float, no function"),
-    ("python:no_such_module:act", "cannot be imported: ModuleNotFoundError"),
-    ("python:tests.evaluation.policies", "must name a module and a function"),
-    ("python:", "there is no policy 'python:'; known are sb3:"),
-    ("sb3:/no/such.zip", "there is no file /no/such.zip"),
-    (f"sb3:{__file__}", r"test_controllers\.py is damaged: File is not a zip file"),
-])
+@pytest.mark.parametrize(
+    ("spec", "sentence"),
+    [
+        ("python:tests.evaluation.policies:none", "cannot be imported: AttributeError"),
+        ("python:tests.evaluation.policies:PI", "is a float, no function"),
+        ("python:no_such_module:act", "cannot be imported: ModuleNotFoundError"),
+        ("python:tests.evaluation.policies", "must name a module and a function"),
+        ("python:", "there is no policy 'python:'; known are sb3:"),
+        ("sb3:/no/such.zip", "there is no file /no/such.zip"),
+        (f"sb3:{__file__}", r"test_controllers\.py is damaged: File is not a zip file"),
+    ],
+)
 def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
     assert is_user_policy(spec)
     with pytest.raises(ConfigError, match=sentence):
@@ -230,7 +261,9 @@ def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
 
 def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(ConfigError, match=r"needs the package onnxruntime: pip install 'rans\[onnx\]'"):
+    with pytest.raises(
+        ConfigError, match=r"needs the package onnxruntime: pip install 'rans\[onnx\]'"
+    ):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
 
 
@@ -263,9 +296,13 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match=r"must have one input, the observation, or besides .* got a, b"):
+    with pytest.raises(
+        ConfigError, match=r"must have one input, the observation, or besides .* got a, b"
+    ):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform shows 10"):
+    with pytest.raises(
+        ConfigError, match="wide observes 22 numbers, but floating-platform shows 10"
+    ):
         user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
 
 

@@ -22,7 +22,8 @@ from rans.model.timing import Timing
 from rans.tasks import GoToPosition, TrackVelocity
 from rans.tasks.multi_task import MultiTask
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 LINE = Path.through("line", np.array([(0.0, 0.0), (2.0, 0.0)]), closed=False)
 
 
@@ -43,7 +44,7 @@ class Tracker:
         gain = np.stack((goal.v - state.v).columns(), axis=1)
         axes = [state.attitude.rotate(type(state.p)(*unit)) for unit in np.eye(gain.shape[1])]
         body = np.stack([(gain * np.stack(a.columns(), axis=1)).sum(axis=1) for a in axes], axis=1)
-        return (body @ self.directions[:, :body.shape[1]].T > 0.0376).astype(float)
+        return (body @ self.directions[:, : body.shape[1]].T > 0.0376).astype(float)
 
 
 def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, count: int = 4) -> Following:
@@ -75,14 +76,21 @@ def test_the_approach_does_not_count() -> None:
     np.testing.assert_array_equal(by_hand().measured, np.array(expected, dtype=bool))
 
 
-@pytest.mark.parametrize(("name", "first", "second"), [
-    ("cross-track RMS", 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4), 20.0),
-    ("cross-track maximum", 4.0, 20.0),
-    ("velocity error", 10.0, 40.0),  # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
-    ("speed error", 10.0, 40.0),
-    ("duration", 2.5, math.inf),
-    ("duty", 25.0, 0.0),  # half of the thrusters in two of four periods
-])
+@pytest.mark.parametrize(
+    ("name", "first", "second"),
+    [
+        ("cross-track RMS", 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4), 20.0),
+        ("cross-track maximum", 4.0, 20.0),
+        (
+            "velocity error",
+            10.0,
+            40.0,
+        ),  # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
+        ("speed error", 10.0, 40.0),
+        ("duration", 2.5, math.inf),
+        ("duty", 25.0, 0.0),  # half of the thrusters in two of four periods
+    ],
+)
 def test_quantities_by_hand(name: str, first: float, second: float) -> None:
     values = {quantity.name: quantity.values for quantity in by_hand().quantities()}
     assert values[name] == pytest.approx([first, second], abs=1e-12)
@@ -154,13 +162,32 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
     np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
 
 
-@pytest.mark.parametrize(("planner", "task", "said"), [
-    (LookAhead(LINE), MultiTask(tasks=("go-to-position", "track-velocity")), "as in .*#track-velocity"),
-    (LookAhead(LINE), GoToPosition(), "only an agent trained for track-velocity can follow a path"),
-    (LookAhead(LINE, speed=1e-9), TrackVelocity(), "at 1e-09 m/s .* takes .* periods, .*: fly faster"),
-    (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
-    (LookAhead(helix()), TrackVelocity(), "helix is spatial, but floating-platform moves in a plane"),
-])
+@pytest.mark.parametrize(
+    ("planner", "task", "said"),
+    [
+        (
+            LookAhead(LINE),
+            MultiTask(tasks=("go-to-position", "track-velocity")),
+            "as in .*#track-velocity",
+        ),
+        (
+            LookAhead(LINE),
+            GoToPosition(),
+            "only an agent trained for track-velocity can follow a path",
+        ),
+        (
+            LookAhead(LINE, speed=1e-9),
+            TrackVelocity(),
+            "at 1e-09 m/s .* takes .* periods, .*: fly faster",
+        ),
+        (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
+        (
+            LookAhead(helix()),
+            TrackVelocity(),
+            "helix is spatial, but floating-platform moves in a plane",
+        ),
+    ],
+)
 def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         follow(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
@@ -169,8 +196,19 @@ def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> No
 def test_drake_follows_as_we_do() -> None:
     """The goal moves with the spacecraft, whoever moves that: same commands, ways apart by rounding."""
     planner = LookAhead(LINE, speed=0.25, radius=0.1)
-    ours, drakes = (follow(PLATFORM, TrackVelocity(), Tracker(PLATFORM), planner, Timing(), seed=5, count=2,
-                           engine=engine) for engine in ("fast", "drake"))
+    ours, drakes = (
+        follow(
+            PLATFORM,
+            TrackVelocity(),
+            Tracker(PLATFORM),
+            planner,
+            Timing(),
+            seed=5,
+            count=2,
+            engine=engine,
+        )
+        for engine in ("fast", "drake")
+    )
     assert drakes.flight.engine == "drake"
     np.testing.assert_array_equal(drakes.progress, ours.progress)
     np.testing.assert_array_equal(drakes.flight.commands, ours.flight.commands)

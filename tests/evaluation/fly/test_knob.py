@@ -21,8 +21,12 @@ from tests.fast.training import CONFIG, tiny_trainer
 def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
     """A run folder of an agent with a knob, briefly trained."""
     path = tmp_path_factory.mktemp("runs") / "turned"
-    tiny_trainer(path, replace(CONFIG, task="go-to-pose-priced", settings=GoToPosePriced(),
-                               spacecraft=request.param)).train(lambda _: None)
+    tiny_trainer(
+        path,
+        replace(
+            CONFIG, task="go-to-pose-priced", settings=GoToPosePriced(), spacecraft=request.param
+        ),
+    ).train(lambda _: None)
     return str(path)
 
 
@@ -54,6 +58,12 @@ def test_who_needs_no_training_sees_no_knob() -> None:
 
 def test_a_knob_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
     assert turned(agent, 5) == [f"{agent}#{knob}" for knob in ("0", "0.25", "0.5", "0.75", "1")]
-    for other in (f"{agent}#0.3", "lqr:go-to-pose-2d", "pretrained:multi-task-2d", "python:some:policy",
-                  str(tmp_path / "nobody"), "no such thing"):
+    for other in (
+        f"{agent}#0.3",
+        "lqr:go-to-pose-2d",
+        "pretrained:multi-task-2d",
+        "python:some:policy",
+        str(tmp_path / "nobody"),
+        "no such thing",
+    ):
         assert turned(other, 5) == [other]

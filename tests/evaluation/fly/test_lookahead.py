@@ -38,10 +38,12 @@ class Told:
     name = "told"
 
     def __init__(self, network: Any, first: np.ndarray) -> None:
-        self._network, self._first = network, first
+        self._network = network
+        self._first = first
 
     def reset(self, count: int) -> None:
-        self._memory, self._periods = self._network.blank(count), 0
+        self._memory = self._network.blank(count)
+        self._periods = 0
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
@@ -67,9 +69,11 @@ def earned(flight: Flight, begin: int) -> np.ndarray:
 
 def spared(flight: Flight, begin: int) -> np.ndarray:
     """(N,) the same of what arrival costs, episode by episode; -inf where the flight does not end there."""
-    distance, angle = flight.errors()["position"] / 0.4, flight.errors()["attitude"] / 1.0
+    distance = flight.errors()["position"] / 0.4
+    angle = flight.errors()["attitude"] / 1.0
     rest = (flight.states.v.norm() <= 0.05) & (abs(flight.states.w) <= math.radians(5.0))
-    inside, worth = (distance <= 1.0) & (angle <= 1.0), np.zeros(flight.commands.shape[1])
+    inside = (distance <= 1.0) & (angle <= 1.0)
+    worth = np.zeros(flight.commands.shape[1])
     for n in range(len(worth)):
         there = False
         for k in range(begin + 1, len(distance)):
@@ -85,15 +89,28 @@ NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tol
 
 
 @pytest.mark.parametrize(("task", "worth"), [(CHATTERING, earned), (NEAR, spared)])
-@pytest.mark.parametrize("memory", [{}, {"memory": "history", "history": 3, "averages": (0.5,)},
-                                    {"memory": "recurrent", "recurrent_units": 8}])
-def test_it_gives_what_brute_force_finds_best(memory: dict[str, Any], task: GoToPose, worth: Any) -> None:
+@pytest.mark.parametrize(
+    "memory",
+    [
+        {},
+        {"memory": "history", "history": 3, "averages": (0.5,)},
+        {"memory": "recurrent", "recurrent_units": 8},
+    ],
+)
+def test_it_gives_what_brute_force_finds_best(
+    memory: dict[str, Any], task: GoToPose, worth: Any
+) -> None:
     """Every choice flown by itself, in the first period and in the second, which knows what the first did."""
     network = scatter(tiny_learner(PLATFORM, task=task, **memory).network)
-    setup, count = Setup(PLATFORM, task, Timing(episode_steps=2)), 24
+    setup = Setup(PLATFORM, task, Timing(episode_steps=2))
+    count = 24
     starts = scenarios(task, PLATFORM, 5, count)
-    ahead = Lookahead(LoadedRun(Agent(network, "tiny"), *setup), horizon=PERIODS * 0.2, change_within=0.4,
-                      arrival=ArrivalCost() if worth is spared else None)
+    ahead = Lookahead(
+        LoadedRun(Agent(network, "tiny"), *setup),
+        horizon=PERIODS * 0.2,
+        change_within=0.4,
+        arrival=ArrivalCost() if worth is spared else None,
+    )
     given = fly(PLATFORM, task, ahead, starts, setup.timing).commands
     changed = waited = 0
     for now in range(2):
@@ -114,22 +131,33 @@ class Shown:
     """A network that sees a knob, to who shows it none."""
 
     def __init__(self, network: Network, knob: float) -> None:
-        self.blank, self.remember, self._network, self._knob = network.blank, network.remember, network, knob
+        self.blank = network.blank
+        self.remember = network.remember
+        self._network = network
+        self._knob = knob
 
     def shown(self, seen: torch.Tensor, memory: torch.Tensor | None) -> Any:
-        return self._network.shown(torch.cat((seen, torch.full((len(seen), 1), self._knob)), dim=1), memory)
+        return self._network.shown(
+            torch.cat((seen, torch.full((len(seen), 1), self._knob)), dim=1), memory
+        )
 
 
 def test_a_knob_that_is_held_is_seen_all_the_way() -> None:
     """Against every choice flown by itself; the same commands where the task has the knob, and where not."""
     priced = GoToPosePriced(knob=(0.3, 0.3), spawn_distance=(1.0, 2.0))
-    plain, timing, count = priced.plain(), Timing(episode_steps=1), 24
+    plain = priced.plain()
+    timing = Timing(episode_steps=1)
+    count = 24
     network = scatter(tiny_learner(PLATFORM, task=priced).network)
-    ahead = Lookahead(LoadedRun(Agent(network, "tiny"), PLATFORM, priced, timing), horizon=PERIODS * 0.2,
-                      change_within=0.2)
+    ahead = Lookahead(
+        LoadedRun(Agent(network, "tiny"), PLATFORM, priced, timing),
+        horizon=PERIODS * 0.2,
+        change_within=0.2,
+    )
     starts = scenarios(plain, PLATFORM, 5, count)
     given = fly(PLATFORM, plain, HeldKnob(ahead, 0.3), starts, timing).commands
-    setup, told = Setup(PLATFORM, plain, timing), Shown(network, 0.3)
+    setup = Setup(PLATFORM, plain, timing)
+    told = Shown(network, 0.3)
     own = flown(setup, told, np.zeros((0, count, 8)), starts, 0).commands[:1]
     choices = [own, *(np.abs(own - flip) for flip in np.eye(8))]
     best = np.argmax([earned(flown(setup, told, one, starts, 0), 0) for one in choices], axis=0)
@@ -146,8 +174,7 @@ def test_nothing_is_earned_after_a_failure() -> None:
     agent = Agent(network, "tiny")
     ahead = Lookahead(LoadedRun(agent, PLATFORM, task, Timing()), horizon=6.0, change_within=0.2)
     starts = scenarios(task, PLATFORM, 5, 32)
-    flights = [fly(PLATFORM, task, one, starts, Timing(episode_steps=40))
-               for one in (agent, ahead)]
+    flights = [fly(PLATFORM, task, one, starts, Timing(episode_steps=40)) for one in (agent, ahead)]
     lost = [flight.failed().mean() for flight in flights]
     assert lost[0] > 0.5
     assert lost[1] < 0.5 * lost[0]
@@ -156,15 +183,20 @@ def test_nothing_is_earned_after_a_failure() -> None:
 def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
     """Sooner at rest and with less thrust."""
     run = contestant(FAST)
-    task, timing = run.task.for_evaluation(), Timing(episode_steps=36)
+    task = run.task.for_evaluation()
+    timing = Timing(episode_steps=36)
     starts = scenarios(task, run.craft, 2024, 4)
-    flights = [fly(run.craft, task, one, starts, timing)
-               for one in (run.controller, Lookahead(run, change_within=0.2, arrival=ArrivalCost()))]
+    flights = [
+        fly(run.craft, task, one, starts, timing)
+        for one in (run.controller, Lookahead(run, change_within=0.2, arrival=ArrivalCost()))
+    ]
     there = [arrived(task, flight.states, flight.goals) for flight in flights]
     assert there[1].any(axis=0).all()
     assert there[1].argmax(axis=0).sum() <= there[0].argmax(axis=0).sum()
     assert flights[1].commands.sum() < flights[0].commands.sum()
-    named = [contestant(f"lookahead:{one}").controller for one in (FAST, "pretrained:go-to-pose-2d")]
+    named = [
+        contestant(f"lookahead:{one}").controller for one in (FAST, "pretrained:go-to-pose-2d")
+    ]
     assert [one.arrival for one in named if isinstance(one, Lookahead)] == [ArrivalCost(), None]
 
 
@@ -178,7 +210,8 @@ def test_an_agent_of_many_tasks_looks_ahead_on_each() -> None:
 
 def test_it_is_named_before_an_agent() -> None:
     spec = f"lookahead:{FAST}"
-    run, plain = contestant(spec), contestant(FAST)
+    run = contestant(spec)
+    plain = contestant(FAST)
     assert (run[1:], run.controller.name) == (plain[1:], "lookahead:go-to-pose-2d-fast")
     assert controller_name(spec) == ""
     assert output_folder(spec).name == "lookahead-pretrained-go-to-pose-2d-fast"
@@ -189,12 +222,18 @@ def test_it_is_named_before_an_agent() -> None:
     assert told.tuning == ahead.tuning == named.tuning
 
 
-@pytest.mark.parametrize(("spec", "message"), [
-    ("lookahead:lqr:go-to-pose-2d", "LQR cannot look ahead: only trained agents do"),
-    ("lookahead:pretrained:go-to-pose-2d-knob", "a knob; hold it, as in lookahead:go-to-pose-2d-knob#0.5"),
-    ("lookahead:pretrained:nobody", "nobody"),
-    ("lookahead:", "names nobody after its colon"),
-])
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("lookahead:lqr:go-to-pose-2d", "LQR cannot look ahead: only trained agents do"),
+        (
+            "lookahead:pretrained:go-to-pose-2d-knob",
+            "a knob; hold it, as in lookahead:go-to-pose-2d-knob#0.5",
+        ),
+        ("lookahead:pretrained:nobody", "nobody"),
+        ("lookahead:", "names nobody after its colon"),
+    ],
+)
 def test_who_cannot_is_told(spec: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         contestant(spec)
@@ -202,12 +241,16 @@ def test_who_cannot_is_told(spec: str, message: str) -> None:
 
 def test_python_takes_one_made_there() -> None:
     ahead = Lookahead(contestant(FAST), horizon=0.6)
-    found, alone = (rans.evaluate(who, episodes=2, seed=5)["impulse"].value for who in (ahead, FAST))
+    found, alone = (
+        rans.evaluate(who, episodes=2, seed=5)["impulse"].value for who in (ahead, FAST)
+    )
     assert found != alone
     env = gymnasium.make("rans/GoToPose2D-v0")
     seen, _ = env.reset(seed=0)
     assert rans.Pilot(ahead, env).act(seen).shape == (8,)
-    with pytest.raises(ConfigError, match=r"as in rans\.Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"):
+    with pytest.raises(
+        ConfigError, match=r"as in rans\.Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"
+    ):
         Lookahead("go-to-pose-2d-fast")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=r"arrival must be a rans\.ArrivalCost, got 3"):
         Lookahead(contestant(FAST), arrival=3)  # type: ignore[arg-type]
@@ -217,7 +260,9 @@ def test_python_takes_one_made_there() -> None:
 def test_wrong_horizons_are_refused(horizon: Any) -> None:
     with pytest.raises(ConfigError, match="the horizon must be finite and > 0 s, got"):
         Lookahead(contestant(FAST), horizon)
-    with pytest.raises(ConfigError, match="the time that changes come within must be finite and > 0 s, got"):
+    with pytest.raises(
+        ConfigError, match="the time that changes come within must be finite and > 0 s, got"
+    ):
         Lookahead(contestant(FAST), change_within=horizon)
 
 

@@ -40,11 +40,18 @@ def spiral_length() -> float:
     return quad(lambda t: math.hypot(0.5 + growth * t, growth), 0.0, 10 * math.pi)[0]
 
 
-@pytest.mark.parametrize(("path", "length"), [
-    (circle(), 2 * math.pi * 1.5), (circle(0.4), 2 * math.pi * 0.4), (square(), 12.0),
-    (spiral(), spiral_length()), (lemniscate(), 2 * LEMNISCATE * 1.5),
-    (helix(1.0, 0.5, 2.0), 2 * math.hypot(2 * math.pi, 0.5)), (LINE, 2.0),
-])
+@pytest.mark.parametrize(
+    ("path", "length"),
+    [
+        (circle(), 2 * math.pi * 1.5),
+        (circle(0.4), 2 * math.pi * 0.4),
+        (square(), 12.0),
+        (spiral(), spiral_length()),
+        (lemniscate(), 2 * LEMNISCATE * 1.5),
+        (helix(1.0, 0.5, 2.0), 2 * math.hypot(2 * math.pi, 0.5)),
+        (LINE, 2.0),
+    ],
+)
 def test_lengths(path: Path, length: float) -> None:
     # chords of 5 mm on a radius of 0.4 m are short by (0.005 / 0.4)^2 / 24 = 7e-6
     assert path.length == pytest.approx(length, rel=1e-5)
@@ -63,21 +70,32 @@ def test_a_closed_path_goes_round_and_an_open_one_stops() -> None:
     assert (len(loop.points), loop.last) == (2400, 2400)
     corners = [(1.5, -1.5), (-1.5, -1.5), (1.5, -1.5)]
     np.testing.assert_allclose(loop.at(np.array([600, 2400, 3000])), corners, atol=1e-12)
-    np.testing.assert_allclose(LINE.at(np.array([-5, 200, 999])), [(0, 0), (1, 0), (2, 0)], atol=1e-12)
+    np.testing.assert_allclose(
+        LINE.at(np.array([-5, 200, 999])), [(0, 0), (1, 0), (2, 0)], atol=1e-12
+    )
 
 
 def test_a_planar_path_in_space_has_no_height() -> None:
     assert circle().in_space().dimension == 3
-    np.testing.assert_array_equal(circle().in_space().points, np.pad(circle().points, ((0, 0), (0, 1))))
+    np.testing.assert_array_equal(
+        circle().in_space().points, np.pad(circle().points, ((0, 0), (0, 1)))
+    )
     assert helix().in_space().points.shape == helix().points.shape
 
 
-@pytest.mark.parametrize(("position", "progress", "expected"), [
-    ((0.3, 0.2), 60, 0.2),
-    ((0.3012, -0.2), 60, 0.2),  # between two points
-    ((2.3, 0.4), 400, 0.5),  # beyond the end: 3-4-5
-    ((1.0, 0.0), 20, 0.65),  # on the path, but not where the flight is: it looks as far as 0.35 m
-])
+@pytest.mark.parametrize(
+    ("position", "progress", "expected"),
+    [
+        ((0.3, 0.2), 60, 0.2),
+        ((0.3012, -0.2), 60, 0.2),  # between two points
+        ((2.3, 0.4), 400, 0.5),  # beyond the end: 3-4-5
+        (
+            (1.0, 0.0),
+            20,
+            0.65,
+        ),  # on the path, but not where the flight is: it looks as far as 0.35 m
+    ],
+)
 def test_cross_track(position: tuple[float, float], progress: int, expected: float) -> None:
     found = LINE.cross_track(np.array([position]), np.array([progress]), reach=0.25)
     assert found == pytest.approx([expected], abs=1e-12)
@@ -90,8 +108,13 @@ def test_cross_track_around_a_corner() -> None:
     assert found == pytest.approx([0.05, 0.07], abs=1e-12)
 
 
-def planned(path: Path, position: tuple[float, ...], progress: int, speed: float = 0.25,
-            radius: float = 0.25) -> tuple[int, int, np.ndarray]:
+def planned(
+    path: Path,
+    position: tuple[float, ...],
+    progress: int,
+    speed: float = 0.25,
+    radius: float = 0.25,
+) -> tuple[int, int, np.ndarray]:
     """New progress, target and command of a single flight."""
     planner = LookAhead(path, speed, radius)
     moved, target, command = planner.plan(np.array([position]), np.array([progress]))
@@ -143,7 +166,11 @@ def test_a_lap_goes_on_over_the_first_point() -> None:
     planner = LookAhead(path)
     assert (planner.approach, planner.end) == (200, path.last + 200)
     start = tuple(path.points[0])
-    for progress, moving in ((path.last - 10, True), (path.last + 195, True), (path.last + 200, False)):
+    for progress, moving in (
+        (path.last - 10, True),
+        (path.last + 195, True),
+        (path.last + 200, False),
+    ):
         here = start if progress < path.last else tuple(path.at(np.array(progress)))
         found = planned(path, here, progress)
         assert found[0] == max(progress, path.last)
@@ -160,8 +187,10 @@ def test_at_the_end_of_an_open_path_it_rests() -> None:
 
 def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
     """It settles where its command is a tangent: radius^2 + 0.25^2 = 1.5^2, 2.1 cm inside the path."""
-    planner, period = LookAhead(circle()), 0.01
-    position, progress = np.array([(1.4, -0.1)]), np.zeros(1, dtype=int)
+    planner = LookAhead(circle())
+    period = 0.01
+    position = np.array([(1.4, -0.1)])
+    progress = np.zeros(1, dtype=int)
     for _ in range(round(30.0 / period)):
         progress, _, command = planner.plan(position, progress)
         position = position + period * command
@@ -185,24 +214,30 @@ def test_progress_never_goes_back_nor_jumps(name: str, seed: int, radius: float)
     assert lengths == pytest.approx(np.where(after < planner.end, 0.3, 0.0))
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ({"speed": 0.0}, "the speed must be a finite number > 0 m/s, got 0.0"),
-    ({"speed": math.nan}, "the speed must be a finite number > 0 m/s, got nan"),
-    ({"radius": 0.005}, "the look-ahead must be a finite number >= 0.01 m"),
-    ({"radius": math.inf}, "the look-ahead must be a finite number >= 0.01 m"),
-])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"speed": 0.0}, "the speed must be a finite number > 0 m/s, got 0.0"),
+        ({"speed": math.nan}, "the speed must be a finite number > 0 m/s, got nan"),
+        ({"radius": 0.005}, "the look-ahead must be a finite number >= 0.01 m"),
+        ({"radius": math.inf}, "the look-ahead must be a finite number >= 0.01 m"),
+    ],
+)
 def test_a_planner_needs_sane_values(given: dict[str, float], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         LookAhead(LINE, **given)
 
 
-@pytest.mark.parametrize(("text", "length", "closed", "dimension"), [
-    ("0,0\n3,4\n", 5.0, False, 2),
-    ("x,y\n0,0\n3,4\n", 5.0, False, 2),
-    ("\ufeffx, y, z\r\n 0, 0, 0\r\n\r\n0,3,4\r\n", 5.0, False, 3),
-    ("0,0\n3,0\n3,4\n0,0", 12.0, True, 2),
-    ("0,0\n1,0\n1,0\n0,0\n", 2.0, False, 2),  # there and back is no loop
-])
+@pytest.mark.parametrize(
+    ("text", "length", "closed", "dimension"),
+    [
+        ("0,0\n3,4\n", 5.0, False, 2),
+        ("x,y\n0,0\n3,4\n", 5.0, False, 2),
+        ("\ufeffx, y, z\r\n 0, 0, 0\r\n\r\n0,3,4\r\n", 5.0, False, 3),
+        ("0,0\n3,0\n3,4\n0,0", 12.0, True, 2),
+        ("0,0\n1,0\n1,0\n0,0\n", 2.0, False, 2),  # there and back is no loop
+    ],
+)
 def test_a_file(text: str, length: float, closed: bool, dimension: int, tmp_path: FilePath) -> None:
     file = tmp_path / "my.way.csv"
     file.write_text(text, "utf-8", newline="")
@@ -212,22 +247,25 @@ def test_a_file(text: str, length: float, closed: bool, dimension: int, tmp_path
     assert path.length == pytest.approx(length, abs=0.01)
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("", r"at least two different points, .* got 0\."),
-    ("x,y\n", r"at least two different points, .* got 0\."),
-    ("1,2\n1,2\n", r"at least two different points, .* got 1\."),
-    ("0,0\n0.05,0\n", r"must be 0.1 to 5000 m long, got 0.05 m"),
-    ("0,0\n6000,0\n", r"got 6000 m; are the coordinates in metres\?"),
-    ("x,y\n0,0\n1,here\n", r"line 3: expected a number within \+-10000 m, got 'here'"),
-    ("x,y\n0,0\n1,\n", r"line 3: expected a number within \+-10000 m, got ''"),
-    ("0,0\n1,nan\n", r"line 2: expected a number within \+-10000 m, got 'nan'"),
-    ("0,0\n1e9,0\n", r"line 2: expected a number within \+-10000 m, got '1e9'"),
-    ("0,0\n1,0,0\n", r"line 2: expected 2 values, as in the first point, got 3"),
-    ("0\n1\n", r"line 1: expected x,y or x,y,z, got 1"),
-    ("0;0\n1;0\n", r"must be 0.1 to 5000 m|line \d: expected x,y or x,y,z, got 1"),
-    ("x,y\nx,y\n0,0\n", r"line 2: expected a number"),
-    ("\0\n0,0", r"path\.csv"),
-])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", r"at least two different points, .* got 0\."),
+        ("x,y\n", r"at least two different points, .* got 0\."),
+        ("1,2\n1,2\n", r"at least two different points, .* got 1\."),
+        ("0,0\n0.05,0\n", r"must be 0.1 to 5000 m long, got 0.05 m"),
+        ("0,0\n6000,0\n", r"got 6000 m; are the coordinates in metres\?"),
+        ("x,y\n0,0\n1,here\n", r"line 3: expected a number within \+-10000 m, got 'here'"),
+        ("x,y\n0,0\n1,\n", r"line 3: expected a number within \+-10000 m, got ''"),
+        ("0,0\n1,nan\n", r"line 2: expected a number within \+-10000 m, got 'nan'"),
+        ("0,0\n1e9,0\n", r"line 2: expected a number within \+-10000 m, got '1e9'"),
+        ("0,0\n1,0,0\n", r"line 2: expected 2 values, as in the first point, got 3"),
+        ("0\n1\n", r"line 1: expected x,y or x,y,z, got 1"),
+        ("0;0\n1;0\n", r"must be 0.1 to 5000 m|line \d: expected x,y or x,y,z, got 1"),
+        ("x,y\nx,y\n0,0\n", r"line 2: expected a number"),
+        ("\0\n0,0", r"path\.csv"),
+    ],
+)
 def test_a_bad_file_is_a_sentence(text: str, said: str, tmp_path: FilePath) -> None:
     file = tmp_path / "path.csv"
     file.write_text(text, "utf-8")
@@ -253,7 +291,9 @@ def test_whatever_is_in_a_file_it_is_a_path_or_a_sentence(content: bytes) -> Non
 
 
 def test_no_such_path() -> None:
-    with pytest.raises(ConfigError, match=r"no path named 'cirle' \(did you mean circle\?\); known .*\.csv"):
+    with pytest.raises(
+        ConfigError, match=r"no path named 'cirle' \(did you mean circle\?\); known .*\.csv"
+    ):
         find_path("cirle")
     with pytest.raises(ConfigError, match=r"cannot read nowhere\.csv"):
         find_path("nowhere.csv")

@@ -19,7 +19,9 @@ from rans.scenario import scenarios
 
 
 @pytest.mark.parametrize("name", CONTROLLERS.built_in)
-@pytest.mark.parametrize("env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"])
+@pytest.mark.parametrize(
+    "env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"]
+)
 def test_flies_as_in_a_batch(name: str, env_id: str) -> None:
     env = gymnasium.make(env_id, disable_env_checker=False)
     pilot: Any = Pilot(name, env)
@@ -32,15 +34,20 @@ def test_flies_as_in_a_batch(name: str, env_id: str) -> None:
         commands.append(action)
     inner: Any = env.unwrapped
     setup = Setup(inner.craft, inner.task, inner.timing)
-    flight = fly(*setup[:2], controller(name, setup), scenarios(inner.task, inner.craft, 7, 1),
-                 replace(inner.timing, episode_steps=8))
+    flight = fly(
+        *setup[:2],
+        controller(name, setup),
+        scenarios(inner.task, inner.craft, 7, 1),
+        replace(inner.timing, episode_steps=8),
+    )
     assert np.array_equal(commands, flight.commands[:, 0])
 
 
 def test_arrives_and_flies_again() -> None:
     """The loop of docs/comparison.md; the second episode is flown as by a pilot who never flew before."""
     env = gymnasium.make("rans/GoToPose2D-v0")
-    pilot, flown = Pilot("switching", env), []
+    pilot = Pilot("switching", env)
+    flown = []
     for _ in range(2):
         observation, info = env.reset(seed=3)
         pilot.reset()
@@ -54,7 +61,8 @@ def test_arrives_and_flies_again() -> None:
 
 
 def test_an_agent_flies_what_it_was_made_for() -> None:
-    agent, env = load_agent(pretrained_folder("go-to-pose-2d")), gymnasium.make("rans/GoToPose2D-v0")
+    agent = load_agent(pretrained_folder("go-to-pose-2d"))
+    env = gymnasium.make("rans/GoToPose2D-v0")
     pilot = Pilot(agent, env)
     observation, info = env.reset(seed=3)
     for _ in range(125):

@@ -26,7 +26,8 @@ FILES = sorted(SHIPPED.glob("*.json"))
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     found = Tuned.read(file)
-    craft, task = parse_spacecraft(found.spacecraft, file.name), TASKS[found.task]()
+    craft = parse_spacecraft(found.spacecraft, file.name)
+    task = TASKS[found.task]()
     setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period))
     assert tuned(found.controller, setup) == found
     assert file.name == file_name(found.controller, setup.craft, task)
@@ -37,12 +38,20 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
 
 def test_platform_has_tuned_opponents() -> None:
     assert {"lqr-go-to-pose-floating-platform", "switching-go-to-pose-floating-platform"} <= {
-        file.stem for file in FILES}
+        file.stem for file in FILES
+    }
 
 
-@pytest.mark.parametrize("change", [
-    {"craft": replace(SETUP.craft, mass=6.0)}, {"task": GoToPose(position_tolerance=0.04)},
-    {"task": TASKS["go-to-position"]()}, {"timing": Timing(0.1)}], ids=["mass", "tolerance", "task", "rate"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"craft": replace(SETUP.craft, mass=6.0)},
+        {"task": GoToPose(position_tolerance=0.04)},
+        {"task": TASKS["go-to-position"]()},
+        {"timing": Timing(0.1)},
+    ],
+    ids=["mass", "tolerance", "task", "rate"],
+)
 def test_does_not_fit_another_setup(change: dict[str, object]) -> None:
     assert tuned("switching", SETUP) is not None
     assert tuned("switching", SETUP._replace(**change)) is None
@@ -55,18 +64,28 @@ def test_fits_other_starts_and_lengths() -> None:
     assert tuned("switching", longer)
 
 
-def test_a_damaged_file_is_named_with_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_file_is_named_with_what_helps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")
-    with pytest.raises(ConfigError, match=r"lqr.json is damaged, .* Delete it: what comes with RANS serves"):
+    with pytest.raises(
+        ConfigError, match=r"lqr.json is damaged, .* Delete it: what comes with RANS serves"
+    ):
         tuned("lqr", SETUP)
 
 
 def test_spacecraft_of_one_name_have_files_apart() -> None:
     """The name is whatever a user's file says, also a path."""
-    task, known = TASKS["go-to-pose"](), load_spacecraft("floating-platform")
-    crafts = [known, replace(known, mass=7.0), replace(known, mass=8.0), replace(known, name="../../x")]
+    task = TASKS["go-to-pose"]()
+    known = load_spacecraft("floating-platform")
+    crafts = [
+        known,
+        replace(known, mass=7.0),
+        replace(known, mass=8.0),
+        replace(known, name="../../x"),
+    ]
     names = [file_name("lqr", craft, task) for craft in crafts]
     assert names[0] == "lqr-go-to-pose-floating-platform.json"
     assert len(set(names)) == len(names)
@@ -98,7 +117,9 @@ def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         tuned("lqr", SETUP)
 
 
-def gained(craft: object, task: object, timing: object, gain: float = 0.6, weights: object = None) -> None:
+def gained(
+    craft: object, task: object, timing: object, gain: float = 0.6, weights: object = None
+) -> None:
     """Takes a number of its own."""
 
 
@@ -111,7 +132,9 @@ def test_a_setting_may_be_an_argument_itself() -> None:
 
 @pytest.mark.parametrize("key", ["gian", "weights", "weights.position", "craft", "gain.x"])
 def test_what_is_no_setting_is_a_sentence(key: str) -> None:
-    with pytest.raises(ConfigError, match=f"names '{key}', which must be an argument of the controller"):
+    with pytest.raises(
+        ConfigError, match=f"names '{key}', which must be an argument of the controller"
+    ):
         defaults(gained, [key])
 
 

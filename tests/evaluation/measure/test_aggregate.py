@@ -55,8 +55,10 @@ def printed(measured: Metrics, width: int) -> list[list[str]]:
     console = Console(file=io.StringIO(), width=width)
     console.print(measured.table(width))
     text = console.file.getvalue()  # type: ignore[attr-defined]
-    return [[cell.strip() for cell in line.replace("┃", "│").split("│") if cell.strip()]
-            for line in text.splitlines()]
+    return [
+        [cell.strip() for cell in line.replace("┃", "│").split("│") if cell.strip()]
+        for line in text.splitlines()
+    ]
 
 
 def test_every_line_of_two_episodes() -> None:
@@ -84,7 +86,9 @@ def test_the_table_is_the_lines_under_their_headings() -> None:
     assert lines[0] == ["by hand: 2 episodes of 5 s with floating-platform (fast engine)"]
     assert ["metric", "value", "95 % interval", "meaning"] in lines
     assert ["position error", "2.45 cm", "0.4 to 4.5", "mean over the last fifth"] in lines
-    headings = [lines.index([group]) for group in ("success", "position", "attitude", "motion", "effort")]
+    headings = [
+        lines.index([group]) for group in ("success", "position", "attitude", "motion", "effort")
+    ]
     assert headings == sorted(headings)
 
 
@@ -98,7 +102,7 @@ def test_a_narrow_terminal_breaks_no_figure() -> None:
 
 def test_the_widest_of_several_intervals_is_shown() -> None:
     rows = tuple(Metric("g", f"P{k}", "m", "%", 50.0, 50.0 - k, 50.0 + k / 2) for k in (1, 7, 3))
-    (_, texts), = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
+    ((_, texts),) = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
     assert texts == ("P1 / 7 / 3", "50 / 50 / 50 %", "up to ± 7", "m")
 
 
@@ -110,7 +114,8 @@ def test_equal_flights_have_equal_intervals() -> None:
 
 
 def test_every_metric_of_every_episode(tmp_path: Path) -> None:
-    flight, file = two_episodes(), tmp_path / "episodes.npz"
+    flight = two_episodes()
+    file = tmp_path / "episodes.npz"
     save_episodes(flight, file)
     with np.load(file) as read:
         episodes = dict(read)
@@ -133,7 +138,9 @@ def test_trajectories_of_both_dimensions(tmp_path: Path) -> None:
         save_episodes(flight, tmp_path / "episodes.npz", trajectories=True)
         with np.load(tmp_path / "episodes.npz") as read:
             episodes = dict(read)
-        column = dict(zip(episodes["columns"].tolist(), np.moveaxis(episodes["states"], 2, 0), strict=True))
+        column = dict(
+            zip(episodes["columns"].tolist(), np.moveaxis(episodes["states"], 2, 0), strict=True)
+        )
         np.testing.assert_allclose(column["v_y"], flight.states.v.y, atol=1e-6)
         np.testing.assert_allclose(column["y"], flight.states.p.y, atol=1e-6)
         last = flight.states.spin()[-1]

@@ -57,8 +57,11 @@ def test_an_engine_that_loses_its_numbers_disagrees() -> None:
 def test_fewer_solved_than_the_interval_allows_fail() -> None:
     """40 of 40 solved have the interval 91.2 % to 100 %: 37 may be, 36 may not."""
     flight = many_episodes(40)
-    flight = replace(flight, states=map_leaves(lambda x: 0.0 * x, flight.states),
-                     goals=map_leaves(lambda x: 0.0 * x, flight.goals))
+    flight = replace(
+        flight,
+        states=map_leaves(lambda x: 0.0 * x, flight.states),
+        goals=map_leaves(lambda x: 0.0 * x, flight.goals),
+    )
     for lost, passed in ((3, True), (4, False)):
         way = np.zeros(40)
         way[:lost] = 1.0
@@ -71,23 +74,33 @@ def test_the_table_says_who_is_where() -> None:
 
     Wilson's lower end of 4 of 4 is 1 / (1 + 1.96^2 / 4), 51 %.
     """
-    near, commands = np.full((11, 4), 0.01), np.zeros((10, 4, 8))
+    near = np.full((11, 4), 0.01)
+    commands = np.zeros((10, 4, 8))
     fast = flight_of(near, 3.0, commands)
     commands = commands.copy()
     commands[7, 2, 5] = 1.0  # one thruster in one of 40 decisions
     comparison = compare_engines(fast, flight_of(1.2 * near, 3.05, commands))
-    assert comparison.title == "by hand: the same 4 episodes of 5 s with floating-platform in both engines"
+    assert (
+        comparison.title
+        == "by hand: the same 4 episodes of 5 s with floating-platform in both engines"
+    )
     console = Console(file=io.StringIO(), width=140)
     console.print(comparison.table())
-    lines = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
-             for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]
+    lines = [
+        [cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
+        for line in console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    ]
     assert [line for line in lines if line] == [
         ["quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict"],
         ["solved, %", "100 (51 to 100)", "100 (51 to 100)", "+0.0e+00", "-49, +0", "pass"],
         ["position error, cm", "1", "1.2", "+2.0e-01", "-0.1, +0.1", "FAIL"],
         ["attitude error, deg", "3", "3.05", "+5.0e-02", "-0.1, +0.1", "pass"],
-        ["settling time, s", "0", "0", "+0.0e+00", "", ""]]
-    assert "In 97.50% of all control periods both opened the same thrusters." in console.file.getvalue()  # type: ignore[attr-defined]
+        ["settling time, s", "0", "0", "+0.0e+00", "", ""],
+    ]
+    assert (
+        "In 97.50% of all control periods both opened the same thrusters."
+        in console.file.getvalue()  # type: ignore[attr-defined]
+    )
 
 
 @pytest.mark.parametrize(("degrees", "agrees"), [(0.09, True), (0.11, False)])
@@ -96,9 +109,15 @@ def test_a_tenth_of_a_degree_is_the_bound_of_the_attitude(degrees: float, agrees
     assert compare_engines(flight_of(near, 3.0), flight_of(near, 3.0 + degrees)).passed is agrees
 
 
-@pytest.mark.parametrize(("task", "speed", "spin", "agrees"), [
-    (TrackNothing(), 0.9e-3, 0.0, True), (TrackNothing(), 1.1e-3, 0.0, False),
-    (TrackNothing(), 0.0, math.radians(0.09), True), (TrackNothing(), 0.0, math.radians(0.11), False)])
+@pytest.mark.parametrize(
+    ("task", "speed", "spin", "agrees"),
+    [
+        (TrackNothing(), 0.9e-3, 0.0, True),
+        (TrackNothing(), 1.1e-3, 0.0, False),
+        (TrackNothing(), 0.0, math.radians(0.09), True),
+        (TrackNothing(), 0.0, math.radians(0.11), False),
+    ],
+)
 def test_bounds_of_the_velocities(task: Any, speed: float, spin: float, agrees: bool) -> None:
     """1 mm/s and 0.1 degrees/s."""
     still = np.ones((11, 1))
@@ -123,7 +142,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return trainer.run.path
 
 
-def test_another_process_flies_what_this_one_would(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_process_flies_what_this_one_would(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In two shares; the network's sums depend on the batch in the last bits only."""
     monkeypatch.setattr("rans.evaluation.fly.judge._SHARE", 8)
     counted: list[int] = []
@@ -159,12 +180,25 @@ def altered(run: Path, target: Path, name: str, change: Any) -> Path:
     return target
 
 
-@pytest.mark.parametrize(("name", "change", "message"), [
-    ("config.json", lambda text: text.replace('"gamma"', '"discount"'), "unknown key 'discount'"),
-    ("spacecraft.toml", lambda text: text.rpartition("[[thruster]]")[0], "are of different runs"),
-], ids=["of another version", "for other thrusters"])
-def test_a_run_that_does_not_fit_is_one_sentence(run: Path, tmp_path: Path, name: str, change: Any,
-                                                 message: str, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        (
+            "config.json",
+            lambda text: text.replace('"gamma"', '"discount"'),
+            "unknown key 'discount'",
+        ),
+        (
+            "spacecraft.toml",
+            lambda text: text.rpartition("[[thruster]]")[0],
+            "are of different runs",
+        ),
+    ],
+    ids=["of another version", "for other thrusters"],
+)
+def test_a_run_that_does_not_fit_is_one_sentence(
+    run: Path, tmp_path: Path, name: str, change: Any, message: str, capsys: Any
+) -> None:
     strange = altered(run, tmp_path / "strange", name, change)
     capsys.readouterr()
     assert main(["evaluate", str(strange), "--engine", "drake"]) == 2

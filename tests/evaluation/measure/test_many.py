@@ -21,10 +21,20 @@ SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(episode_s
 
 
 def measured(at: list[int], failures: dict[Failure, int]) -> Metrics:
-    sums = {"return": Sums(2e4, 5e4, COUNT), "impulse": Sums(0.0, 0.0, COUNT),
-            "duty at rest": Sums(1e3, 1e2, COUNT)}
-    found = Verdicts(COUNT, 5, np.array(at), dict.fromkeys(Failure, 0) | failures, np.zeros(0, np.int64),
-                     np.zeros(0, np.uint8), sums)
+    sums = {
+        "return": Sums(2e4, 5e4, COUNT),
+        "impulse": Sums(0.0, 0.0, COUNT),
+        "duty at rest": Sums(1e3, 1e2, COUNT),
+    }
+    found = Verdicts(
+        COUNT,
+        5,
+        np.array(at),
+        dict.fromkeys(Failure, 0) | failures,
+        np.zeros(0, np.int64),
+        np.zeros(0, np.uint8),
+        sums,
+    )
     return measure_many(found, "somebody", SETUP)
 
 

@@ -32,42 +32,48 @@ from rans.tasks import GoToPose
 from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
 
 # Distances at random, among them many close to the tolerance of 5 cm.
-distances = hnp.arrays(float, st.tuples(st.integers(2, 12), st.integers(1, 4)),
-                       elements=st.sampled_from([0.001, 0.015, 0.03, 0.049, 0.051, 0.3]))
+distances = hnp.arrays(
+    float,
+    st.tuples(st.integers(2, 12), st.integers(1, 4)),
+    elements=st.sampled_from([0.001, 0.015, 0.03, 0.049, 0.051, 0.3]),
+)
 
 
-@pytest.mark.parametrize(("name", "value"), [
-    ("solved", 50.0),           # only the first episode
-    ("solved in the mean", 100.0),    # the second: (3 cm + 6 cm) / 2 < 5 cm
-    ("settled", 50.0),
-    ("settling time", math.inf),  # median of 2.5 s and never
-    ("failed", 0.0),
-    ("PT5", 85.0),              # 8 and 9 steps of 10: the start does not count
-    ("PT2", 25.0),              # 5 and 0 steps
-    ("PT1", 15.0),              # 3 and 0 steps
-    ("PT10", 90.0),             # 8 and 10 steps
-    ("held 5 cm 3 deg", 50.0),
-    ("held 1 cm 1 deg", 50.0),  # the first ends at 0.4 cm and 0.5 degrees
-    ("reach 2 cm", 50.0),
-    ("reach 1 cm", 50.0),
-    ("position error", 2.45),   # 0.4 cm and 4.5 cm
-    ("OT5", 80.0),              # 6 and 10 steps
-    ("OT2", 70.0),              # 4 and 10 steps
-    ("OT1", 65.0),              # 3 and 10 steps
-    ("attitude error", 0.25),   # 0.5 and 0 degrees
-    ("stay 15 cm", 50.0),       # the second never gets closer than 2 cm
-    ("reach 5 deg", 100.0),
-    ("reach 2.5 deg", 100.0),
-    ("stay 37 deg", 100.0),
-    ("openings", 0.5),          # one thruster, once
-    ("duty at rest", 0.0),
-    ("spin at rest", 0.1),
-    ("speed", 0.25),            # |(0.3, -0.4)| and 0
-    ("spin", 0.1),              # |-0.2| and 0
-    ("duty", 2.5),              # 4 of 80 and 0 of 80
-    ("on-time", 1.0),           # 4 x 0.5 s and 0
-    ("impulse", 1.0),           # of 1 N
-])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("solved", 50.0),  # only the first episode
+        ("solved in the mean", 100.0),  # the second: (3 cm + 6 cm) / 2 < 5 cm
+        ("settled", 50.0),
+        ("settling time", math.inf),  # median of 2.5 s and never
+        ("failed", 0.0),
+        ("PT5", 85.0),  # 8 and 9 steps of 10: the start does not count
+        ("PT2", 25.0),  # 5 and 0 steps
+        ("PT1", 15.0),  # 3 and 0 steps
+        ("PT10", 90.0),  # 8 and 10 steps
+        ("held 5 cm 3 deg", 50.0),
+        ("held 1 cm 1 deg", 50.0),  # the first ends at 0.4 cm and 0.5 degrees
+        ("reach 2 cm", 50.0),
+        ("reach 1 cm", 50.0),
+        ("position error", 2.45),  # 0.4 cm and 4.5 cm
+        ("OT5", 80.0),  # 6 and 10 steps
+        ("OT2", 70.0),  # 4 and 10 steps
+        ("OT1", 65.0),  # 3 and 10 steps
+        ("attitude error", 0.25),  # 0.5 and 0 degrees
+        ("stay 15 cm", 50.0),  # the second never gets closer than 2 cm
+        ("reach 5 deg", 100.0),
+        ("reach 2.5 deg", 100.0),
+        ("stay 37 deg", 100.0),
+        ("openings", 0.5),  # one thruster, once
+        ("duty at rest", 0.0),
+        ("spin at rest", 0.1),
+        ("speed", 0.25),  # |(0.3, -0.4)| and 0
+        ("spin", 0.1),  # |-0.2| and 0
+        ("duty", 2.5),  # 4 of 80 and 0 of 80
+        ("on-time", 1.0),  # 4 x 0.5 s and 0
+        ("impulse", 1.0),  # of 1 N
+    ],
+)
 def test_hand_worked(name: str, value: float) -> None:
     # 1e-9: sums of a dozen numbers of order 1 to 100, some of them through trigonometry.
     assert measure(two_episodes())[name].value == pytest.approx(value, abs=1e-9)
@@ -75,7 +81,9 @@ def test_hand_worked(name: str, value: float) -> None:
 
 def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold() -> None:
     """Thresholds of 2 cm and 15 cm: stays; leaves; was far only before; never comes close."""
-    distance = np.transpose([[1.0, 0.01, 0.14], [1.0, 0.01, 0.16], [1.0, 0.5, 0.01], [0.1, 0.1, 0.1]])
+    distance = np.transpose(
+        [[1.0, 0.01, 0.14], [1.0, 0.01, 0.16], [1.0, 0.5, 0.01], [0.1, 0.1, 0.1]]
+    )
     assert measure(flight_of(distance, 0.0))["stay 15 cm"].value == 50.0
 
 
@@ -129,7 +137,9 @@ def test_last_fifth_of_25_steps_is_5(inside: int, solved: float) -> None:
 
 def test_return_of_resting_at_the_goal() -> None:
     # 1 + 1 and twice 1/2 are 3 a step; 1e-9: rounding of the heading error (1e-16 rad) and ten sums.
-    assert measure(flight_of(np.zeros((11, 3)), 0.0))["return"].value == pytest.approx(30.0, abs=1e-9)
+    assert measure(flight_of(np.zeros((11, 3)), 0.0))["return"].value == pytest.approx(
+        30.0, abs=1e-9
+    )
 
 
 def test_failure_counts_even_if_the_episode_recovers() -> None:
@@ -146,8 +156,16 @@ def test_shared_supply_halves_two_open_thrusters() -> None:
     alone = flight_of(np.ones((5, 1)), 0.0, commands)
     craft = alone.craft
     shared = Flight(
-        Spacecraft(craft.name, 2, craft.mass, craft.inertia, craft.thrusters, thrust_sharing="split"),
-        alone.task, alone.timing, alone.states, alone.goals, commands, "by hand")
+        Spacecraft(
+            craft.name, 2, craft.mass, craft.inertia, craft.thrusters, thrust_sharing="split"
+        ),
+        alone.task,
+        alone.timing,
+        alone.states,
+        alone.goals,
+        commands,
+        "by hand",
+    )
     # Two thrusters of 1 N open for 2 s: 4 thruster-seconds; the shared supply gives 1 N in all.
     assert (on_times(alone)[0], impulses(alone)[0]) == (4.0, 4.0)
     assert (on_times(shared)[0], impulses(shared)[0]) == (4.0, 2.0)
@@ -168,8 +186,9 @@ def test_a_task_without_pose_is_not_credited_with_one() -> None:
 def test_intervals_agree_with_scipy() -> None:
     flight = many_episodes(200)
     samples = final_errors(flight)["position"] * 100.0
-    reference = stats.bootstrap((samples,), np.mean, n_resamples=20_000, method="percentile",
-                                rng=np.random.default_rng(1)).confidence_interval
+    reference = stats.bootstrap(
+        (samples,), np.mean, n_resamples=20_000, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
     found = measure(flight)["position error"]
     # 1,000 resamples place a 2.5 % quantile to 0.085 standard errors; four of those.
     tolerance = 0.34 * samples.std() / np.sqrt(len(samples))
@@ -198,9 +217,18 @@ def test_nan_states_are_never_successes() -> None:
     assert math.isnan(measured["position error"].value)
 
 
-@pytest.mark.parametrize(("name", "value"), [
-    ("held 10 cm/s 20 deg/s", 100.0), ("held 5 cm/s 10 deg/s", 0.0), ("held 2 cm/s 5 deg/s", 0.0),
-    ("velocity error", 6.0), ("spin error", math.degrees(0.1)), ("speed", 0.06), ("spin", 0.1)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("held 10 cm/s 20 deg/s", 100.0),
+        ("held 5 cm/s 10 deg/s", 0.0),
+        ("held 2 cm/s 5 deg/s", 0.0),
+        ("velocity error", 6.0),
+        ("spin error", math.degrees(0.1)),
+        ("speed", 0.06),
+        ("spin", 0.1),
+    ],
+)
 def test_grades_of_holding_a_speed(name: str, value: float) -> None:
     """6 cm/s and 5.7 degrees/s all the time."""
     flight = flight_of(np.ones((11, 1)), 0.0, speed=(0.06, 0.0), spin=-0.1, task=TrackNothing())
@@ -232,7 +260,8 @@ def test_duty_at_rest_is_that_of_the_last_fifth() -> None:
 
 
 def test_spatial_flight() -> None:
-    craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 4.0))
+    craft = load_spacecraft("free-flyer")
+    task = GoToPose(spawn_distance=(3.0, 4.0))
 
     class Half:
         """Opens every second thruster, all the time."""
@@ -244,7 +273,9 @@ def test_spatial_flight() -> None:
         def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
             return np.tile([1.0, 0.0], (len(observation), 8))
 
-    measured = measure(fly(craft, task, Half(), scenarios(task, craft, 0, 5), Timing(episode_steps=10)))
+    measured = measure(
+        fly(craft, task, Half(), scenarios(task, craft, 0, 5), Timing(episode_steps=10))
+    )
     assert measured["duty"].value == 50.0
     assert measured["on-time"].value == pytest.approx(8 * 10 * 0.2)
     assert measured["PT5"].value == 0.0

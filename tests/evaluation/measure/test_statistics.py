@@ -27,8 +27,9 @@ def test_median_counts_who_never_arrives() -> None:
 def test_interval_is_that_of_scipy(centre: object) -> None:
     values = RANDOM.lognormal(size=60)
     ours = Bootstrap(60).mean(values) if centre is np.mean else Bootstrap(60).median(values)
-    theirs = stats.bootstrap((values,), centre, n_resamples=9999, method="percentile",
-                             rng=np.random.default_rng(1)).confidence_interval
+    theirs = stats.bootstrap(
+        (values,), centre, n_resamples=9999, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
     # Both ends are quantiles of random draws: 1,000 of them leave about 0.15 of the interval's width.
     width = theirs.high - theirs.low
     assert ours.low == pytest.approx(theirs.low, abs=0.15 * width)
@@ -55,7 +56,8 @@ def test_differences_are_paired() -> None:
 
 
 def test_difference_to_who_never_arrives() -> None:
-    never, late = np.full(9, math.inf), np.full(9, 7.0)
+    never = np.full(9, math.inf)
+    late = np.full(9, 7.0)
     bootstrap = Bootstrap(9)
     assert bootstrap.difference(never, never) == Estimate(0.0, 0.0, 0.0)
     assert bootstrap.difference(late, never).value == -math.inf
@@ -79,8 +81,9 @@ def test_share_has_a_width_even_where_all_succeed() -> None:
     assert estimate.low == pytest.approx(0.839, abs=5e-4)
 
 
-@pytest.mark.parametrize(("successes", "count", "low", "high"), [
-    (81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611)])
+@pytest.mark.parametrize(
+    ("successes", "count", "low", "high"), [(81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611)]
+)
 def test_wilsons_interval_by_hand(successes: int, count: int, low: float, high: float) -> None:
     """Newcombe, Statistics in Medicine 17, 1998, table I, which has four digits."""
     estimate = share(np.arange(count) < successes)
@@ -115,9 +118,19 @@ def test_texts_of_estimates() -> None:
     assert Estimate(1.0, 0.5, 2.0).scaled(100.0) == Estimate(100.0, 50.0, 200.0)
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (1153.4, "1,153"), (999.6, "1,000"), (-20500.0, "-20,500"), (998.0, "998"), (1e7, "1e+07"),
-    (0.00123, "0.00123"),
-    (math.inf, "never"), (-math.inf, "-never"), (math.nan, "-")])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1153.4, "1,153"),
+        (999.6, "1,000"),
+        (-20500.0, "-20,500"),
+        (998.0, "998"),
+        (1e7, "1e+07"),
+        (0.00123, "0.00123"),
+        (math.inf, "never"),
+        (-math.inf, "-never"),
+        (math.nan, "-"),
+    ],
+)
 def test_thousands_have_no_exponent(value: float, text: str) -> None:
     assert figure(value) == text

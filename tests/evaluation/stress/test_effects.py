@@ -18,8 +18,11 @@ from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
-TASK, SHORT = GoToPose(), Timing(episode_steps=2)
-FULL = UserPolicy("half open", lambda seen: np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), PLATFORM, TASK)
+TASK = GoToPose()
+SHORT = Timing(episode_steps=2)
+FULL = UserPolicy(
+    "half open", lambda seen: np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), PLATFORM, TASK
+)
 FOUND = {effect.name: effect for effect in effects(PLATFORM, Timing())}
 
 
@@ -44,8 +47,18 @@ def made(name: str, size: float) -> Conditions:
 def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
     """Flown, as some do draw then: least on-times of a period, which every valve keeps, and full shares."""
     world = effect.make(effect.nominal)
-    states = [fly(PLATFORM, TASK, FULL, scenarios(TASK, PLATFORM, 1, 2), SHORT, conditions=conditions,
-                  draws=draws(1, 2)).states for conditions in (None, world)]
+    states = [
+        fly(
+            PLATFORM,
+            TASK,
+            FULL,
+            scenarios(TASK, PLATFORM, 1, 2),
+            SHORT,
+            conditions=conditions,
+            draws=draws(1, 2),
+        ).states
+        for conditions in (None, world)
+    ]
     np.testing.assert_allclose(*map(leaves, states), rtol=0, atol=1e-12)
     away = [abs(size - effect.nominal) for size in effect.sizes]
     assert away == sorted(set(away))

@@ -35,24 +35,34 @@ def test_who_is_lost_is_farthest() -> None:
     assert again.share.value == pytest.approx(1 / 3)
 
 
-@pytest.mark.parametrize(("values", "size"), [
-    ((1.0, 1.0, 1.0), 2.0), ((1.0, 0.99, 0.5), 1.0), ((0.98, 1.0, 1.0), None),
-    ((1.0, 0.5, 1.0), 0.0), ((), None),
-])
+@pytest.mark.parametrize(
+    ("values", "size"),
+    [
+        ((1.0, 1.0, 1.0), 2.0),
+        ((1.0, 0.99, 0.5), 1.0),
+        ((0.98, 1.0, 1.0), None),
+        ((1.0, 0.5, 1.0), 0.0),
+        ((), None),
+    ],
+)
 def test_to_which_size_somebody_holds(values: tuple[float, ...], size: float | None) -> None:
     """A size counts only if all smaller ones are held too."""
-    assert holds_to([0.0, 1.0, 2.0][:len(values)], shares(*values)) == size
+    assert holds_to([0.0, 1.0, 2.0][: len(values)], shares(*values)) == size
 
 
-@pytest.mark.parametrize(("first", "second", "found", "text"), [
-    ((1.0, 1.0, 0.9), (1.0, 0.99, 0.9), BreakEven(None, 0, 0), "alike throughout"),
-    ((1.0, 1.0, 0.2), (1.0, 1.0, 0.9), BreakEven(1.0, 0, -1), "alike to 1 s, then B"),
-    ((1.0, 0.9, 0.0), (0.8, 0.8, 0.0), BreakEven(None, 1, 1), "A throughout"),
-    # The lead of 0.3 at 1 s is one of -0.1 for A at 2 s: zero three quarters of the way.
-    ((1.0, 0.9, 0.2), (1.0, 0.6, 0.3), BreakEven(1.75, 1, -1), "A to 1.75 s, then B"),
-])
-def test_who_bears_more(first: tuple[float, ...], second: tuple[float, ...], found: BreakEven,
-                        text: str) -> None:
+@pytest.mark.parametrize(
+    ("first", "second", "found", "text"),
+    [
+        ((1.0, 1.0, 0.9), (1.0, 0.99, 0.9), BreakEven(None, 0, 0), "alike throughout"),
+        ((1.0, 1.0, 0.2), (1.0, 1.0, 0.9), BreakEven(1.0, 0, -1), "alike to 1 s, then B"),
+        ((1.0, 0.9, 0.0), (0.8, 0.8, 0.0), BreakEven(None, 1, 1), "A throughout"),
+        # The lead of 0.3 at 1 s is one of -0.1 for A at 2 s: zero three quarters of the way.
+        ((1.0, 0.9, 0.2), (1.0, 0.6, 0.3), BreakEven(1.75, 1, -1), "A to 1.75 s, then B"),
+    ],
+)
+def test_who_bears_more(
+    first: tuple[float, ...], second: tuple[float, ...], found: BreakEven, text: str
+) -> None:
     """And the other way round when they change places."""
     answer = break_even([0.0, 1.0, 2.0], shares(*first), shares(*second))
     assert answer == (pytest.approx(found.size), found.before, found.after)

@@ -19,12 +19,17 @@ from rans.evaluation.stress.run import Stress, fill, prepared
 FIRST = "pretrained:go-to-pose-2d"
 
 
-def small(*specs: str, episodes: int = 4, conditions: tuple[str, ...] = (),
-          only: tuple[str, ...] = ("latency",), slow: int = 2) -> Stress:
+def small(
+    *specs: str,
+    episodes: int = 4,
+    conditions: tuple[str, ...] = (),
+    only: tuple[str, ...] = ("latency",),
+    slow: int = 2,
+) -> Stress:
     """Without failed thrusters, and at the first sizes only."""
     specs = specs or (FIRST, "lqr")
     stress = prepared(contest_of(specs[0], episodes, 7), specs, conditions, only, slow)
-    stress.named = stress.named[:1 + len(conditions)]
+    stress.named = stress.named[: 1 + len(conditions)]
     stress.effects = [replace(effect, sizes=effect.sizes[:3]) for effect in stress.effects]
     return stress
 
@@ -33,7 +38,8 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     """Also when they are flown in several shares, and one alone when it is seen again."""
     monkeypatch.setattr(run, "_SHARE", 3)
     stress = small(FIRST, conditions=("lab",))
-    stress.effects, told = [], list[int]()
+    stress.effects = []
+    told = list[int]()
     fill(stress, told.append, workers=1)
     assert sum(told) == 4 * len(stress.levels)
     agent = contestant(FIRST).under("lab")
@@ -62,7 +68,8 @@ def test_the_lqr_bears_late_valves_longer() -> None:
 
 def test_another_process_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """One per processor, of which there is one here."""
-    alone, together = small(), small()
+    alone = small()
+    together = small()
     fill(alone, workers=1)
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     fill(together)
@@ -87,7 +94,8 @@ def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
 
 
 def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) -> None:
-    true, calls = run._flown, []
+    true = run._flown
+    calls = []
 
     def interrupted(*job: int) -> Any:
         calls.append(job)
@@ -110,10 +118,13 @@ def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
     assert np.isfinite(stress.outcomes["perfect", "LQR"].excess).all()
 
 
-@pytest.mark.parametrize(("change", "sentence"), [
-    ({"only": ("latancy",)}, r"no effect named 'latancy' \(did you mean latency\?\)"),
-    ({"conditions": ("moon",)}, "no set of conditions named 'moon'"),
-])
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"only": ("latancy",)}, r"no effect named 'latancy' \(did you mean latency\?\)"),
+        ({"conditions": ("moon",)}, "no set of conditions named 'moon'"),
+    ],
+)
 def test_what_is_not_there(change: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         small(**change)

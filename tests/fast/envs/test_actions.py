@@ -16,22 +16,30 @@ from rans.errors import ConfigError
 
 COUNT = 3
 ODD: dict[str, Callable[[Tensor], Tensor]] = {
-    "sparse_coo": lambda x: x.to_sparse(), "sparse_csr": lambda x: torch.atleast_2d(x).to_sparse_csr(),
-    "nested": lambda x: torch.nested.nested_tensor([x]), "meta": lambda x: x.to("meta"),
+    "sparse_coo": lambda x: x.to_sparse(),
+    "sparse_csr": lambda x: torch.atleast_2d(x).to_sparse_csr(),
+    "nested": lambda x: torch.nested.nested_tensor([x]),
+    "meta": lambda x: x.to("meta"),
     "mkldnn": lambda x: x.to_mkldnn(),
-    "quantized": lambda x: torch.quantize_per_tensor(x, 1.0, 0, torch.quint8)}
+    "quantized": lambda x: torch.quantize_per_tensor(x, 1.0, 0, torch.quint8),
+}
 
 
 def _envs() -> dict[str, tuple[Any, Tensor]]:
     """Environments after their reset, and an action for each."""
     single = gymnasium.make("rans/GoToPose2D-v0")
     single.reset(seed=1)
-    batched: Any = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=COUNT, autoreset_mode="disabled")
+    batched: Any = gymnasium.make_vec(
+        "rans/GoToPose2D-v0", num_envs=COUNT, autoreset_mode="disabled"
+    )
     batched.reset(seed=1)
     around = rans.SB3VecEnv(rans.Engine("floating-platform", "go-to-pose", COUNT))
     around.reset()
-    return {"single": (single, torch.zeros(8)), "batched": (batched, torch.zeros(COUNT, 8)),
-            "sb3": (around, torch.zeros(COUNT, 8))}
+    return {
+        "single": (single, torch.zeros(8)),
+        "batched": (batched, torch.zeros(COUNT, 8)),
+        "sb3": (around, torch.zeros(COUNT, 8)),
+    }
 
 
 @pytest.mark.parametrize("kind", ODD)

@@ -59,8 +59,17 @@ def test_others_are_refused() -> None:
 def test_other_algorithms_train(algorithm: Any) -> None:
     """A few hundred steps change the policy; that it can also be learned from is theirs to show."""
     env = DiscreteThrusters(make()) if algorithm is DQN else make(THROTTLED)
-    model = algorithm("MlpPolicy", env, learning_starts=50, train_freq=4, buffer_size=500, batch_size=16,
-                      policy_kwargs={"net_arch": [8]}, seed=1, device="cpu")
+    model = algorithm(
+        "MlpPolicy",
+        env,
+        learning_starts=50,
+        train_freq=4,
+        buffer_size=500,
+        batch_size=16,
+        policy_kwargs={"net_arch": [8]},
+        seed=1,
+        device="cpu",
+    )
     before = [p.detach().clone() for p in model.policy.parameters()]
     model.learn(300)
     after = list(model.policy.parameters())

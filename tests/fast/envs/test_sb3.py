@@ -29,7 +29,8 @@ def commands(env: SB3VecEnv, steps: int) -> np.ndarray:
 
 @both_crafts
 def test_it_says_what_the_engine_does(craft: Any) -> None:
-    env, engine = make(craft), Engine(craft, LENIENT, 16, SHORT)
+    env = make(craft)
+    engine = Engine(craft, LENIENT, 16, SHORT)
     env.seed(4)
     np.testing.assert_array_equal(env.reset(), engine.reset(4))
     ends = np.zeros(2, dtype=int)
@@ -75,7 +76,8 @@ def test_results_are_never_written_again() -> None:
 def test_a_seed_counts_once() -> None:
     env = make()
     env.seed(3)
-    first, second = np.asarray(env.reset()), np.asarray(env.reset())
+    first = np.asarray(env.reset())
+    second = np.asarray(env.reset())
     assert (first != second).any(axis=1).all()
     env.seed(3)
     np.testing.assert_array_equal(env.reset(), first)  # type: ignore[arg-type]
@@ -98,7 +100,9 @@ def test_algorithms_train_on_it(craft: Any, algorithm: Any) -> None:
 def test_training_is_reproducible() -> None:
     weights = []
     for engine_seed in (1, 2):  # the algorithm's seed overrides the engine's
-        model = PPO("MlpPolicy", make(seed=engine_seed), n_steps=16, batch_size=64, seed=6, device="cpu")
+        model = PPO(
+            "MlpPolicy", make(seed=engine_seed), n_steps=16, batch_size=64, seed=6, device="cpu"
+        )
         model.learn(512)
         weights.append(torch.cat([p.detach().flatten() for p in model.policy.parameters()]))
     assert torch.equal(*weights)
@@ -108,11 +112,13 @@ def test_monitor_counts_returns_and_lengths() -> None:
     inner = make(dtype=torch.float64)
     env = VecMonitor(inner)
     env.reset()
-    returns, lengths = np.zeros(16), np.zeros(16, dtype=int)
+    returns = np.zeros(16)
+    lengths = np.zeros(16, dtype=int)
     seen: list[int] = []
     for action in commands(inner, 60):
         _, reward, done, infos = env.step(action)
-        returns, lengths = returns + reward, lengths + 1
+        returns = returns + reward
+        lengths = lengths + 1
         for i in np.flatnonzero(done):
             # Twenty float32 rewards below 3, added in float32, rounded to 6 digits.
             assert infos[i]["episode"]["r"] == pytest.approx(returns[i], abs=1e-5)

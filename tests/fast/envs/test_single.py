@@ -70,7 +70,12 @@ def test_types(name: str) -> None:
     assert (seen.shape, seen.dtype) == (env.observation_space.shape, np.float32)
     assert info.keys() == {"errors"}
     seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
-    assert [type(x) for x in (seen, reward, terminated, truncated)] == [np.ndarray, float, bool, bool]
+    assert [type(x) for x in (seen, reward, terminated, truncated)] == [
+        np.ndarray,
+        float,
+        bool,
+        bool,
+    ]
     assert (seen.shape, seen.dtype) == (env.observation_space.shape, np.float32)
     assert info.keys() == {"reward_terms", "errors"}
     assert {type(x) for group in info.values() for x in group.values()} == {float}
@@ -84,8 +89,9 @@ def test_it_ends_by_itself_when_time_is_up(name: str) -> None:
     for _ in range(2):
         env.reset(seed=3)
         ends = [env.step(np.zeros_like(env.action_space.sample()))[2:] for _ in range(7)]
-        assert [(terminated, truncated) for terminated, truncated, _ in ends] == [(False, False)] * 6 + [
-            (False, True)]
+        assert [(terminated, truncated) for terminated, truncated, _ in ends] == [
+            (False, False)
+        ] * 6 + [(False, True)]
         assert ["is_success" in info for *_, info in ends] == [False] * 6 + [True]
 
 
@@ -94,7 +100,10 @@ def test_failure_terminates() -> None:
     env = make(timing=Timing(episode_steps=1000), task=GoToPose(position_tolerance=9.0))
     pushing = np.array([t.direction[0] > 0.5 for t in env.craft.thrusters]).astype(int)
     env.reset(options={"scenario": Scenario(at(7.9, 0.0), at(0.0, 0.0))})
-    distance, terminated, truncated, info = 7.9, False, False, {}
+    distance = 7.9
+    terminated = False
+    truncated = False
+    info = {}
     while not terminated:
         assert distance <= 8.0
         _, _, terminated, truncated, info = env.step(pushing)
@@ -102,10 +111,15 @@ def test_failure_terminates() -> None:
     assert (distance > 8.0, truncated, info["is_success"]) == (True, False, False)
 
 
-@pytest.mark.parametrize(("start", "success"), [
-    (at(0.04, 0.0), True), (at(0.06, 0.0), False),
-    (at(0.0, 0.0, math.radians(4.9)), True), (at(0.0, 0.0, math.radians(5.1)), False),
-])
+@pytest.mark.parametrize(
+    ("start", "success"),
+    [
+        (at(0.04, 0.0), True),
+        (at(0.06, 0.0), False),
+        (at(0.0, 0.0, math.radians(4.9)), True),
+        (at(0.0, 0.0, math.radians(5.1)), False),
+    ],
+)
 def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: bool) -> None:
     env = make(timing=Timing(episode_steps=2))
     env.reset(options={"scenario": Scenario(start, at(0.0, 0.0))})
@@ -118,7 +132,11 @@ def test_open_and_moved_valves_are_counted_however_they_share(craft: str) -> Non
     env = make(spacecraft=craft, task=GoToPose(thrust_weight=0.5, switching_weight=0.25))
     for _ in range(2):
         env.reset()
-        for command, opened, moved in ((np.ones(8), 8, 8), (np.eye(8)[3], 1, 7), (np.eye(8)[4], 1, 2)):
+        for command, opened, moved in (
+            (np.ones(8), 8, 8),
+            (np.eye(8)[3], 1, 7),
+            (np.eye(8)[4], 1, 2),
+        ):
             terms = env.step(command)[4]["reward_terms"]
             assert (terms["thrust"], terms["switching"]) == (-0.5 * opened, -0.25 * moved)
 
@@ -155,8 +173,10 @@ def test_seed_starts_episode_0_and_resets_count_on(name: str) -> None:
 
 def test_without_a_seed_episodes_are_random() -> None:
     assert (make().reset()[0] != make().reset()[0]).any()
-    first, second = make(), make()
-    first.np_random, second.np_random = np.random.default_rng(5), np.random.default_rng(5)
+    first = make()
+    second = make()
+    first.np_random = np.random.default_rng(5)
+    second.np_random = np.random.default_rng(5)
     for _ in range(2):
         np.testing.assert_array_equal(first.reset()[0], second.reset()[0])
 
@@ -168,25 +188,40 @@ def test_a_given_scenario_is_flown(name: str) -> None:
     seen, _ = env.reset(seed=1, options={"scenario": chosen})
     np.testing.assert_array_equal(seen, first_observation(env, 8, 5))
     np.testing.assert_array_equal(env.reset()[0], first_observation(env, 1, 1))
-    np.testing.assert_array_equal(env.reset(seed=np.int64(8))[0],  # type: ignore[arg-type]
-                                  first_observation(env, 8, 0))
+    np.testing.assert_array_equal(
+        env.reset(seed=np.int64(8))[0],  # type: ignore[arg-type]
+        first_observation(env, 8, 0),
+    )
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"episode": 3}, "unknown option 'episode'"),
-    ("scenario", "the options of reset must be a dict, got 'scenario'"),
-    ({"scenario": (at(1.0, 0.0), at(0.0, 0.0))}, r"must be a rans\.scenario\.Scenario"),
-    ({"scenario": Scenario(at(math.nan, 0.0), at(0.0, 0.0))}, "6 finite numbers"),
-    ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"episode": 3}, "unknown option 'episode'"),
+        ("scenario", "the options of reset must be a dict, got 'scenario'"),
+        ({"scenario": (at(1.0, 0.0), at(0.0, 0.0))}, r"must be a rans\.scenario\.Scenario"),
+        ({"scenario": Scenario(at(math.nan, 0.0), at(0.0, 0.0))}, "6 finite numbers"),
+        ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
+    ],
+)
 def test_wrong_options(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make().reset(options=options)
 
 
-@pytest.mark.parametrize("action", [
-    np.zeros(7), np.zeros((1, 8)), np.full(8, 2), np.full(8, 0.5), np.full(8, math.nan), 1, "open", None,
-])
+@pytest.mark.parametrize(
+    "action",
+    [
+        np.zeros(7),
+        np.zeros((1, 8)),
+        np.full(8, 2),
+        np.full(8, 0.5),
+        np.full(8, math.nan),
+        1,
+        "open",
+        None,
+    ],
+)
 def test_wrong_actions(action: Any) -> None:
     env = make()
     env.reset(seed=1)
@@ -196,9 +231,13 @@ def test_wrong_actions(action: Any) -> None:
 
 def test_actions_may_be_lists_truth_values_and_tensors() -> None:
     results = []
-    for action in ([1, 0] * 4, np.array([True, False] * 4), np.array([1.0, 0.0] * 4),
-                   torch.tensor([1.0, 0.0] * 4, dtype=torch.bfloat16),
-                   torch.tensor([1.0, 0.0] * 4, requires_grad=True)):
+    for action in (
+        [1, 0] * 4,
+        np.array([True, False] * 4),
+        np.array([1.0, 0.0] * 4),
+        torch.tensor([1.0, 0.0] * 4, dtype=torch.bfloat16),
+        torch.tensor([1.0, 0.0] * 4, requires_grad=True),
+    ):
         env = make()
         env.reset(seed=1)
         results.append(env.step(action)[0])  # type: ignore[arg-type]
@@ -206,20 +245,27 @@ def test_actions_may_be_lists_truth_values_and_tensors() -> None:
         np.testing.assert_array_equal(results[0], result)
 
 
-@pytest.mark.parametrize(("kwargs", "message"), [
-    ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
-    ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
-    ({"task": "go-to-pose"}, "task must be a rans.GoToPose, got 'go-to-pose'"),
-    ({"task": {"thrust_weight": 0.1}},
-     r"task takes an object, no dict: rans\.GoToPose\(thrust_weight=0\.1\)\."),
-])
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
+        ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
+        ({"task": "go-to-pose"}, "task must be a rans.GoToPose, got 'go-to-pose'"),
+        (
+            {"task": {"thrust_weight": 0.1}},
+            r"task takes an object, no dict: rans\.GoToPose\(thrust_weight=0\.1\)\.",
+        ),
+    ],
+)
 def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make(**kwargs)
 
 
 def test_wrong_render_mode() -> None:
-    with pytest.raises(ConfigError, match="render_mode must be None, \"human\" or \"rgb_array\", got 'ansi'"):
+    with pytest.raises(
+        ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''
+    ):
         SpacecraftEnv("go-to-pose", 2, render_mode="ansi")
 
 
@@ -244,7 +290,8 @@ def test_frames_follow_the_flight(name: str) -> None:
     env = make(name, render_mode="rgb_array", timing=Timing(control_period=0.5))
     assert env.metadata["render_fps"] == 2.0
     env.reset(seed=1)
-    first, again = env.render(), env.render()
+    first = env.render()
+    again = env.render()
     assert first is not None
     assert (first.shape, first.dtype) == ((480, 640, 3), np.uint8)
     np.testing.assert_array_equal(first, again)
@@ -277,10 +324,17 @@ def test_states_stay_plain_numbers() -> None:
 
 def test_the_single_environment_needs_no_torch() -> None:
     """Nor does the user need to import rans: Gymnasium's "module:id" does."""
-    program = (f"import gymnasium, sys; env = gymnasium.make('rans:{PLANE}'); env.reset(seed=1); "
-               "env.step(env.action_space.sample()); print(*sys.modules)")
-    run = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True,
-                         cwd=Path(__file__).parents[2])
+    program = (
+        f"import gymnasium, sys; env = gymnasium.make('rans:{PLANE}'); env.reset(seed=1); "
+        "env.step(env.action_space.sample()); print(*sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
     assert {"torch", "matplotlib", "stable_baselines3"} & set(run.stdout.split()) == set()
 
 

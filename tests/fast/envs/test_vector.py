@@ -22,6 +22,8 @@ from tests.fast.engines import NEAR, SHORT, actions
 PLANE = "rans/GoToPose2D-v0"
 # The settings of `NEAR` are go-to-pose's; the other tasks reach the same code through the conformance suite.
 BOTH_IDS = pytest.mark.parametrize("name", gymnasium_ids("go-to-pose"))
+
+
 def make(name: str = PLANE, count: int = 6, **kwargs: Any) -> SpacecraftVectorEnv:
     env = gymnasium.make_vec(name, num_envs=count, **{"task": NEAR, "timing": SHORT, **kwargs})
     assert isinstance(env, SpacecraftVectorEnv)
@@ -60,8 +62,12 @@ def test_shapes_and_types(name: str, dtype: torch.dtype) -> None:
     for observation in (seen, results[0], results[4]["final_obs"]):
         assert (observation.shape, observation.dtype) == (env.observation_space.shape, dtype)
         assert env.observation_space.contains(observation.numpy())
-    for flags in (*results[2:4], results[4]["_final_obs"], results[4]["_final_info"],
-                  results[4]["final_info"]["is_success"]):
+    for flags in (
+        *results[2:4],
+        results[4]["_final_obs"],
+        results[4]["_final_info"],
+        results[4]["final_info"]["is_success"],
+    ):
         assert (flags.shape, flags.dtype) == ((6,), torch.bool)
     terms = [value for key, value in results[4].items() if key.startswith("reward/")]
     for values in (results[1], *terms):
@@ -87,8 +93,11 @@ def test_environment_i_is_the_single_environment(name: str) -> None:
             # The same operations on numbers and on arrays may round differently in the last place.
             np.testing.assert_allclose(reward[i], expected[1], rtol=0, atol=1e-12)
             assert (bool(terminated[i]), bool(truncated[i])) == expected[2:4]
-            terms = {name.removeprefix("reward/"): float(x[i]) for name, x in info.items()
-                     if name.startswith("reward/")}
+            terms = {
+                name.removeprefix("reward/"): float(x[i])
+                for name, x in info.items()
+                if name.startswith("reward/")
+            }
             assert terms == pytest.approx(expected[4]["reward_terms"], rel=0, abs=1e-12)
             assert bool(info["_final_obs"][i]) == ("is_success" in expected[4])
             ends["terminated"] += expected[2]
@@ -112,8 +121,10 @@ def start_single(env: SpacecraftEnv, episode: int) -> np.ndarray:
 
 @BOTH_IDS
 def test_one_environment_counts_as_the_single_one(name: str) -> None:
-    vector, single = make(name, 1), gymnasium.make(name, task=NEAR, timing=SHORT)
-    seen, expected = vector.reset(seed=5)[0], single.reset(seed=5)[0]
+    vector = make(name, 1)
+    single = gymnasium.make(name, task=NEAR, timing=SHORT)
+    seen = vector.reset(seed=5)[0]
+    expected = single.reset(seed=5)[0]
     for action in commands(vector, 60):
         np.testing.assert_allclose(seen[0], expected, rtol=0, atol=1e-4)  # 20 steps in float32
         seen, _, terminated, truncated, _ = vector.step(action)
@@ -139,7 +150,8 @@ def test_success_counts_only_at_the_end_of_time() -> None:
 
 def test_seeds() -> None:
     env = make()
-    first, second = env.reset(seed=3)[0], env.reset()[0]
+    first = env.reset(seed=3)[0]
+    second = env.reset()[0]
     assert (first != second).any(dim=1).all()
     assert torch.equal(env.reset(seed=3)[0], first)
     assert torch.equal(env.reset()[0], second)
@@ -180,12 +192,15 @@ def test_gymnasiums_statistics_are_right() -> None:
     inner = make(count=16, dtype=torch.float64)
     env = RecordEpisodeStatistics(ArrayConversion(inner, torch, np))
     env.reset(seed=2)
-    returns, lengths = np.zeros(16), np.zeros(16, dtype=int)
+    returns = np.zeros(16)
+    lengths = np.zeros(16, dtype=int)
     count = 0
     for action in commands(inner, 60):
         _, reward, terminated, truncated, info = env.step(action)
         assert {type(x) for x in (reward, terminated, info["final_obs"])} == {np.ndarray}
-        returns, lengths, ended = returns + reward, lengths + 1, terminated | truncated
+        returns = returns + reward
+        lengths = lengths + 1
+        ended = terminated | truncated
         assert ("episode" in info) == ended.any()
         for i in np.flatnonzero(ended):
             assert info["episode"]["r"][i] == pytest.approx(returns[i], rel=1e-14)
@@ -204,7 +219,8 @@ def test_gymnasiums_lists_of_infos() -> None:
         _, _, terminated, truncated, infos = env.step(action)
         ended = terminated | truncated
         assert [("final_obs" in info, "final_info" in info) for info in infos] == [
-            (bool(e), bool(e)) for e in ended]
+            (bool(e), bool(e)) for e in ended
+        ]
         terms = {f"reward/{name}" for name in inner.engine.term_names}
         assert all(terms <= info.keys() for info in infos)
 

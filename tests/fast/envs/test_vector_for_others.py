@@ -18,7 +18,9 @@ from rans.errors import ConfigError
 from rans.fast.envs.vector import SpacecraftVectorEnv
 from tests.fast.engines import NEAR, SHORT
 
-PLANE, COUNT, STEPS = "rans/GoToPose2D-v0", 6, 50
+PLANE = "rans/GoToPose2D-v0"
+COUNT = 6
+STEPS = 50
 
 
 def make(**kwargs: Any) -> SpacecraftVectorEnv:
@@ -32,8 +34,9 @@ def actions(steps: int = STEPS) -> torch.Tensor:
 
 def sync(mode: AutoresetMode) -> SyncVectorEnv:
     """Gymnasium's own loop over single environments, which count their episodes from the seeds given."""
-    return SyncVectorEnv([lambda: gymnasium.make(PLANE, task=NEAR, timing=SHORT)] * COUNT,
-                         autoreset_mode=mode)
+    return SyncVectorEnv(
+        [lambda: gymnasium.make(PLANE, task=NEAR, timing=SHORT)] * COUNT, autoreset_mode=mode
+    )
 
 
 SEEDS: Any = [11, 5, 8, 2**63, 3, 4]
@@ -42,14 +45,16 @@ SEEDS: Any = [11, 5, 8, 2**63, 3, 4]
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
     """Observation, reward and ends of 50 steps, with resets by mask where nothing resets itself."""
-    ours, theirs = make(autoreset_mode=mode, dtype=torch.float64), sync(mode)
+    ours = make(autoreset_mode=mode, dtype=torch.float64)
+    theirs = sync(mode)
     assert ours.autoreset_mode == ours.metadata["autoreset_mode"] == mode
     one, _ = ours.reset(seed=SEEDS)
     other, _ = theirs.reset(seed=SEEDS)
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)  # float32 there
     ends = 0
     for action in actions():
-        mine, yours = ours.step(action), theirs.step(action.numpy())
+        mine = ours.step(action)
+        yours = theirs.step(action.numpy())
         np.testing.assert_allclose(mine[0], yours[0], rtol=0, atol=2e-6)
         np.testing.assert_allclose(mine[1], yours[1], rtol=0, atol=1e-6)
         for flags, expected in zip(mine[2:4], yours[2:4], strict=True):
@@ -75,11 +80,17 @@ def test_a_mask_resets_in_the_middle_of_an_episode_too() -> None:
     assert torch.equal(env.reset(options={"reset_mask": ~mask})[0][mask], after[mask])
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    (3, "the options of reset must be a dict, got 3"),
-    ({"reset_mask": "x"}, "reset_mask must be 6 of True and False, got 'x'"),
-    ({"reset_mask": [1.0] * COUNT}, r"reset_mask must be 6 of True and False, got torch\.float32"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (3, "the options of reset must be a dict, got 3"),
+        ({"reset_mask": "x"}, "reset_mask must be 6 of True and False, got 'x'"),
+        (
+            {"reset_mask": [1.0] * COUNT},
+            r"reset_mask must be 6 of True and False, got torch\.float32",
+        ),
+    ],
+)
 def test_wrong_masks(options: Any, message: str) -> None:
     env = make(autoreset_mode="disabled")
     env.reset(seed=1)
@@ -92,8 +103,12 @@ def test_seeds_are_whole_numbers_of_any_kind() -> None:
     first = env.reset(seed=3)[0].clone()
     assert torch.equal(env.reset(seed=np.int64(3))[0], first)  # type: ignore[arg-type]
     alone = [gymnasium.make(PLANE, task=NEAR, timing=SHORT).reset(seed=seed)[0] for seed in SEEDS]
-    np.testing.assert_allclose(env.reset(seed=np.array(SEEDS, np.uint64))[0],  # type: ignore[arg-type]
-                               alone, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        env.reset(seed=np.array(SEEDS, np.uint64))[0],  # type: ignore[arg-type]
+        alone,
+        rtol=0,
+        atol=1e-6,
+    )
     assert torch.equal(env.reset(seed=3)[0], first)
     for wrong in (-1, 2**64, np.array(3), 1.0, "1", True, [1, 2], [None] * COUNT):
         with pytest.raises(ConfigError, match="the seed must be one whole number"):
@@ -121,7 +136,9 @@ def test_actions_that_valves_cannot_follow(wrong: float, kind: str) -> None:
         env.step(action) if kind == "vector" else around.step(action.numpy())
 
 
-@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.bool, torch.uint8, torch.int64])
+@pytest.mark.parametrize(
+    "dtype", [torch.bfloat16, torch.float16, torch.bool, torch.uint8, torch.int64]
+)
 def test_actions_of_any_kind_of_number(dtype: torch.dtype) -> None:
     results = []
     for action in (actions()[0].float(), actions()[0].to(dtype)):
@@ -137,14 +154,24 @@ def test_gradients_end_at_the_environment() -> None:
     assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
 
 
-@pytest.mark.parametrize("odd", [
-    [["open"] * 8] * COUNT, [[object()] * 8] * COUNT, [[10**400] * 8] * COUNT, None,
-    np.zeros((COUNT, 8), "datetime64[s]"), np.zeros((COUNT, 8), [("a", float)])],
-    ids=["texts", "objects", "beyond floats", "nothing", "times", "records"])
+@pytest.mark.parametrize(
+    "odd",
+    [
+        [["open"] * 8] * COUNT,
+        [[object()] * 8] * COUNT,
+        [[10**400] * 8] * COUNT,
+        None,
+        np.zeros((COUNT, 8), "datetime64[s]"),
+        np.zeros((COUNT, 8), [("a", float)]),
+    ],
+    ids=["texts", "objects", "beyond floats", "nothing", "times", "records"],
+)
 def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd: Any) -> None:
     env = make()
     env.reset(seed=1)
-    with pytest.raises(ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \S"):
+    with pytest.raises(
+        ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \S"
+    ):
         env.step(odd)
 
 
@@ -156,11 +183,20 @@ def test_rows_of_different_lengths_are_no_actions() -> None:
             env.step([[1], [1, 0]])  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("kind", {
-    "big-endian": lambda x: x.astype(">f4"), "wide": lambda x: x.astype(np.longdouble),
-    "mirrored": lambda x: x[:, ::-1].copy()[:, ::-1], "a tuple": tuple,
-    "read-only": lambda x: np.broadcast_to(x[:1], x.shape)}.items(), ids=lambda kind: kind[0])
-def test_arrays_that_torch_does_not_take_or_warns_of(kind: tuple[str, Callable[[Any], Any]]) -> None:
+@pytest.mark.parametrize(
+    "kind",
+    {
+        "big-endian": lambda x: x.astype(">f4"),
+        "wide": lambda x: x.astype(np.longdouble),
+        "mirrored": lambda x: x[:, ::-1].copy()[:, ::-1],
+        "a tuple": tuple,
+        "read-only": lambda x: np.broadcast_to(x[:1], x.shape),
+    }.items(),
+    ids=lambda kind: kind[0],
+)
+def test_arrays_that_torch_does_not_take_or_warns_of(
+    kind: tuple[str, Callable[[Any], Any]],
+) -> None:
     """JAX and memory maps give read-only ones."""
     plain = np.tile(np.array([1.0, 0.0] * 4), (COUNT, 1))
     results = []
@@ -181,8 +217,10 @@ def test_a_gpu_that_is_not_there() -> None:
 
 
 WRAPPERS: dict[str, Any] = {
-    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics, "NormalizeReward": wrappers.NormalizeReward,
-    "NormalizeObservation": wrappers.NormalizeObservation, "FlattenObservation": wrappers.FlattenObservation,
+    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
+    "NormalizeReward": wrappers.NormalizeReward,
+    "NormalizeObservation": wrappers.NormalizeObservation,
+    "FlattenObservation": wrappers.FlattenObservation,
     "DictInfoToList": wrappers.DictInfoToList,
     "ClipReward": lambda env: wrappers.ClipReward(env, -1.0, 1.0),
     "TransformReward": lambda env: wrappers.TransformReward(env, lambda reward: 2 * reward),
@@ -190,20 +228,38 @@ WRAPPERS: dict[str, Any] = {
     "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.float32),
     "ReshapeObservation": lambda env: wrappers.ReshapeObservation(env, (2, 5)),
     "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
-        env, gymnasium.wrappers.TransformObservation, func=lambda seen: -seen, observation_space=None),
+        env,
+        gymnasium.wrappers.TransformObservation,
+        func=lambda seen: -seen,
+        observation_space=None,
+    ),
     "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
-        env, gymnasium.wrappers.TransformReward, func=lambda reward: -reward),
-    "TransformAction": lambda env: wrappers.TransformAction(env, lambda action: 1 - np.asarray(action)),
+        env, gymnasium.wrappers.TransformReward, func=lambda reward: -reward
+    ),
+    "TransformAction": lambda env: wrappers.TransformAction(
+        env, lambda action: 1 - np.asarray(action)
+    ),
     "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
-        env, gymnasium.wrappers.TransformAction, func=lambda action: 1 - action, action_space=None),
+        env, gymnasium.wrappers.TransformAction, func=lambda action: 1 - action, action_space=None
+    ),
 }
-DUTIES: dict[str, Any] = {"ClipAction": wrappers.ClipAction,
-                          "RescaleAction": lambda env: wrappers.RescaleAction(env, -1.0, 1.0)}
+DUTIES: dict[str, Any] = {
+    "ClipAction": wrappers.ClipAction,
+    "RescaleAction": lambda env: wrappers.RescaleAction(env, -1.0, 1.0),
+}
 """For actions between two bounds, which pulsed and throttled craft take."""
-NOT_FOR_THESE = {"FilterObservation", "GrayscaleObservation", "ResizeObservation",  # dicts and pictures
-                 "RescaleObservation",  # of numbers between bounds, which distances have not
-                 "JaxToNumpy", "JaxToTorch", "NumpyToTorch",  # of others' arrays; here all are torch's
-                 "ArrayConversion", "RecordVideo", "HumanRendering"}  # around all others; test_vector.py
+NOT_FOR_THESE = {
+    "FilterObservation",
+    "GrayscaleObservation",
+    "ResizeObservation",  # dicts and pictures
+    "RescaleObservation",  # of numbers between bounds, which distances have not
+    "JaxToNumpy",
+    "JaxToTorch",
+    "NumpyToTorch",  # of others' arrays; here all are torch's
+    "ArrayConversion",
+    "RecordVideo",
+    "HumanRendering",
+}  # around all others; test_vector.py
 
 
 def test_every_wrapper_of_gymnasium_is_tried() -> None:
@@ -215,11 +271,13 @@ def test_every_wrapper_of_gymnasium_is_tried() -> None:
 def test_gymnasiums_wrappers_of_actions(name: str) -> None:
     """-1 shuts and 1 opens behind the one that rescales; what is clipped is what is flown."""
     make_one: Any = lambda: gymnasium.make_vec(PLANE, num_envs=COUNT, spacecraft="atmos")  # noqa: E731
-    env, plain = DUTIES[name](wrappers.ArrayConversion(make_one(), torch, np)), make_one()
+    env = DUTIES[name](wrappers.ArrayConversion(make_one(), torch, np))
+    plain = make_one()
     env.reset(seed=1)
     plain.reset(seed=1)
     asked = np.array([[-1.0, 1.0] * 4] * COUNT, np.float32)
-    seen, expected = env.step(asked)[0], plain.step(torch.from_numpy(asked.clip(0.0, 1.0)))[0]
+    seen = env.step(asked)[0]
+    expected = plain.step(torch.from_numpy(asked.clip(0.0, 1.0)))[0]
     np.testing.assert_array_equal(seen, expected)
 
 

@@ -16,6 +16,7 @@ from tests.fast.kernels.host import HostKernel
 @pytest.fixture
 def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
     """Makes engines on the CPU that step by their kernel."""
+
     def make(*args: Any, **kwargs: Any) -> Engine:
         engine = Engine(*args, compiled=True, **kwargs)
         engine._kernel = HostKernel(engine, tmp_path)

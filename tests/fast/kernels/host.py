@@ -36,13 +36,24 @@ class HostKernel(Kernel):
     """
 
     def __init__(self, engine: Engine, folder: Path) -> None:
-        super().__init__(engine._world, engine.episode, engine._draws, engine.processes, engine.dtype,
-                         engine.members)
+        super().__init__(
+            engine._world,
+            engine.episode,
+            engine._draws,
+            engine.processes,
+            engine.dtype,
+            engine.members,
+        )
         self._folder = folder
         self._libraries: dict[torch.dtype | None, CDLL] = {}
 
-    def _launch(self, action: torch.dtype | None, pointers: list[int], numbers: tuple[int, ...],
-                together: int) -> None:
+    def _launch(
+        self,
+        action: torch.dtype | None,
+        pointers: list[int],
+        numbers: tuple[int, ...],
+        together: int,
+    ) -> None:
         if action not in self._libraries:
             path = self._folder / str(action).removeprefix("torch.")
             self._libraries[action] = compiled_on_host(self.source(action), path)
@@ -56,7 +67,9 @@ class HostKernel(Kernel):
 def compiled_on_host(text: str, path: Path) -> CDLL:
     """The library of a kernel's text, whose threads are a block each."""
     path.with_suffix(".cpp").write_text(f'#include "{_header()}"\n{text}')
-    subprocess.run([*COMMAND, "-shared", "-o", path.with_suffix(".so"), path.with_suffix(".cpp")], check=True)
+    subprocess.run(
+        [*COMMAND, "-shared", "-o", path.with_suffix(".so"), path.with_suffix(".cpp")], check=True
+    )
     return CDLL(str(path.with_suffix(".so")))
 
 
@@ -70,18 +83,26 @@ def _header() -> Path:
     return header
 
 
-def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8,
-            given: torch.Tensor | None = None) -> int:
+def compare(
+    ours: Engine,
+    theirs: Engine,
+    steps: int = 25,
+    form: torch.dtype = torch.uint8,
+    given: torch.Tensor | None = None,
+) -> int:
     """Fly the same commands; the number of episodes that ended."""
-    ends, tolerance = 0, TOLERANCE[ours.dtype]
+    ends = 0
+    tolerance = TOLERANCE[ours.dtype]
     for action in actions(ours.craft, ours.num_envs, steps) if given is None else given:
-        a, b = ours.step(action), theirs.step(action.to(form))
+        a = ours.step(action)
+        b = theirs.step(action.to(form))
         ended = a.terminated | a.truncated
         for name, x, y in zip(Step._fields, a, b, strict=True):
             assert (x.shape, x.dtype) == (y.shape, y.dtype), name
             rows = ended if name == "final_observation" else slice(None)
-            torch.testing.assert_close(y[rows], x[rows], rtol=0, atol=tolerance,
-                                       msg=lambda m, n=name: f"{n}: {m}")
+            torch.testing.assert_close(
+                y[rows], x[rows], rtol=0, atol=tolerance, msg=lambda m, n=name: f"{n}: {m}"
+            )
         ends += int(ended.sum())
     for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
         torch.testing.assert_close(y, x, rtol=0, atol=tolerance)

@@ -48,7 +48,9 @@ class HostFlights(FlightKernel):
         super().__init__(world, network, torch.device("cpu"), 2**20, most_warps=1, **how)
         file = folder / "flights.cpp"
         here = Path(__file__)
-        headers = "".join(f'#include "{here.with_name(name)}"\n' for name in ("host.cuh", "host_warp.cuh"))
+        headers = "".join(
+            f'#include "{here.with_name(name)}"\n' for name in ("host.cuh", "host_warp.cuh")
+        )
         file.write_text(headers + self.source + _RUN)
         made = file.with_suffix(".so")
         options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC")

@@ -49,7 +49,9 @@ class HostUpdate(UpdateKernel):
         super().__init__(learner.network, learner.adam, learner.coefficients, 2**20)
         file = folder / "update.cpp"
         here = Path(__file__)
-        headers = "".join(f'#include "{here.with_name(name)}"\n' for name in ("host.cuh", "host_warp.cuh"))
+        headers = "".join(
+            f'#include "{here.with_name(name)}"\n' for name in ("host.cuh", "host_warp.cuh")
+        )
         file.write_text(f"#define BLOCK {32 * WARPS}\n{headers}{self.design.source()}{_RUN}")
         made = file.with_suffix(".so")
         options = ("-std=c++17", "-O1", "-w", "-fno-strict-aliasing", "-shared", "-fPIC")

@@ -27,7 +27,9 @@ from tests.fast.kernels.host import needs_compiler
 from tests.fast.kernels.host_flight import HostFlights
 from tests.worlds import EFFECTS
 
-SEED, FIRST, COUNT = 2**40 + 5, 1000, 40
+SEED = 2**40 + 5
+FIRST = 1000
+COUNT = 40
 """Both words of the seed differ from zero, and the second warp is not full."""
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 MULTI = TASKS["multi-task"]()
@@ -43,13 +45,20 @@ def both(network: Network, given: Setup, folder: Path, **how: Any) -> tuple[Verd
 def agree(kernel: Verdicts, stepped: Verdicts, share: float) -> None:
     """All but one flight are judged alike, and means agree within a share of them."""
     assert kernel.flights == stepped.flights == COUNT
-    assert len(set(zip(kernel.numbers, kernel.kinds, strict=True))
-               ^ set(zip(stepped.numbers, stepped.kinds, strict=True))) <= 2
+    assert (
+        len(
+            set(zip(kernel.numbers, kernel.kinds, strict=True))
+            ^ set(zip(stepped.numbers, stepped.kinds, strict=True))
+        )
+        <= 2
+    )
     assert np.abs(kernel.settled_at - stepped.settled_at).sum() <= 2
     for name in QUANTITIES:
-        ours, theirs = kernel.sums[name], stepped.sums[name]
-        np.testing.assert_allclose([ours.mean, ours.squares], [theirs.mean, theirs.squares], rtol=share,
-                                   err_msg=name)
+        ours = kernel.sums[name]
+        theirs = stepped.sums[name]
+        np.testing.assert_allclose(
+            [ours.mean, ours.squares], [theirs.mean, theirs.squares], rtol=share, err_msg=name
+        )
 
 
 @needs_compiler
@@ -73,34 +82,49 @@ def test_many_tasks_in_space_in_one_product(tmp_path: Path) -> None:
 @needs_compiler
 def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_path: Path) -> None:
     """More inputs than are kept in registers, layers that take one tile at a time, and wind."""
-    network = policy(THROTTLED, layers=(16, 272, 32), activation="elu", zoom=2.0, history=3,
-                     averages=(0.5, 0.9))
-    kernel, stepped = both(network, setup(THROTTLED, conditions=EFFECTS["push"]), tmp_path,
-                           products="bf16x6")
+    network = policy(
+        THROTTLED, layers=(16, 272, 32), activation="elu", zoom=2.0, history=3, averages=(0.5, 0.9)
+    )
+    kernel, stepped = both(
+        network, setup(THROTTLED, conditions=EFFECTS["push"]), tmp_path, products="bf16x6"
+    )
     # Duties are not rounded to anything: products good to 2^-24 leave 1e-5 after twelve steps.
     agree(kernel, stepped, 1e-4)
 
 
 @needs_compiler
-@pytest.mark.parametrize(("looked_for", "settings"), [
-    ({}, {}), ({"steady": (25.0, 25.0)}, {"history": 2, "zoom": 2.0}),
-    ({"steady": (0.0, 25.0), "response": (0.0, 1.0)},
-     {"history": 1, "averages": (0.5,), "commands_only": True}),
-    ({"response": (2.0, 2.0), "gate": 5.0}, {})],
-    ids=["alone", "beside a history, with steady accelerations", "beside commands alone, one with responses",
-         "without wild readings"])
+@pytest.mark.parametrize(
+    ("looked_for", "settings"),
+    [
+        ({}, {}),
+        ({"steady": (25.0, 25.0)}, {"history": 2, "zoom": 2.0}),
+        (
+            {"steady": (0.0, 25.0), "response": (0.0, 1.0)},
+            {"history": 1, "averages": (0.5,), "commands_only": True},
+        ),
+        ({"response": (2.0, 2.0), "gate": 5.0}, {}),
+    ],
+    ids=[
+        "alone",
+        "beside a history, with steady accelerations",
+        "beside commands alone, one with responses",
+        "without wild readings",
+    ],
+)
 def test_filters_in_noise(looked_for: Any, settings: Any, tmp_path: Path) -> None:
     bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
     network = policy(PLATFORM, filters=bank, **settings)
-    kernel, stepped = both(network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path,
-                           products="bf16x6")
+    kernel, stepped = both(
+        network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path, products="bf16x6"
+    )
     # As above, and divisions that a compiler may round differently.
     agree(kernel, stepped, 1e-3)
 
 
 @needs_compiler
 def test_only_so_many_are_listed(tmp_path: Path) -> None:
-    network, given = policy(PLATFORM, layers=(16,)), setup(PLATFORM)
+    network = policy(PLATFORM, layers=(16,))
+    given = setup(PLATFORM)
     stepped = Flights(network, given, generated=False)
     kernel = HostFlights(stepped.world, network, tmp_path, products="bf16x3")
     everything, few = (kernel.fly(0, COUNT, SEED, listed) for listed in (1000, 5))
@@ -111,11 +135,14 @@ def test_only_so_many_are_listed(tmp_path: Path) -> None:
 
 def test_designs_of_shipped_sizes() -> None:
     """What a block of an H200 has room for: 227 KiB."""
+
     def design(layers: tuple[int, int], history: int = 0) -> Design:
         given = policy(PLATFORM, layers=layers, zoom=16.0, history=history).architecture
         return Design(given, 1, 232448)
 
-    small, large, wide = design((64, 64)), design((256, 256)), design((256, 256), 12)
+    small = design((64, 64))
+    large = design((256, 256))
+    wide = design((256, 256), 12)
     assert (small.warps, small.tiles, small.kept) == (16, 2, small.places["end"])
     # 8 warps of 32 threads share 65,536 registers, 256 each: 136 of them hold the first layer's activations.
     assert (large.warps, large.kept) == (8, large.places["end"])
@@ -125,26 +152,36 @@ def test_designs_of_shipped_sizes() -> None:
     assert wide.used <= 232448
 
 
-@pytest.mark.parametrize(("settings", "message"), [
-    ({"units": 8}, "a recurrent policy"), ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
-    ({"history": 4000}, "bytes for 32 flights"),
-])
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"units": 8}, "a recurrent policy"),
+        ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
+        ({"history": 4000}, "bytes for 32 flights"),
+    ],
+)
 def test_what_does_not_fit(settings: Any, message: str) -> None:
     with pytest.raises(DoesNotFit, match=message):
         Design(policy(PLATFORM, sided=False, **settings).architecture, 1, 232448)
 
 
 class Chip:
-    major, minor, shared_memory_per_block_optin = 9, 0, 232448
+    major = 9
+    minor = 0
+    shared_memory_per_block_optin = 232448
 
 
-@pytest.mark.parametrize(("settings", "error", "message"), [
-    ({"units": 8}, None, "their kernel has no place for a recurrent policy"),
-    ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
-    ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
-])
-def test_flights_without_a_kernel_say_so(settings: Any, error: Exception | None, message: str,
-                                         monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"units": 8}, None, "their kernel has no place for a recurrent policy"),
+        ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
+        ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
+    ],
+)
+def test_flights_without_a_kernel_say_so(
+    settings: Any, error: Exception | None, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: Any) -> None:
         raise error or AssertionError
 
@@ -159,7 +196,9 @@ def test_flights_without_a_kernel_say_so(settings: Any, error: Exception | None,
 
 
 def test_an_old_gpu_has_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda _: type("Old", (Chip,), {"major": 7}))
+    monkeypatch.setattr(
+        torch.cuda, "get_device_properties", lambda _: type("Old", (Chip,), {"major": 7})
+    )
     network = policy(PLATFORM)
     world = Flights(network, setup(PLATFORM), generated=False).world
     with pytest.warns(UserWarning, match=r"a GPU of capability 7\.0, where 8\.0 is needed"):
@@ -178,6 +217,8 @@ def test_a_task_of_tensors_is_stepped() -> None:
 def test_a_knob_in_three_products(tmp_path: Path) -> None:
     """It stays with its episode, and the reward's price does too."""
     task = TASKS["go-to-pose-priced"](thrust_weight=0.5)
-    kernel, stepped = both(policy(PLATFORM, task), setup(PLATFORM, task), tmp_path, products="bf16x3")
+    kernel, stepped = both(
+        policy(PLATFORM, task), setup(PLATFORM, task), tmp_path, products="bf16x3"
+    )
     # Products are good to 2^-16, which changes a command in 1e5 here.
     agree(kernel, stepped, 2e-3)

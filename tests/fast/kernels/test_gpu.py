@@ -19,19 +19,35 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 
 pytestmark = [
-    pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
-COUNTS, STEPS = {1: 4099, 2: 4098}, 200
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
+]
+COUNTS = {1: 4099, 2: 4098}
+STEPS = 200
 """Environments by how many a thread steps, not multiples of a warp; and steps, six episodes long."""
-MADE = {name: task() for name, task in TASKS.items()} | {"switching": GoToPose(switching_weight=0.1)}
+MADE = {name: task() for name, task in TASKS.items()} | {
+    "switching": GoToPose(switching_weight=0.1)
+}
 """The last one remembers commands."""
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""
 
 
-def engine(craft: str, task: str, count: int, dtype: torch.dtype, generated: bool,
-           body: Body | None = None) -> Engine:
-    return Engine(load_spacecraft(craft), MADE[task], count, Timing(episode_steps=30), seed=2**40 + 3,
-                  device="cuda", dtype=dtype, compiled=generated, generated=generated, body=body)
+def engine(
+    craft: str, task: str, count: int, dtype: torch.dtype, generated: bool, body: Body | None = None
+) -> Engine:
+    return Engine(
+        load_spacecraft(craft),
+        MADE[task],
+        count,
+        Timing(episode_steps=30),
+        seed=2**40 + 3,
+        device="cuda",
+        dtype=dtype,
+        compiled=generated,
+        generated=generated,
+        body=body,
+    )
 
 
 def difference(ours: Tensor, theirs: Tensor) -> float:
@@ -45,7 +61,8 @@ def flags(step: Step) -> Tensor:
 
 def compare(plain: Engine, kernel: Engine) -> None:
     """Results and memory of every step are the same, up to `TOLERANCE`."""
-    dtype, count = plain.dtype, plain.num_envs
+    dtype = plain.dtype
+    count = plain.num_envs
     assert kernel._kernel is not None
     assert COUNTS[kernel._kernel._together] == count
     generator = torch.Generator("cuda").manual_seed(0)
@@ -53,15 +70,19 @@ def compare(plain: Engine, kernel: Engine) -> None:
     for _ in range(STEPS):
         shape = count, len(plain.craft.thrusters)
         action = torch.rand(shape, device="cuda", generator=generator) < 0.3
-        expected, found = plain.step(action.to(torch.uint8)), kernel.step(action.to(torch.uint8))
+        expected = plain.step(action.to(torch.uint8))
+        found = kernel.step(action.to(torch.uint8))
         same = (flags(expected) == flags(found)).all(dim=0)
         ended = same & (expected.terminated | expected.truncated)
-        ends, flips = ends + int(ended.sum()), flips + int((~same).sum())
+        ends = ends + int(ended.sum())
+        flips = flips + int((~same).sum())
         for rows, name in ((same, "observation"), (same, "reward"), (ended, "final_observation")):
             worst = difference(getattr(found, name)[rows], getattr(expected, name)[rows])
             assert worst < TOLERANCE[dtype], name
         assert difference(found.terms.T[same], expected.terms.T[same]) < TOLERANCE[dtype]
-        for left, right in zip(plain.save_state()["buffers"], kernel.save_state()["buffers"], strict=True):
+        for left, right in zip(
+            plain.save_state()["buffers"], kernel.save_state()["buffers"], strict=True
+        ):
             assert difference(right[same].double(), left[same].double()) < TOLERANCE[dtype]
         kernel.load_state(plain.save_state())  # so that what is compared is always one step
     assert ends > count
@@ -74,23 +95,32 @@ def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
     """So many environments that a thread steps as many as the key of `COUNTS`, fetching ahead."""
     monkeypatch.setattr(launch, "MANY", 1)
     monkeypatch.setattr(launch, "LONG", 2**31)
-    monkeypatch.setattr(launch.Kernel, "_blocks_ahead", lambda _: 3)  # or so few blocks fetch nothing
+    monkeypatch.setattr(
+        launch.Kernel, "_blocks_ahead", lambda _: 3
+    )  # or so few blocks fetch nothing
     return COUNTS[request.param]
 
 
 @pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("task", MADE)
-def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype, count: int) -> None:
+def test_the_kernel_does_what_torch_does(
+    task: str, craft: str, dtype: torch.dtype, count: int
+) -> None:
     compare(*(engine(craft, task, count, dtype, generated) for generated in (False, True)))
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
-    nominal, scale = Body.of(load_spacecraft(craft)), torch.linspace(0.5, 4.0, count, device="cuda")
+    nominal = Body.of(load_spacecraft(craft))
+    scale = torch.linspace(0.5, 4.0, count, device="cuda")
     body = Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
-    compare(*(engine(craft, "go-to-pose", count, torch.float64, generated, body)
-              for generated in (False, True)))
+    compare(
+        *(
+            engine(craft, "go-to-pose", count, torch.float64, generated, body)
+            for generated in (False, True)
+        )
+    )
 
 
 def told(checked: Callable[[Tensor], Tensor], right: Tensor) -> None:
@@ -102,8 +132,11 @@ def told(checked: Callable[[Tensor], Tensor], right: Tensor) -> None:
 
 def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
     """Queued behind a slow product, so that its check is still in flight when the next ones come."""
-    checked = Actions(engine("floating-platform", "go-to-pose", 64, torch.float32, generated=True)).checked
-    right, wrong = torch.zeros(64, 8, device="cuda"), torch.full((64, 8), 0.5, device="cuda")
+    checked = Actions(
+        engine("floating-platform", "go-to-pose", 64, torch.float32, generated=True)
+    ).checked
+    right = torch.zeros(64, 8, device="cuda")
+    wrong = torch.full((64, 8), 0.5, device="cuda")
     slow = torch.rand(8192, 8192, device="cuda")
     checked(right)
     slow = slow @ slow @ slow

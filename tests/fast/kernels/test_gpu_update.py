@@ -18,19 +18,31 @@ from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, PLATFORM
 
 pytestmark = [
-    pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-    pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")]  # torch's own
-SETTINGS = PPOSettings(n_envs=4096, n_steps=16, batch_size=16384, layers=(128, 128), matmul="bf16",
-                       ent_coef=0.01, reward_scale=1.0)
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning"),
+]  # torch's own
+SETTINGS = PPOSettings(
+    n_envs=4096,
+    n_steps=16,
+    batch_size=16384,
+    layers=(128, 128),
+    matmul="bf16",
+    ent_coef=0.01,
+    reward_scale=1.0,
+)
 
 
 def by_autograd(learner: Learner, part: Batch, bf16: bool) -> tuple[Tensor, list[Tensor]]:
     """Losses and gradients by weight, in float32 or with hidden layers of bfloat16."""
-    network, given = learner.network, learner.network.architecture
+    network = learner.network
+    given = learner.network.architecture
     set_precision("bf16" if bf16 else "float32", part.seen.device)
     network.architecture = replace(given, bf16=bf16)
     found = losses(network, part, learner.coefficients, with_entropy=True)
-    gradients = torch.autograd.grad(found.loss.sum(), [network.tensors[name] for name in network.learnt])
+    gradients = torch.autograd.grad(
+        found.loss.sum(), [network.tensors[name] for name in network.learnt]
+    )
     network.architecture = given
     return torch.cat(found[:]).detach(), list(gradients)
 
@@ -38,26 +50,44 @@ def by_autograd(learner: Learner, part: Batch, bf16: bool) -> tuple[Tensor, list
 WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
 
 
-@pytest.mark.parametrize(("craft", "settings"), [
-    (PLATFORM, {}), (PLATFORM, {"layers": (64, 64), "activation": "relu"}), (PLATFORM, WIDE),
-    (PLATFORM, WIDE | {"privileged_critic": True}),
-    (FLYER, {"zoom": 16.0, "layers": (100, 128), "activation": "elu"}),
-], ids=["plane", "relu", "wide, in products", "a critic of its own",
-        "space, elu, idle units and a second look"])
+@pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (PLATFORM, {}),
+        (PLATFORM, {"layers": (64, 64), "activation": "relu"}),
+        (PLATFORM, WIDE),
+        (PLATFORM, WIDE | {"privileged_critic": True}),
+        (FLYER, {"zoom": 16.0, "layers": (100, 128), "activation": "elu"}),
+    ],
+    ids=[
+        "plane",
+        "relu",
+        "wide, in products",
+        "a critic of its own",
+        "space, elu, idle units and a second look",
+    ],
+)
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     given = replace(SETTINGS, **settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
-    kernel, network = learner.by_hand, learner.network
+    kernel = learner.by_hand
+    network = learner.network
     assert kernel is not None
     for _ in range(2):
         learner.collect()
         learner.update()
     learner.collect()
-    prepared, learner.by_hand = learner.batch(), None
-    plain, generator = learner.batch(), torch.Generator("cuda").manual_seed(1)
-    learner.adam.row.add_(0.02 * torch.randn(learner.adam.row.shape, device="cuda", generator=generator))
+    prepared = learner.batch()
+    learner.by_hand = None
+    plain = learner.batch()
+    generator = torch.Generator("cuda").manual_seed(1)
+    learner.adam.row.add_(
+        0.02 * torch.randn(learner.adam.row.shape, device="cuda", generator=generator)
+    )
     advantage = plain.advantage / plain.advantage.std()
-    part, prepared = (minibatches(x._replace(advantage=advantage), 1, 4)[1] for x in (plain, prepared))
+    part, prepared = (
+        minibatches(x._replace(advantage=advantage), 1, 4)[1] for x in (plain, prepared)
+    )
     exact, rounded = (by_autograd(learner, part, bf16) for bf16 in (False, True))
     found = torch.cat(kernel(prepared))
     # torch rounds as often, at other places, which a sample or two in 65,536 may be clipped by.
@@ -65,6 +95,6 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     assert ((found - exact[0]).abs() <= allowed).all()
     for name, true, theirs in zip(network.learnt, exact[1], rounded[1], strict=True):
         start = network.tensors[name].storage_offset()
-        ours = learner.adam.gradient[0, start:start + true.numel()].view(true.shape)
+        ours = learner.adam.gradient[0, start : start + true.numel()].view(true.shape)
         # Of a bias both are off by 1e-3.
         assert (ours - true).norm() <= 1.5 * (theirs - true).norm() + 3e-3 * true.norm(), name

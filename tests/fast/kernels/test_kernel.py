@@ -36,10 +36,12 @@ def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @both_crafts
-@pytest.mark.parametrize(("task", "together"), [*((task, 1) for task in TASKS), ("multi-task", 2)],
-                         indirect=["together"])
-def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft,
-                                                   together: int) -> None:
+@pytest.mark.parametrize(
+    ("task", "together"), [*((task, 1) for task in TASKS), ("multi-task", 2)], indirect=["together"]
+)
+def test_every_task_steps_and_restarts_as_on_numpy(
+    on_host: Any, task: str, craft: Spacecraft, together: int
+) -> None:
     made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     engine = on_host(*made, **how)
@@ -51,16 +53,20 @@ def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craf
 def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
     """Of two members, in what their episodes drew, after a step."""
     given: Any = {"seed": (SEED, 3), "dtype": torch.float64, "conditions": EFFECTS[name]}
-    ours, theirs = Engine(PLATFORM, NEAR, 16, SHORT, **given), on_host(PLATFORM, NEAR, 16, SHORT, **given)
+    ours = Engine(PLATFORM, NEAR, 16, SHORT, **given)
+    theirs = on_host(PLATFORM, NEAR, 16, SHORT, **given)
     for engine in (ours, theirs):
         engine.step(torch.ones(16, 8))
-    torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=TOLERANCE[torch.float64])
+    torch.testing.assert_close(
+        theirs.observe(), ours.observe(), rtol=0, atol=TOLERANCE[torch.float64]
+    )
 
 
 @both_crafts
 def test_float32_and_failures(on_host: Any, craft: Spacecraft) -> None:
     made = (craft, NEAR, 16, SHORT)
-    ours, theirs = Engine(*made, seed=SEED), on_host(*made, seed=SEED)
+    ours = Engine(*made, seed=SEED)
+    theirs = on_host(*made, seed=SEED)
     assert compare(ours, theirs, form=torch.float32) > 16
 
 
@@ -96,8 +102,9 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
 
 
 @pytest.mark.parametrize(("conditions", "together"), [(None, 2), ("lab", 1)])
-def test_a_long_step_is_one_spacecrafts(on_host: Any, conditions: str | None, together: int,
-                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_step_is_one_spacecrafts(
+    on_host: Any, conditions: str | None, together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """docs/speed.md has 198 operations in a perfect world; all of `lab` is more than `LONG`."""
     monkeypatch.setattr(launch, "MANY", 1)
     engine = on_host(PLATFORM, GoToPose(), 4, conditions=conditions)
@@ -107,7 +114,9 @@ def test_a_long_step_is_one_spacecrafts(on_host: Any, conditions: str | None, to
     assert kernel._program.operations == 198 or conditions
 
 
-def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_odd_number_of_spacecraft_flies_one_by_one(
+    on_host: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(launch, "MANY", 1)
     made = (PLATFORM, NEAR, 15, SHORT)
     engine = on_host(*made)
@@ -121,9 +130,11 @@ def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     part = on_host(PLATFORM, NEAR, 8, SHORT, processes=Processes(1, 2))
     ends = 0
     for action in actions(PLATFORM, 16, 25):
-        expected, found = whole.step(action), part.step(action[1::2])
-        torch.testing.assert_close(found.observation, expected.observation[1::2], rtol=0,
-                                   atol=TOLERANCE[torch.float32])
+        expected = whole.step(action)
+        found = part.step(action[1::2])
+        torch.testing.assert_close(
+            found.observation, expected.observation[1::2], rtol=0, atol=TOLERANCE[torch.float32]
+        )
         ends += int((found.terminated | found.truncated).sum())
     assert ends > 8
 
@@ -146,7 +157,8 @@ def test_the_previous_command_is_remembered(on_host: Any) -> None:
 def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
     ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
     ours, theirs = (Curriculum([NEAR], ramps, dtype) for dtype in (np.float32, torch.float32))
-    a, b = Engine(PLATFORM, ours.task, 16, SHORT), on_host(PLATFORM, theirs.task, 16, SHORT)
+    a = Engine(PLATFORM, ours.task, 16, SHORT)
+    b = on_host(PLATFORM, theirs.task, 16, SHORT)
     seen = []
     for steps in (0, 50, 100):
         for curriculum in (ours, theirs):
@@ -160,41 +172,61 @@ def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> N
 def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     """The kernel is given where they lie, not what they are."""
     task = Curriculum([NEAR], [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
-    with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"):
+    with pytest.raises(
+        TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"
+    ):
         on_host(PLATFORM, task, 4)
     engine = on_host(PLATFORM, NEAR, 4)
     elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
     engine._world = replace(engine._world, task=elsewhere)
-    with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"):
+    with pytest.raises(
+        TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"
+    ):
         Kernel(engine._world, engine.episode, engine._draws, ALONE, engine.dtype)
 
 
-@pytest.mark.parametrize("error", [
-    OSError("libnvrtc.so.12: cannot open shared object file"), CudaError("no kernel image"),
-    AttributeError("'Symbol' object has no attribute 'clamp'"),
-])
-def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError("libnvrtc.so.12: cannot open shared object file"),
+        CudaError("no kernel image"),
+        AttributeError("'Symbol' object has no attribute 'clamp'"),
+    ],
+)
+def test_without_a_kernel_torch_makes_the_step(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: Any) -> None:
         raise error
 
     monkeypatch.setattr(Kernel, "function", fail)
     engine = Engine(PLATFORM, NEAR, 2, compiled=True)
     with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
-        assert Kernel.made(engine._world, engine.episode, engine._draws, ALONE, engine.dtype) is None
+        assert (
+            Kernel.made(engine._world, engine.episode, engine._draws, ALONE, engine.dtype) is None
+        )
 
 
 def with_actuators(kind: Any) -> Spacecraft:
     return replace(PLATFORM, actuators=kind)
 
 
-@pytest.mark.parametrize(("kind", "dtype"), [
-    (Throttle(), torch.float32), (Throttle(), torch.float64), (Pulsed(3), torch.float64),
-    (Pulsed(5, 2), torch.float32)], ids=str)
+@pytest.mark.parametrize(
+    ("kind", "dtype"),
+    [
+        (Throttle(), torch.float32),
+        (Throttle(), torch.float64),
+        (Pulsed(3), torch.float64),
+        (Pulsed(5, 2), torch.float32),
+    ],
+    ids=str,
+)
 @pytest.mark.usefixtures("together")
 def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
     made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
-    ours, theirs = Engine(*made, seed=SEED, dtype=dtype), on_host(*made, seed=SEED, dtype=dtype)
+    ours = Engine(*made, seed=SEED, dtype=dtype)
+    theirs = on_host(*made, seed=SEED, dtype=dtype)
     assert {array.dtype for array in theirs.episode.commands[0]} == {torch.float32}
     generator = torch.Generator().manual_seed(7)
 
@@ -234,7 +266,8 @@ def test_a_drift(on_host: Any) -> None:
 @both_crafts
 @pytest.mark.usefixtures("together")
 def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
-    nominal, scale = Body.of(craft), torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
+    nominal = Body.of(craft)
+    scale = torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
     gain = tuple(torch.roll(scale, k).clamp(max=1.0) for k in range(len(craft.thrusters)))
     body = replace(nominal, mass=nominal.mass * scale, gain=gain)
     how: Any = {"seed": SEED, "dtype": torch.float64, "body": body}
@@ -247,7 +280,9 @@ class Chase(GoToPose):
     """The goal moves on, as nothing pushes it."""
 
     def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return step_goal(replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, period)
+        return step_goal(
+            replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, period
+        )
 
 
 @both_crafts
@@ -273,4 +308,6 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
     alone = Engine(PLATFORM, NEAR, 8, SHORT, seed=3, dtype=torch.float64)
     for action in actions(PLATFORM, 24, 25):
         alone.step(action[8:16])
-    torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)  # as above
+    torch.testing.assert_close(
+        engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12
+    )  # as above

@@ -19,24 +19,44 @@ from tests.worlds import EFFECTS, PAIRS
 pytestmark = needs_compiler
 
 
-@pytest.mark.parametrize(("effect", "remember", "craft"), [
-    *((effect, False, craft) for effect in EFFECTS if effect != "all" for craft in (PLATFORM, FLYER)),
-    *((effect, False, PLATFORM) for effect in ("all", "pairs")), ("all", True, PLATFORM)],
-    ids=lambda x: getattr(x, "name", str(x)))
-def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: str, remember: bool,
-                                                        craft: Spacecraft) -> None:
+@pytest.mark.parametrize(
+    ("effect", "remember", "craft"),
+    [
+        *(
+            (effect, False, craft)
+            for effect in EFFECTS
+            if effect != "all"
+            for craft in (PLATFORM, FLYER)
+        ),
+        *((effect, False, PLATFORM) for effect in ("all", "pairs")),
+        ("all", True, PLATFORM),
+    ],
+    ids=lambda x: getattr(x, "name", str(x)),
+)
+def test_every_condition_is_drawn_and_flown_as_on_numpy(
+    on_host: Any, effect: str, remember: bool, craft: Spacecraft
+) -> None:
     made: Any = (craft, GoToPose(), 8, Timing(episode_steps=6))
-    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": (EFFECTS | {"pairs": PAIRS})[effect]}
-    ours, theirs = Engine(*made, **how), on_host(*made, **how, remember=remember)
+    how: Any = {
+        "seed": SEED,
+        "dtype": torch.float64,
+        "conditions": (EFFECTS | {"pairs": PAIRS})[effect],
+    }
+    ours = Engine(*made, **how)
+    theirs = on_host(*made, **how, remember=remember)
     torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=1e-12)
     assert compare(ours, theirs, 13) > 8
 
 
-@pytest.mark.parametrize("conditions", [
-    Conditions(thrusters=ThrusterConditions(latency=0.2)),
-    Conditions(thrusters=ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)),
-    Conditions(faults=FaultConditions(count=1.0, time=0.67)),
-], ids=["late", "late and gradual", "fault"])
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        Conditions(thrusters=ThrusterConditions(latency=0.2)),
+        Conditions(thrusters=ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)),
+        Conditions(faults=FaultConditions(count=1.0, time=0.67)),
+    ],
+    ids=["late", "late and gradual", "fault"],
+)
 def test_conditions_without_ranges_are_programs_too(on_host: Any, conditions: Conditions) -> None:
     """Where a period is cut is then known before; pieces of it come and go."""
     how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": conditions}

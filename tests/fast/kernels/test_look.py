@@ -33,7 +33,9 @@ class HostLook(CudaLook):
     @cached_property
     def _functions(self) -> Any:
         folder = Path(tempfile.mkdtemp())
-        return [compiled_on_host(text, folder / f"rows_{i}") for i, text in enumerate(self.sources())]
+        return [
+            compiled_on_host(text, folder / f"rows_{i}") for i, text in enumerate(self.sources())
+        ]
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
         library: CDLL = self._functions[number]
@@ -45,17 +47,26 @@ class HostLook(CudaLook):
 @both_crafts
 @pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
-def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spacecraft, tmp_path: Path,
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_see_what_torch_sees(
+    dtype: torch.dtype,
+    task: str,
+    craft: Spacecraft,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """From the same side, so that thrusters are in the same places; rows lie in memory either way."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)
     settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric)
     given = Architecture.of(engine, settings)
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
-    ours, slack = Network(given, tensors), 100 * torch.finfo(dtype).eps
-    theirs, observation = Network(given, tensors), engine.observe()
-    programs: Any = (ArrayLook if dtype == torch.float32 else HostLook)(given, cast("Any", theirs._look))
+    ours = Network(given, tensors)
+    slack = 100 * torch.finfo(dtype).eps
+    theirs = Network(given, tensors)
+    observation = engine.observe()
+    programs: Any = (ArrayLook if dtype == torch.float32 else HostLook)(
+        given, cast("Any", theirs._look)
+    )
     ours._look = programs
     assert ours.in_body(observation.clone().requires_grad_()).requires_grad
     programs._plain = None  # nobody else looks from here on
@@ -63,12 +74,14 @@ def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spac
         columns = ours.in_body(rows)
         # The sums of three products, of metres up to ten, may be rounded in another order.
         torch.testing.assert_close(columns, theirs.in_body(rows), rtol=0, atol=slack)
-        (seen, _, place), (right, _, there) = ours.look(columns), theirs.look(columns)
+        (seen, _, place) = ours.look(columns)
+        (right, _, there) = theirs.look(columns)
         torch.testing.assert_close(seen, right, rtol=0, atol=slack)
         assert (place is None) == (not settings.symmetric)
         assert (place is there) if place is None or there is None else torch.equal(place, there)
     with torch.no_grad():  # as agents in training look; on a CPU all at once
-        said, right = ours.evaluate(observation), theirs.evaluate(observation)
+        said = ours.evaluate(observation)
+        right = theirs.evaluate(observation)
     # Values of about 1, of sums in another order.
     torch.testing.assert_close(said.value, right.value, rtol=0, atol=10 * slack)
     torch.testing.assert_close(said.policy.mode(), right.policy.mode(), rtol=0, atol=0)
@@ -77,25 +90,46 @@ def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spac
 @both_crafts
 @pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
-def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craft: Spacecraft, tmp_path: Path,
-                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_filter_as_torch_does(
+    dtype: torch.dtype,
+    symmetric: bool,
+    craft: Spacecraft,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Three steps of flight; the kernels also where torch compiles what is around them."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS["go-to-pose"](), 64, seed=3, dtype=dtype)
-    given = Architecture.of(engine, PPOSettings(n_envs=64, symmetric=symmetric, filters=(0.001, 1.0),
-                                                filtered_steady=(0.0, 25.0) * symmetric,
-                                                filtered_response=(0.1, 0.0) * symmetric))
+    given = Architecture.of(
+        engine,
+        PPOSettings(
+            n_envs=64,
+            symmetric=symmetric,
+            filters=(0.001, 1.0),
+            filtered_steady=(0.0, 25.0) * symmetric,
+            filtered_response=(0.1, 0.0) * symmetric,
+        ),
+    )
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
-    ours, theirs = Network(given, tensors), Network(given, tensors)
+    ours = Network(given, tensors)
+    theirs = Network(given, tensors)
     ours._look = programs = (ArrayLook if dtype == torch.float32 else HostLook)(
-        given, cast("Any", theirs._look))
+        given, cast("Any", theirs._look)
+    )
     memory = theirs.blank(64)
-    look = ours.look if dtype == torch.float32 else torch.compile(
-        ours.look, fullgraph=True, dynamic=False, backend="eager")
+    look = (
+        ours.look
+        if dtype == torch.float32
+        else torch.compile(ours.look, fullgraph=True, dynamic=False, backend="eager")
+    )
     for step in range(3):
         columns = theirs.in_body(engine.observe())
-        (seen, _, place), (right, _, there) = look(columns, memory), theirs.look(columns, memory)
-        assert right.shape == (64, 3 * given.seen + (3 * (craft.dimension - 1) + 4 if symmetric else 0))
+        (seen, _, place) = look(columns, memory)
+        (right, _, there) = theirs.look(columns, memory)
+        assert right.shape == (
+            64,
+            3 * given.seen + (3 * (craft.dimension - 1) + 4 if symmetric else 0),
+        )
         # Some fifty operations on numbers up to ten.
         torch.testing.assert_close(seen, right, rtol=0, atol=1000 * torch.finfo(dtype).eps)
         assert (place is None) == (there is None)
@@ -106,7 +140,8 @@ def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craf
         output = theirs.evaluate(engine.observe(), memory)
         # As many operations; covariances are larger numbers.
         found, memory = (each.remember(columns, memory, command, output) for each in (ours, theirs))
-        torch.testing.assert_close(found, memory, rtol=1000 * torch.finfo(dtype).eps,
-                                   atol=1000 * torch.finfo(dtype).eps)
+        torch.testing.assert_close(
+            found, memory, rtol=1000 * torch.finfo(dtype).eps, atol=1000 * torch.finfo(dtype).eps
+        )
         engine.step(command)
     assert programs is ours._look

@@ -23,7 +23,9 @@ def test_draws_are_for_an_episodes_end_only(craft: Spacecraft, task: Any) -> Non
     """
     engine = Engine(craft, TASKS[task](), 2)
     program = trace(engine._world, engine.episode, engine.dtype)
-    rare, random, chosen = program.rare(), set[Symbol](), set[Symbol]()
+    rare = program.rare()
+    random = set[Symbol]()
+    chosen = set[Symbol]()
     for symbol in ordered(store.value for store in (*program.always, *program.at_end)):
         if symbol.value in ("low", "high") or not random.isdisjoint(symbol.args):
             random.add(symbol)

@@ -18,8 +18,9 @@ NORMS = torch.tensor([0.5, 1e3], dtype=torch.float64)
 
 
 def made(*seeds: int) -> Network:
-    return Network.stacked(GIVEN, [GIVEN.initial(seed, 0.3)[0] for seed in seeds], torch.device("cpu"),
-                           torch.float64)
+    return Network.stacked(
+        GIVEN, [GIVEN.initial(seed, 0.3)[0] for seed in seeds], torch.device("cpu"), torch.float64
+    )
 
 
 def loss(weights: list[Tensor], step: int) -> Tensor:
@@ -38,8 +39,10 @@ def descend(adam: Adam, network: Network, step: int, norms: Tensor = NORMS) -> T
 def test_every_member_steps_as_with_torchs_adam() -> None:
     network = made(1, 2)
     copies = [[x.detach().clone().requires_grad_() for x in learnt(made(seed))] for seed in (1, 2)]
-    theirs = [torch.optim.Adam(copy, float(rate), eps=EPSILON)
-              for copy, rate in zip(copies, RATES, strict=True)]
+    theirs = [
+        torch.optim.Adam(copy, float(rate), eps=EPSILON)
+        for copy, rate in zip(copies, RATES, strict=True)
+    ]
     adam = Adam(network, RATES)
     for step in range(4):
         found = descend(adam, network, step)
@@ -63,8 +66,10 @@ def test_every_member_steps_as_with_torchs_adam() -> None:
 
 def test_it_goes_on_from_what_it_gave() -> None:
     """Its first moments count for more than the later ones, so the number of steps matters."""
-    network, other = made(3), made(3)
-    adam, norms = Adam(network, RATES[:1]), NORMS[1:]
+    network = made(3)
+    other = made(3)
+    adam = Adam(network, RATES[:1])
+    norms = NORMS[1:]
     for step in range(3):
         descend(adam, network, step, norms)
     again = Adam(other, torch.ones(1, dtype=torch.float64))

@@ -47,7 +47,8 @@ def test_samples_have_their_probabilities() -> None:
 def test_duties_are_drawn_from_a_gaussian() -> None:
     """Far out too; but zero, which float32 gives once in 3e7 numbers, is six standard deviations away."""
     uniform = torch.tensor([[1e-8, 1e-4, 0.02, 0.5, 0.84, 1 - 1e-6, 0.0]], dtype=torch.float64)
-    mean, log_std = torch.linspace(-1, 2, 7, dtype=torch.float64)[None], torch.linspace(-2, 1, 7).double()
+    mean = torch.linspace(-1, 2, 7, dtype=torch.float64)[None]
+    log_std = torch.linspace(-2, 1, 7).double()
     far = np.array([*norm.ppf(uniform[0, :6].numpy()), -6.0])
     expected = mean.numpy() + np.exp(log_std.numpy()) * far
     # Rounding of 1 - 2e-8 to float64, in the tail: 1e-16 over a density of 1e-8.
@@ -65,7 +66,25 @@ def test_body_frame_in_space() -> None:
     """Turned by 90 degrees about world z: body x is world y, body y is minus world x."""
     # R_WB = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]: its first two rows are observed.
     rest = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
-    row = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 3.0, 4.0, 5.0, 7.0, 8.0, 9.0, 1.0, 10.0, 11.0, 12.0, *rest]
+    row = [
+        0.0,
+        -1.0,
+        0.0,
+        1.0,
+        0.0,
+        0.0,
+        3.0,
+        4.0,
+        5.0,
+        7.0,
+        8.0,
+        9.0,
+        1.0,
+        10.0,
+        11.0,
+        12.0,
+        *rest,
+    ]
     expected = [4.0, -3.0, 5.0, 7.0, 8.0, 9.0, 1.0, 11.0, -10.0, 12.0, *rest]
     torch.testing.assert_close(torch.tensor(paper_layout(22).in_body(row)), torch.tensor(expected))
 
@@ -84,6 +103,7 @@ def test_duties_are_clipped_where_they_act() -> None:
     assert policy.mode().tolist() == [[0.0, 0.25, 1.0]]
     # One and no standard deviations of exp(-1): the quantile of 0.8413 is one.
     uniform = torch.tensor([[0.8413447, 0.5, 0.5]])
-    torch.testing.assert_close(policy.sample(uniform), torch.tensor([[-0.5 + math.exp(-1), 0.25, 1.5]]),
-                               rtol=0, atol=1e-5)
+    torch.testing.assert_close(
+        policy.sample(uniform), torch.tensor([[-0.5 + math.exp(-1), 0.25, 1.5]]), rtol=0, atol=1e-5
+    )
     assert policy.sample(torch.tensor([[0.0, 0.0, 1.0]])).isfinite().all()

@@ -20,15 +20,27 @@ from tests.fast.training import CONFIG
 
 positive = st.floats(1e-6, 1e3)
 settings = st.builds(
-    PPOSettings, n_envs=st.integers(1, 9), n_steps=st.integers(1, 9), batch_size=st.integers(2, 9),
-    learning_rate=positive, desired_kl=st.none() | positive, gamma=st.floats(0.1, 1.0), ent_coef=positive,
+    PPOSettings,
+    n_envs=st.integers(1, 9),
+    n_steps=st.integers(1, 9),
+    batch_size=st.integers(2, 9),
+    learning_rate=positive,
+    desired_kl=st.none() | positive,
+    gamma=st.floats(0.1, 1.0),
+    ent_coef=positive,
     layers=st.lists(st.integers(1, 9), min_size=1, max_size=4).map(tuple),
-    activation=st.sampled_from(("tanh", "elu", "relu")))
+    activation=st.sampled_from(("tanh", "elu", "relu")),
+)
 configs = st.builds(
-    TrainConfig, task=st.just("go-to-pose"), spacecraft=st.text(max_size=9), ppo=settings,
+    TrainConfig,
+    task=st.just("go-to-pose"),
+    spacecraft=st.text(max_size=9),
+    ppo=settings,
     settings=st.builds(GoToPose, thrust_weight=positive, position_tolerance=positive),
     timing=st.builds(Timing, control_period=positive, substeps=st.none() | st.integers(1, 9)),
-    seed=st.integers(0, 2**32 - 1), solved_share=st.none() | st.floats(0.01, 1.0))
+    seed=st.integers(0, 2**32 - 1),
+    solved_share=st.none() | st.floats(0.01, 1.0),
+)
 
 
 @hypothesis.settings(max_examples=30)
@@ -57,37 +69,52 @@ def changed(place: str, value: Any) -> dict[str, Any]:
     return table
 
 
-@pytest.mark.parametrize(("place", "value", "message"), [
-    ("sed", 1, "config: unknown key 'sed'"),
-    ("ppo.n_env", 64, r"config\.ppo: unknown key 'n_env'"),
-    ("settings.spawn", [1, 2], "settings: unknown key 'spawn'"),
-    ("ppo.n_envs", "64", r"config\.ppo\.n_envs: expected int, got '64'"),
-    ("ppo.n_envs", True, "expected int, got True"),
-    ("ppo.n_envs", 64.0, r"expected int, got 64\.0"),
-    ("ppo.gamma", "0.9", r"config\.ppo\.gamma: expected float, got '0\.9'"),
-    ("ppo.gamma", True, "expected float, got True"),
-    ("ppo.activation", "gelu", r"config\.ppo\.activation: expected 'tanh' or 'elu' or 'relu', got 'gelu'"),
-    ("ppo.matmul", "fp8", r"config\.ppo\.matmul: expected 'float32' or 'tf32' or 'bf16', got 'fp8'"),
-    ("ppo.layers", 64, r"config\.ppo\.layers: expected a table or a list"),
-    ("ppo.layers", [64, "64"], r"config\.ppo\.layers\[1\]: expected int, got '64'"),
-    ("ppo", 3, r"config\.ppo: expected a table or a list"),
-    ("settings", None, "settings: expected a table or a list"),
-    ("settings", "{", "settings: expected a table, such as"),
-    ("curriculum", ["spawn_distance"], r"config\.curriculum\[0\]: expected a table, such as"),
-    ("settings.spawn_distance", [1.0], r"settings\.spawn_distance: Not enough values"),
-    ("settings.fail_distance", 1.0, r"settings: fail_distance must exceed the farthest start"),
-    ("timing.control_period", -0.2, r"config\.timing: control_period must be a finite number > 0"),
-    ("seed", 1.5, r"config\.seed: expected int"),
-    ("seed", -1, r"seed must be between 0 and 2\^32 - 1, got -1"),
-    ("seed", 2**32, "seed must be between"),
-    ("device", None, r"config\.device: expected str, got None"),
-    ("solved_share", "null", "expected float"),
-    ("solved_share", 1.1, r"solved_share must be in \(0, 1\], or null, got 1\.1"),
-    ("total_timesteps", 0, r"total_timesteps must be a whole number >= 1 and < 2\^63, got 0"),
-    ("report_interval", 0, r"report_interval must be a whole number >= 1 and < 2\^63, got 0"),
-    ("task", "hover", "no task named 'hover'"),
-    ("task", 3, "must name its task"),
-])
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        ("sed", 1, "config: unknown key 'sed'"),
+        ("ppo.n_env", 64, r"config\.ppo: unknown key 'n_env'"),
+        ("settings.spawn", [1, 2], "settings: unknown key 'spawn'"),
+        ("ppo.n_envs", "64", r"config\.ppo\.n_envs: expected int, got '64'"),
+        ("ppo.n_envs", True, "expected int, got True"),
+        ("ppo.n_envs", 64.0, r"expected int, got 64\.0"),
+        ("ppo.gamma", "0.9", r"config\.ppo\.gamma: expected float, got '0\.9'"),
+        ("ppo.gamma", True, "expected float, got True"),
+        (
+            "ppo.activation",
+            "gelu",
+            r"config\.ppo\.activation: expected 'tanh' or 'elu' or 'relu', got 'gelu'",
+        ),
+        (
+            "ppo.matmul",
+            "fp8",
+            r"config\.ppo\.matmul: expected 'float32' or 'tf32' or 'bf16', got 'fp8'",
+        ),
+        ("ppo.layers", 64, r"config\.ppo\.layers: expected a table or a list"),
+        ("ppo.layers", [64, "64"], r"config\.ppo\.layers\[1\]: expected int, got '64'"),
+        ("ppo", 3, r"config\.ppo: expected a table or a list"),
+        ("settings", None, "settings: expected a table or a list"),
+        ("settings", "{", "settings: expected a table, such as"),
+        ("curriculum", ["spawn_distance"], r"config\.curriculum\[0\]: expected a table, such as"),
+        ("settings.spawn_distance", [1.0], r"settings\.spawn_distance: Not enough values"),
+        ("settings.fail_distance", 1.0, r"settings: fail_distance must exceed the farthest start"),
+        (
+            "timing.control_period",
+            -0.2,
+            r"config\.timing: control_period must be a finite number > 0",
+        ),
+        ("seed", 1.5, r"config\.seed: expected int"),
+        ("seed", -1, r"seed must be between 0 and 2\^32 - 1, got -1"),
+        ("seed", 2**32, "seed must be between"),
+        ("device", None, r"config\.device: expected str, got None"),
+        ("solved_share", "null", "expected float"),
+        ("solved_share", 1.1, r"solved_share must be in \(0, 1\], or null, got 1\.1"),
+        ("total_timesteps", 0, r"total_timesteps must be a whole number >= 1 and < 2\^63, got 0"),
+        ("report_interval", 0, r"report_interval must be a whole number >= 1 and < 2\^63, got 0"),
+        ("task", "hover", "no task named 'hover'"),
+        ("task", 3, "must name its task"),
+    ],
+)
 def test_wrong_tables(place: str, value: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
         from_table(changed(place, value))
@@ -123,7 +150,15 @@ def test_whole_numbers_are_numbers() -> None:
     assert config == replace(CONFIG, ppo=replace(CONFIG.ppo, gamma=1.0))
 
 
-NOT_NUMBERS = ("layers", "averages", "activation", "symmetric", "matmul", "memory", "privileged_critic")
+NOT_NUMBERS = (
+    "layers",
+    "averages",
+    "activation",
+    "symmetric",
+    "matmul",
+    "memory",
+    "privileged_critic",
+)
 NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in NOT_NUMBERS]
 
 
@@ -147,26 +182,47 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
         PPOSettings(averages=averages)
 
 
-@pytest.mark.parametrize(("given", "message"), [
-    ({"memory": "histori"}, "memory must be one of none, history, commands, recurrent, got"),
-    ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
-    ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, got 'gelu'"),
-    ({"averages": (0.5,)}, "averages are of a history, so that memory must be 'history' or"),
-    ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
-    ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
-    ({"memory": "commands", "history": 0}, "with history 0 and no averages remembers nothing"),
-    ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
-    ({"filtered_steady": (1.0,)}, "filtered_steady has 1 numbers, of 0 filters: give one of each"),
-    ({"filters": (1.0,), "filtered_steady": (-1.0,)}, "filtered_steady must be numbers >= 1e-6 and <= 1e6"),
-    ({"filtered_response": (1.0,)}, "filtered_response has 1 numbers, of 0 filters: give one of each"),
-    ({"filters": (1.0,), "filtered_response": (-1.0,)}, "filtered_response must be numbers >= 1e-6"),
-    ({"filtered_gate": 1e-200}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got 1e-200"),
-    ({"filtered_gate": -5.0}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got -5.0"),
-    ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
-    ({"filters": (1.0,), "memory": "recurrent", "symmetric": False}, "not beside memory 'recurrent'"),
-    ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
-    ({"layers": "x"}, "layers must be 1 to 32 numbers"),
-])
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"memory": "histori"}, "memory must be one of none, history, commands, recurrent, got"),
+        ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
+        ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, got 'gelu'"),
+        ({"averages": (0.5,)}, "averages are of a history, so that memory must be 'history' or"),
+        (
+            {"memory": "history", "averages": 0.5},
+            "averages must be numbers between 0 and 1, got 0.5",
+        ),
+        ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
+        ({"memory": "commands", "history": 0}, "with history 0 and no averages remembers nothing"),
+        ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
+        (
+            {"filtered_steady": (1.0,)},
+            "filtered_steady has 1 numbers, of 0 filters: give one of each",
+        ),
+        (
+            {"filters": (1.0,), "filtered_steady": (-1.0,)},
+            "filtered_steady must be numbers >= 1e-6 and <= 1e6",
+        ),
+        (
+            {"filtered_response": (1.0,)},
+            "filtered_response has 1 numbers, of 0 filters: give one of each",
+        ),
+        (
+            {"filters": (1.0,), "filtered_response": (-1.0,)},
+            "filtered_response must be numbers >= 1e-6",
+        ),
+        ({"filtered_gate": 1e-200}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got 1e-200"),
+        ({"filtered_gate": -5.0}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got -5.0"),
+        ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
+        (
+            {"filters": (1.0,), "memory": "recurrent", "symmetric": False},
+            "not beside memory 'recurrent'",
+        ),
+        ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
+        ({"layers": "x"}, "layers must be 1 to 32 numbers"),
+    ],
+)
 def test_what_no_network_is(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         PPOSettings(**given)

@@ -26,10 +26,17 @@ CHEAPER = Ramp("switching_weight", 0.0, duration=400)
 RAMPS = (NEARER, CHEAPER)
 
 
-@pytest.mark.parametrize(("steps", "distance", "weight"), [
-    (0, (0.25, 0.5), 0.0), (100, (0.25, 0.5), 0.05), (400, (0.3, 1.3), 0.2), (700, (0.375, 2.5), 0.2),
-    (1200, (0.5, 4.5), 0.2), (10**9, (0.5, 4.5), 0.2),
-])
+@pytest.mark.parametrize(
+    ("steps", "distance", "weight"),
+    [
+        (0, (0.25, 0.5), 0.0),
+        (100, (0.25, 0.5), 0.05),
+        (400, (0.3, 1.3), 0.2),
+        (700, (0.375, 2.5), 0.2),
+        (1200, (0.5, 4.5), 0.2),
+        (10**9, (0.5, 4.5), 0.2),
+    ],
+)
 def test_linear_ramps(steps: int, distance: tuple[float, float], weight: float) -> None:
     moved = task_at(TASK, RAMPS, steps)
     assert isinstance(moved, GoToPose)
@@ -58,20 +65,40 @@ def test_a_setting_within_a_multi_task() -> None:
     assert moved == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
 
 
-@pytest.mark.parametrize(("ramps", "message"), [
-    ([Ramp("spawn", 1.0, 10)], r"no setting 'spawn' to ramp; known are .*, spawn_distance, .*, fail_spin\.$"),
-    ([Ramp("flag", 1.0, 10)], "no setting 'flag'"),
-    ([Ramp("spawn_distance", 1.0, 10)], r"spawn_distance must start at something like \(0\.5, 4\.5\), got 1"),
-    ([Ramp("fail_spin", (1.0, 2.0), 10)], r"fail_spin must start at something like 4\.0, got \(1\.0, 2\.0\)"),
-    ([Ramp("fine_weight", 1.0, 10, shape="geometric")], r"fine_weight must end above 0, got 0\.0"),
-    ([CHEAPER, CHEAPER], "switching_weight has more than one ramp"),
-    ([Ramp("fail_spin", 0.0, 10)], r"fail_spin must be > 0, got 0\.0"),
-    ([Ramp("fail_spin", float("nan"), 10)], "fail_spin must be finite"),
-    ([Ramp("fail_distance", 4.0, 10)], "fail_distance must exceed the farthest start, 4.5 m, got 4.0"),
-    # each is possible by itself, and both at their ends: but starts spread before failure is forgiven
-    ([Ramp("fail_distance", 1.0, 10, begin=20), Ramp("spawn_distance", (0.1, 0.5), 10)],
-     r"fail_distance must exceed the farthest start, 4\.5 m, got 1"),
-])
+@pytest.mark.parametrize(
+    ("ramps", "message"),
+    [
+        (
+            [Ramp("spawn", 1.0, 10)],
+            r"no setting 'spawn' to ramp; known are .*, spawn_distance, .*, fail_spin\.$",
+        ),
+        ([Ramp("flag", 1.0, 10)], "no setting 'flag'"),
+        (
+            [Ramp("spawn_distance", 1.0, 10)],
+            r"spawn_distance must start at something like \(0\.5, 4\.5\), got 1",
+        ),
+        (
+            [Ramp("fail_spin", (1.0, 2.0), 10)],
+            r"fail_spin must start at something like 4\.0, got \(1\.0, 2\.0\)",
+        ),
+        (
+            [Ramp("fine_weight", 1.0, 10, shape="geometric")],
+            r"fine_weight must end above 0, got 0\.0",
+        ),
+        ([CHEAPER, CHEAPER], "switching_weight has more than one ramp"),
+        ([Ramp("fail_spin", 0.0, 10)], r"fail_spin must be > 0, got 0\.0"),
+        ([Ramp("fail_spin", float("nan"), 10)], "fail_spin must be finite"),
+        (
+            [Ramp("fail_distance", 4.0, 10)],
+            "fail_distance must exceed the farthest start, 4.5 m, got 4.0",
+        ),
+        # each is possible by itself, and both at their ends: but starts spread before failure is forgiven
+        (
+            [Ramp("fail_distance", 1.0, 10, begin=20), Ramp("spawn_distance", (0.1, 0.5), 10)],
+            r"fail_distance must exceed the farthest start, 4\.5 m, got 1",
+        ),
+    ],
+)
 def test_impossible_ramps(ramps: list[Ramp], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         check_ramps(TASK, ramps)
@@ -87,29 +114,49 @@ def test_ramps_that_are_possible_together_only() -> None:
     assert Curriculum([TASK], ramps, np.float32).task != TASK
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"duration": 0}, "fail_spin must have a duration >= 1 and a begin >= 0, got 0 and 0 steps"),
-    ({"begin": -1}, "got 10 and -1 steps"), ({"shape": "cubic"}, "sigmoid or geometric, got 'cubic'"),
-    ({"shape": "geometric", "start": 0.0}, "must start above 0, got 0.0"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"duration": 0},
+            "fail_spin must have a duration >= 1 and a begin >= 0, got 0 and 0 steps",
+        ),
+        ({"begin": -1}, "got 10 and -1 steps"),
+        ({"shape": "cubic"}, "sigmoid or geometric, got 'cubic'"),
+        ({"shape": "geometric", "start": 0.0}, "must start above 0, got 0.0"),
+    ],
+)
 def test_impossible_values(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Ramp(**{"setting": "fail_spin", "start": 1.0, "duration": 10} | change)
 
 
 def test_through_json_and_back() -> None:
-    config = replace(CONFIG, settings=TASK, curriculum=(*RAMPS, Ramp("fail_spin", 1.0, 9, 3, "sigmoid")))
+    config = replace(
+        CONFIG, settings=TASK, curriculum=(*RAMPS, Ramp("fail_spin", 1.0, 9, 3, "sigmoid"))
+    )
     assert from_table(json.loads(json.dumps(to_table(config)))) == config
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"start": "near"}, r"config\.curriculum\[0\]\.start: expected a number, or .*, got 'near'"),
-    ({"start": [1, 2, 3]}, r"config\.curriculum\[0\]\.start: expected a number, or .*, got \[1, 2, 3\]"),
-    ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration: expected int, got 2\.5"),
-    ({"ends": 1}, r"config\.curriculum\[0\]: unknown key 'ends'"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"start": "near"},
+            r"config\.curriculum\[0\]\.start: expected a number, or .*, got 'near'",
+        ),
+        (
+            {"start": [1, 2, 3]},
+            r"config\.curriculum\[0\]\.start: expected a number, or .*, got \[1, 2, 3\]",
+        ),
+        ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration: expected int, got 2\.5"),
+        ({"ends": 1}, r"config\.curriculum\[0\]: unknown key 'ends'"),
+    ],
+)
 def test_wrong_json(change: dict[str, Any], message: str) -> None:
-    table = to_table(CONFIG) | {"curriculum": [{"setting": "fail_spin", "start": 1, "duration": 9} | change]}
+    table = to_table(CONFIG) | {
+        "curriculum": [{"setting": "fail_spin", "start": 1, "duration": 9} | change]
+    }
     with pytest.raises(ConfigError, match=message):
         from_table(table)
 
@@ -124,13 +171,20 @@ def flown(curriculum: Curriculum, engine: Engine) -> None:
     """The engine starts where the curriculum says and pays what it says, as that moves."""
     opened = torch.ones(512, 8, dtype=torch.int64)
     paid = engine.term_names.index("switching")
-    for steps, farthest, price in ((0, 0.5, 0.0), (100, 0.5, 0.05), (700, 2.5, 0.2), (1200, 4.5, 0.2)):
+    for steps, farthest, price in (
+        (0, 0.5, 0.0),
+        (100, 0.5, 0.05),
+        (700, 2.5, 0.2),
+        (1200, 4.5, 0.2),
+    ):
         curriculum.move_to(steps)
         distance = way_to_go(PLATFORM, engine.reset())
         # the farthest of 512 uniform draws is short of the bound by more than 2 % once in 3e4 seeds
         assert 0.98 * farthest < distance.max() < farthest + 1e-6
         torch.testing.assert_close(engine.step(opened).terms[paid], torch.full((512,), -8 * price))
-        torch.testing.assert_close(engine.step(1 - opened).terms[paid], torch.full((512,), -8 * price))
+        torch.testing.assert_close(
+            engine.step(1 - opened).terms[paid], torch.full((512,), -8 * price)
+        )
 
 
 def test_the_engine_follows() -> None:
@@ -138,7 +192,9 @@ def test_the_engine_follows() -> None:
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT))
 
 
-def test_a_compiled_step_follows_without_being_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiled_step_follows_without_being_compiled_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Whether a graph is used again is decided before there is machine code, which takes long to make."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     counters.clear()
@@ -150,20 +206,30 @@ def test_a_compiled_step_follows_without_being_compiled_again(monkeypatch: pytes
 def test_at_its_end_it_is_the_task_itself() -> None:
     curriculum = Curriculum([TASK], RAMPS, np.float64)
     curriculum.move_to(1200)
-    engines = [Engine(PLATFORM, task, 16, SHORT, dtype=torch.float64) for task in (TASK, curriculum.task)]
+    engines = [
+        Engine(PLATFORM, task, 16, SHORT, dtype=torch.float64) for task in (TASK, curriculum.task)
+    ]
     for ours, theirs in zip(*(run(engine) for engine in engines), strict=True):
         assert all(torch.equal(x, y) for x, y in zip(ours, theirs, strict=True))
 
 
 def test_single_precision_stays_single() -> None:
-    ramps = [Ramp(name, getattr(GoToPose(), name), 10) for name in ("position_scale", "fail_distance")]
+    ramps = [
+        Ramp(name, getattr(GoToPose(), name), 10) for name in ("position_scale", "fail_distance")
+    ]
     task = Curriculum([TASK], [*RAMPS, *ramps], np.float32).task
     step = Engine(PLATFORM, task, 16, SHORT).step(actions(PLATFORM, 16, 1)[0])
     assert {x.dtype for x in step} == {torch.float32, torch.bool}
 
 
-RAMPED = replace(CONFIG, settings=replace(TASK, evaluation_distance=(1.0, 1.1)), curriculum=(
-    Ramp("spawn_distance", (0.25, 0.5), 1024, begin=256), Ramp("thrust_weight", 0.0, 2000, shape="sigmoid")))
+RAMPED = replace(
+    CONFIG,
+    settings=replace(TASK, evaluation_distance=(1.0, 1.1)),
+    curriculum=(
+        Ramp("spawn_distance", (0.25, 0.5), 1024, begin=256),
+        Ramp("thrust_weight", 0.0, 2000, shape="sigmoid"),
+    ),
+)
 
 
 def test_a_resumed_training_goes_on_where_the_ramp_was(tmp_path: Path) -> None:
@@ -191,7 +257,8 @@ def test_the_agent_is_judged_on_the_final_task(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path, replace(RAMPED, settings=strict, curriculum=ramp))
     assert float(trainer.engine.task.tolerances()["position"]) == 100.0
     assert trainer.selection.judge()[0]["success"] == 0.0
-    easy = replace(strict, position_tolerance=100.0, attitude_tolerance=4.0, fail_distance=99.0,
-                   fail_spin=99.0)
+    easy = replace(
+        strict, position_tolerance=100.0, attitude_tolerance=4.0, fail_distance=99.0, fail_spin=99.0
+    )
     there = tiny_trainer(tmp_path / "easy", replace(CONFIG, settings=easy))
     assert there.selection.judge()[0]["success"] > 0.9

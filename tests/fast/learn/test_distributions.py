@@ -18,24 +18,32 @@ SPREADS = [torch.linspace(-3.0, 1.0, 8, dtype=torch.float64), 0.3 * MEAN - 1.0]
 
 
 def test_on_off_is_torchs_bernoulli() -> None:
-    ours, theirs = OnOff(3.0 * MEAN), Independent(Bernoulli(logits=3.0 * MEAN, validate_args=True), 1)
+    ours = OnOff(3.0 * MEAN)
+    theirs = Independent(Bernoulli(logits=3.0 * MEAN, validate_args=True), 1)
     action = (torch.rand(20, 8, generator=GENERATOR, dtype=torch.float64) < 0.5).double()
-    torch.testing.assert_close(ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(
+        ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12
+    )
     torch.testing.assert_close(ours.entropy(), theirs.entropy(), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("log_std", SPREADS, ids=["of all", "of each"])
 def test_duties_are_torchs_normal(log_std: torch.Tensor) -> None:
-    ours, theirs = Duty(MEAN, log_std), Independent(Normal(MEAN, log_std.exp().expand_as(MEAN)), 1)
+    ours = Duty(MEAN, log_std)
+    theirs = Independent(Normal(MEAN, log_std.exp().expand_as(MEAN)), 1)
     action = torch.randn(20, 8, generator=GENERATOR, dtype=torch.float64)
-    torch.testing.assert_close(ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(
+        ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12
+    )
     torch.testing.assert_close(ours.entropy(), theirs.entropy(), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_no_command_is_further_than_six_deviations(dtype: torch.dtype) -> None:
     """At either end of [0, 1], which a random number may round to, a command is infinitely far off else."""
-    policy = Duty(torch.full((1, 2), 0.5, dtype=dtype), torch.full((2,), math.log(0.1), dtype=dtype))
+    policy = Duty(
+        torch.full((1, 2), 0.5, dtype=dtype), torch.full((2,), math.log(0.1), dtype=dtype)
+    )
     sample = policy.sample(torch.tensor([[0.0, 1.0]], dtype=dtype))
     torch.testing.assert_close(sample, torch.tensor([[-0.1, 1.1]], dtype=dtype))
 
@@ -45,7 +53,9 @@ def test_six_deviations_cut_off_nothing_else() -> None:
     policy = Duty(torch.zeros(1, 2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64))
     beyond = stats.norm.sf(5.0)
     sample = policy.sample(torch.tensor([[beyond, 1.0 - beyond]], dtype=torch.float64))
-    torch.testing.assert_close(sample, torch.tensor([[-5.0, 5.0]], dtype=torch.float64), rtol=1e-8, atol=0)
+    torch.testing.assert_close(
+        sample, torch.tensor([[-5.0, 5.0]], dtype=torch.float64), rtol=1e-8, atol=0
+    )
 
 
 def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:

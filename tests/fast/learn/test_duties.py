@@ -69,5 +69,7 @@ def test_it_resumes_bit_for_bit(kind: Actuators, tmp_path: Path) -> None:
 def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:
     begun(tmp_path, Throttle()).train(ignore, after(1))
     (tmp_path / "run" / "spacecraft.toml").write_text(to_toml(PLATFORM))
-    with pytest.raises(ConfigError, match=r"does not command the on-off actuators of .* different runs"):
+    with pytest.raises(
+        ConfigError, match=r"does not command the on-off actuators of .* different runs"
+    ):
         load_agent(tmp_path / "run")

@@ -23,23 +23,33 @@ from rans.tasks import GoToPose
 from tests.fast.engines import SHORT, actions, both_crafts
 from tests.fast.training import CONFIG, after, everything, ignore, resumed, tiny_trainer
 
-HALF = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=0.8,
-                attitude_tolerance=2.0, fail_spin=40.0)
+HALF = GoToPose(
+    spawn_distance=(0.5, 1.0),
+    evaluation_distance=(0.5, 1.0),
+    position_tolerance=0.8,
+    attitude_tolerance=2.0,
+    fail_spin=40.0,
+)
 """Nobody ends early; some who hardly move are within its tolerances all the time, and others never."""
 LOOKING = replace(CONFIG, settings=HALF, failures=Failures(0.5, begin=0.25, looks=3, flights=24))
 
 
 @both_crafts
 @pytest.mark.parametrize("conditions", [None, "lab"])
-def test_episodes_go_on_as_those_that_they_begin_as(craft: Spacecraft, conditions: str | None) -> None:
+def test_episodes_go_on_as_those_that_they_begin_as(
+    craft: Spacecraft, conditions: str | None
+) -> None:
     """Six of one engine's in rows of another: from there on they move bit for bit the same; no other does."""
-    first, second = (Engine(craft, HALF, count, SHORT, seed=seed, conditions=conditions, remember=True)
-                     for count, seed in ((6, 1), (9, 2)))
+    first, second = (
+        Engine(craft, HALF, count, SHORT, seed=seed, conditions=conditions, remember=True)
+        for count, seed in ((6, 1), (9, 2))
+    )
     commands = actions(craft, 9, 8)
     for command in commands[:3]:
         first.step(command[:6])
         second.step(command)
-    rows, others = torch.tensor([8, 0, 3, 4, 1, 7]), torch.tensor([2, 5, 6])
+    rows = torch.tensor([8, 0, 3, 4, 1, 7])
+    others = torch.tensor([2, 5, 6])
     memory = lambda: [torch.as_tensor(x).clone() for x in second.episode.memory()]  # noqa: E731
     before = memory()
     begin_as(second.episode, SHORT, rows, varying(first.episode, second.episode))
@@ -76,13 +86,18 @@ def test_a_share_of_the_environments_begins_there_in_turns(tmp_path: Path) -> No
     """Eight of 16; an episode lasts three rollouts, so that every third of them begins anew at each."""
     trainer = tiny_trainer(tmp_path / "run", LOOKING)
     trainer.train(ignore, after(4))
-    failures, engine = trainer.failures, trainer.engine
+    failures = trainer.failures
+    engine = trainer.engine
     failures._look()
     starts = torch.stack(failures._starts[0][:2]).T.tolist()
     for turn, rows in enumerate(([0, 3, 6], [1, 4, 7], [2, 5], [0, 3, 6])):
-        before = [list(pair) for pair in zip(*(x.tolist() for x in engine.state.p.columns()), strict=True)]
+        before = [
+            list(pair) for pair in zip(*(x.tolist() for x in engine.state.p.columns()), strict=True)
+        ]
         failures.begin(turn * 128)
-        now = [list(pair) for pair in zip(*(x.tolist() for x in engine.state.p.columns()), strict=True)]
+        now = [
+            list(pair) for pair in zip(*(x.tolist() for x in engine.state.p.columns()), strict=True)
+        ]
         assert [row for row in range(16) if now[row] != before[row]] == rows
         assert all(now[row] in starts for row in rows)
         trainer.learner.collect()
@@ -138,12 +153,15 @@ def test_a_resumed_training_begins_where_it_would_have(tmp_path: Path, stop_at: 
     assert "failures/share" not in plain.run.metrics()[-1]
 
 
-@pytest.mark.parametrize(("wrong", "said"), [
-    ({"share": 1.0}, "share must be at least 0 and below 1, got 1.0"),
-    ({"begin": -0.1}, "begin must be at least 0 and below 1, got -0.1"),
-    ({"looks": 0}, r"looks must be >= 1 and < 2\^24, got 0"),
-    ({"flights": 2**24}, r"flights must be >= 1 and < 2\^24, got 16777216"),
-])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"share": 1.0}, "share must be at least 0 and below 1, got 1.0"),
+        ({"begin": -0.1}, "begin must be at least 0 and below 1, got -0.1"),
+        ({"looks": 0}, r"looks must be >= 1 and < 2\^24, got 0"),
+        ({"flights": 2**24}, r"flights must be >= 1 and < 2\^24, got 16777216"),
+    ],
+)
 def test_numbers_out_of_range(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         Failures(**wrong)

@@ -41,7 +41,8 @@ def test_it_learns_so_many_steps_more_and_says_how_it_went() -> None:
 
 
 def test_learning_in_pieces_changes_nothing() -> None:
-    whole, parts = made().learn(1024), made()
+    whole = made().learn(1024)
+    parts = made()
     for piece in (128, 256, 640):
         parts.learn(piece)
     assert torch.equal(weights(whole.network), weights(parts.network))
@@ -56,7 +57,8 @@ def test_step_sizes_fall_towards_the_end() -> None:
 
 
 def test_an_engine_or_sb3s_environment_around_it() -> None:
-    bare, around = made(), rans.PPO(SB3VecEnv(Engine(PLATFORM, NEAR, 16, SHORT)), **SMALL)
+    bare = made()
+    around = rans.PPO(SB3VecEnv(Engine(PLATFORM, NEAR, 16, SHORT)), **SMALL)
     assert torch.equal(weights(bare.learn(256).network), weights(around.learn(256).network))
 
 
@@ -74,9 +76,11 @@ def test_saved_agents_open_in_sb3(craft: Any, kind: dict[str, Any], tmp_path: Pa
     here: Any = None
     there: Any = None
     alone: Any = None
-    said, first = [], []
+    said = []
+    first = []
     for step in range(4):
-        observations, begins = seen(craft, 50, seed=step).numpy(), np.arange(50) % 7 == 3 * step
+        observations = seen(craft, 50, seed=step).numpy()
+        begins = np.arange(50) % 7 == 3 * step
         ours, here = model.predict(observations, here, begins)
         theirs, there = loaded.predict(observations, there, begins, deterministic=True)
         np.testing.assert_array_equal(theirs, ours)
@@ -93,12 +97,14 @@ def test_saved_agents_open_in_sb3(craft: Any, kind: dict[str, Any], tmp_path: Pa
 @pytest.mark.parametrize("kind", KINDS[1:3], ids=["history", "recurrent"])
 def test_where_an_episode_begins_nothing_is_remembered(kind: dict[str, Any]) -> None:
     """And elsewhere what was: row by row as if each spacecraft had flown alone."""
-    model, begins = made(symmetric=False, **kind), np.arange(60) % 3 == 0
+    model = made(symmetric=False, **kind)
+    begins = np.arange(60) % 3 == 0
     scatter(model.network)
     before, now = (seen(PLATFORM, 60, seed).numpy() for seed in (1, 2))
     _, state = model.predict(before)
     said, after = model.predict(now, state, begins)
-    blank, old = model.predict(now), model.predict(now, state)
+    blank = model.predict(now)
+    old = model.predict(now, state)
     assert state is not None
     assert after is not None
     assert (blank[0] != old[0]).any(axis=1).sum() > 20
@@ -138,12 +144,20 @@ def test_prediction_needs_no_environment_and_no_compiler(tmp_path: Path) -> None
     model.save(tmp_path / "policy.zip")
     observation = seen(PLATFORM, 1).numpy()
     np.save(tmp_path / "observation.npy", observation)
-    script = ("import numpy, stable_baselines3, sys; "
-              "model = stable_baselines3.PPO.load('policy.zip', device='cpu'); "
-              "print(*model.predict(numpy.load('observation.npy'), deterministic=True)[0][0])")
+    script = (
+        "import numpy, stable_baselines3, sys; "
+        "model = stable_baselines3.PPO.load('policy.zip', device='cpu'); "
+        "print(*model.predict(numpy.load('observation.npy'), deterministic=True)[0][0])"
+    )
     root = str(Path(__file__).parents[3])
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True,
-                          env=os.environ | {"PATH": "", "PYTHONPATH": root}, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PATH": "", "PYTHONPATH": root},
+        check=True,
+    )
     assert done.stdout.split() == [str(int(x)) for x in model.predict(observation)[0][0]]
 
 
@@ -167,7 +181,9 @@ def test_one_thread_unless_told_otherwise() -> None:
 def test_what_it_does_not_know() -> None:
     with pytest.raises(ConfigError, match="no setting n_envs, target_kl; those of"):
         made(target_kl=0.1, n_envs=4)
-    with pytest.raises(ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"):
+    with pytest.raises(
+        ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"
+    ):
         rans.PPO(make_vec_env("rans/GoToPose2D-v0", 4))  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="memory 'recurrent' needs symmetric to be false"):
         made(memory="recurrent")
@@ -184,16 +200,27 @@ def test_threads_that_are_no_number() -> None:
         made(threads=0)
 
 
-@pytest.mark.parametrize(("kind", "actuators"), [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],
-                         ids=["history", "recurrent", "privileged", "throttle"])
+@pytest.mark.parametrize(
+    ("kind", "actuators"),
+    [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],
+    ids=["history", "recurrent", "privileged", "throttle"],
+)
 def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
     """Forty thousand steps make its values less wrong by a quarter, and it flies nearer to the goal."""
-    craft, task = replace(PLATFORM, actuators=actuators), rans.GoToPose(spawn_distance=(0.5, 1.0))
+    craft = replace(PLATFORM, actuators=actuators)
+    task = rans.GoToPose(spawn_distance=(0.5, 1.0))
     engine = Engine(craft, task, 64, Timing(episode_steps=100), seed=1)
-    model, told = rans.PPO(engine, n_steps=16, layers=(32, 32), symmetric=False, **kind), []
+    model = rans.PPO(engine, n_steps=16, layers=(32, 32), symmetric=False, **kind)
+    told = []
     model.learn(40 * 1024, lambda model: told.append(model.log))
-    early, late = ({name: np.mean([log[name] for log in part]) for name in told[0]
-                    if name in ("train/value_loss", "return/position")} for part in (told[:5], told[-5:]))
+    early, late = (
+        {
+            name: np.mean([log[name] for log in part])
+            for name in told[0]
+            if name in ("train/value_loss", "return/position")
+        }
+        for part in (told[:5], told[-5:])
+    )
     assert late["train/value_loss"] < 0.75 * early["train/value_loss"]
     assert late["return/position"] > early["return/position"]
 
@@ -214,7 +241,11 @@ def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
     expected = network.evaluate(observations).policy.mode().detach().numpy()
     said, _ = loaded.predict(observations.numpy(), deterministic=True)
     np.testing.assert_allclose(said, expected, rtol=0, atol=1e-6)  # float32
-    again = read_policy(tmp_path / "policy.zip", PLATFORM, NEAR).network.evaluate(observations).policy.mode()
+    again = (
+        read_policy(tmp_path / "policy.zip", PLATFORM, NEAR)
+        .network.evaluate(observations)
+        .policy.mode()
+    )
     np.testing.assert_array_equal(again.detach().numpy(), expected)
     assert 0.1 < said.mean() < 0.9
     assert (said.min(), said.max()) == (0.0, 1.0)

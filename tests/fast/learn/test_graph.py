@@ -38,7 +38,8 @@ def test_nothing_is_compiled_until_that_is_wanted(monkeypatch: pytest.MonkeyPatc
 def test_what_was_recorded_uncompiled_is_recorded_anew() -> None:
     """After one ordinary call; what the compiler made, after two."""
     function = MagicMock(return_value=torch.zeros(()))
-    called, calls = graphed(function, GPU), list[int]()
+    called = graphed(function, GPU)
+    calls = list[int]()
     with as_written():
         for _ in range(4):
             called()

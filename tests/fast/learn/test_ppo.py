@@ -17,7 +17,13 @@ from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
 from tests.fast.test_policy import seen
 from tests.fast.training import TINY, sb3_policy, sb3_twin, scatter, tiny_learner, weights
 
-ONE_BATCH: dict[str, Any] = {"n_envs": 32, "n_steps": 8, "batch_size": 256, "n_epochs": 1, "desired_kl": None}
+ONE_BATCH: dict[str, Any] = {
+    "n_envs": 32,
+    "n_steps": 8,
+    "batch_size": 256,
+    "n_epochs": 1,
+    "desired_kl": None,
+}
 HEADS = pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 
 
@@ -29,12 +35,16 @@ def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> 
     """
     given = ONE_BATCH | settings
     learner = tiny_learner(craft, dtype=torch.float64, continuous=continuous, **given)
-    network, kept = scatter(learner.network), learner.rollout.all
+    network = scatter(learner.network)
+    kept = learner.rollout.all
     generator = torch.Generator().manual_seed(5)
     steps, count = kept.reward.shape
     kept.observation.copy_(seen(craft, steps * count).reshape(steps, count, -1))
-    kept.action.copy_(torch.randn(kept.action.shape, generator=generator) if continuous
-                      else torch.randint(0, 2, kept.action.shape, generator=generator))
+    kept.action.copy_(
+        torch.randn(kept.action.shape, generator=generator)
+        if continuous
+        else torch.randint(0, 2, kept.action.shape, generator=generator)
+    )
     for field in (kept.value, kept.reward):
         field.copy_(torch.randn(field.shape, generator=generator, dtype=torch.float64))
     kind = torch.rand(steps, count, generator=generator)
@@ -45,9 +55,12 @@ def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> 
     learner.engine.observe = lambda: last.double()  # type: ignore[method-assign]
     policy = sb3_policy(network.architecture, network.member(0), own=True)
     with torch.no_grad():
-        log_prob = policy.evaluate_actions(kept.observation.flatten(0, 1), kept.action.flatten(0, 1))[1]
-    kept.log_prob.copy_(log_prob.reshape(steps, count)
-                        + 0.3 * torch.randn(steps, count, generator=generator))
+        log_prob = policy.evaluate_actions(
+            kept.observation.flatten(0, 1), kept.action.flatten(0, 1)
+        )[1]
+    kept.log_prob.copy_(
+        log_prob.reshape(steps, count) + 0.3 * torch.randn(steps, count, generator=generator)
+    )
     twin = sb3_twin(learner, replace(TINY, **given))
     _fill(twin, learner, last)
     return learner, twin
@@ -55,15 +68,21 @@ def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> 
 
 def _fill(twin: Any, learner: Learner, last: Tensor) -> None:
     """What SB3's `collect_rollouts` would have put into its buffer."""
-    kept, buffer = learner.rollout.all, twin.rollout_buffer
+    kept = learner.rollout.all
+    buffer = twin.rollout_buffer
     reward = kept.reward * 0.1
     with torch.no_grad():
-        reward += twin.gamma * kept.truncated * twin.policy.predict_values(learner.rollout.cut)[:, 0]
+        reward += (
+            twin.gamma * kept.truncated * twin.policy.predict_values(learner.rollout.cut)[:, 0]
+        )
         values = twin.policy.predict_values(last)
     begun = torch.cat((torch.ones_like(kept.ended[:1]), kept.ended[:-1]))
     for t in range(len(reward)):
-        buffer.add(*(x[t].numpy() for x in (kept.observation, kept.action, reward, begun)),
-                   kept.value[t], kept.log_prob[t])
+        buffer.add(
+            *(x[t].numpy() for x in (kept.observation, kept.action, reward, begun)),
+            kept.value[t],
+            kept.log_prob[t],
+        )
     buffer.actions = buffer.actions.astype("float64")
     buffer.actions[:] = kept.action.numpy()
     buffer.compute_returns_and_advantage(values, kept.ended[-1].numpy())
@@ -72,18 +91,24 @@ def _fill(twin: Any, learner: Learner, last: Tensor) -> None:
 @pytest.mark.parametrize("ent_coef", [0.0, 0.01])
 @HEADS
 @both_crafts
-def test_losses_and_gradients_are_those_of_sb3(craft: Any, continuous: bool, ent_coef: float) -> None:
+def test_losses_and_gradients_are_those_of_sb3(
+    craft: Any, continuous: bool, ent_coef: float
+) -> None:
     """One real `stable_baselines3.PPO.train` on the same transitions."""
     learner, twin = filled(craft, continuous, ent_coef=ent_coef, max_grad_norm=1e9)
     twin.train()
-    part, = minibatches(learner.batch(), 1, 1)
+    (part,) = minibatches(learner.batch(), 1, 1)
     part = part._replace(advantage=ALONE.standardised(part.advantage[None])[0])
     found = losses(learner.network, part, learner.coefficients, bool(ent_coef))
     names = learner.network.learnt
-    gradients = torch.autograd.grad(found.loss.sum(), [learner.network.tensors[name] for name in names])
+    gradients = torch.autograd.grad(
+        found.loss.sum(), [learner.network.tensors[name] for name in names]
+    )
     said = twin.logger.name_to_value
     for name, ours in found._asdict().items():
-        if name != "entropy_loss" or ent_coef:  # SB3 computes the entropy even where it does not use it
+        if (
+            name != "entropy_loss" or ent_coef
+        ):  # SB3 computes the entropy even where it does not use it
             # Means of 256 float64 numbers in another order; SB3 keeps some flags in float32.
             assert ours.item() == pytest.approx(said[f"train/{name}"], rel=1e-6), name
     assert 0.2 < found.clip_fraction < 0.95
@@ -100,15 +125,23 @@ def test_losses_and_gradients_are_those_of_sb3(craft: Any, continuous: bool, ent
 @both_crafts
 def test_an_iteration_is_that_of_sb3(craft: Any, continuous: bool, n_epochs: int) -> None:
     """Advantages, loss, clipped gradients and optimiser together: the same weights come out."""
-    learner, twin = filled(craft, continuous, n_epochs=n_epochs, max_grad_norm=0.1, ent_coef=0.01,
-                           learning_rate=2.0**-10)
+    learner, twin = filled(
+        craft,
+        continuous,
+        n_epochs=n_epochs,
+        max_grad_norm=0.1,
+        ent_coef=0.01,
+        learning_rate=2.0**-10,
+    )
     before = weights(learner.network)
     learner.update()
     twin.train()
     for name, theirs in twin.policy.named_parameters():
         # Adam divides by the gradient's size plus 1e-5, so rounding of 1e-16 grows to 1e-14 at most, of the
         # order of 100 with a Gaussian.
-        torch.testing.assert_close(learner.network.tensors[name], theirs.data, rtol=0, atol=1e-11, msg=name)
+        torch.testing.assert_close(
+            learner.network.tensors[name], theirs.data, rtol=0, atol=1e-11, msg=name
+        )
     assert (weights(learner.network) - before).abs().max() > 5e-4 * n_epochs
     # Only then does the normaliser learn from what was seen.
     assert learner.network.tensors["features_extractor.count"] == 256
@@ -140,9 +173,13 @@ def test_returns_and_lengths_by_the_names_of_sb3() -> None:
     """160 steps in which 4 episodes ended, at 0.25 a step by hand: 40 steps and a return of 10 each."""
     engine = Engine(PLATFORM, NEAR, 16, SHORT)
     terms = [0.0] * (len(engine.term_names) - 2)
-    told = statistics([0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], engine, 160, 160)
+    told = statistics(
+        [0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], engine, 160, 160
+    )
     assert (told["rollout/ep_len_mean"], told["rollout/ep_rew_mean"]) == (40.0, 10.0)
-    none = statistics([0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], engine, 160, 160)
+    none = statistics(
+        [0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], engine, 160, 160
+    )
     assert "rollout/ep_rew_mean" not in none
 
 
@@ -151,40 +188,65 @@ def test_what_an_iteration_says() -> None:
     for _ in range(3):
         learner.collect()
     told = statistics(learner.update().tolist()[0], learner.engine, 128, 128)
-    rollout, terms = learner.rollout, learner.engine.term_names
+    rollout = learner.rollout
+    terms = learner.engine.term_names
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
-    assert 0 < float(rollout.reached) < float(rollout.all.truncated.sum()) < float(rollout.all.ended.sum())
-    for name in ("train/loss", "train/approx_kl", "train/clip_fraction", "train/learning_rate",
-                 "train/grad_norm", "rollout/success_rate", "rollout/failure_rate"):
+    assert (
+        0
+        < float(rollout.reached)
+        < float(rollout.all.truncated.sum())
+        < float(rollout.all.ended.sum())
+    )
+    for name in (
+        "train/loss",
+        "train/approx_kl",
+        "train/clip_fraction",
+        "train/learning_rate",
+        "train/grad_norm",
+        "rollout/success_rate",
+        "rollout/failure_rate",
+    ):
         assert abs(told[name]) < float("inf"), name
     # Mean reward of a step, as an episode of twenty steps would give it.
     for name, mean in zip(terms, rollout.terms[0] / 8, strict=True):
         assert told[f"return/{name}"] == pytest.approx(20 * float(mean), rel=1e-5)
     ended = float(rollout.all.ended.sum())
     assert told["rollout/success_rate"] == pytest.approx(float(rollout.reached) / ended)
-    assert told["rollout/failure_rate"] == pytest.approx(1 - float(rollout.all.truncated.sum()) / ended)
+    assert told["rollout/failure_rate"] == pytest.approx(
+        1 - float(rollout.all.truncated.sum()) / ended
+    )
 
 
-@pytest.mark.parametrize(("settings", "message"), [
-    ({"n_steps": 21, "batch_size": 21 * 16}, "n_steps must not exceed the episode's 20 steps, got 21"),
-    ({"batch_size": 60}, "batch_size must be a multiple of n_steps = 8 .* got 60"),
-    ({"batch_size": 96}, "batch_size must be a multiple of n_steps = 8 .* = 128, got 96"),
-    ({"batch_size": 256}, "divides n_steps x environments = 128, got 256"),
-])
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"n_steps": 21, "batch_size": 21 * 16},
+            "n_steps must not exceed the episode's 20 steps, got 21",
+        ),
+        ({"batch_size": 60}, "batch_size must be a multiple of n_steps = 8 .* got 60"),
+        ({"batch_size": 96}, "batch_size must be a multiple of n_steps = 8 .* = 128, got 96"),
+        ({"batch_size": 256}, "divides n_steps x environments = 128, got 256"),
+    ],
+)
 def test_sizes_that_do_not_fit(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         tiny_learner(**settings)
 
 
 def test_as_many_environments_as_the_engine_has() -> None:
-    with pytest.raises(ConfigError, match="n_envs must be the engine's 16 environments a member, got 32"):
+    with pytest.raises(
+        ConfigError, match="n_envs must be the engine's 16 environments a member, got 32"
+    ):
         begin(Engine(PLATFORM, NEAR, 16, SHORT), [replace(TINY, n_envs=32)], [0])
 
 
 def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner = tiny_learner()
     learner.by_hand = None  # autograd's hooks see gradients
-    learner.network.tensors["value_net.weight"].register_hook(lambda gradient: gradient * float("inf"))
+    learner.network.tensors["value_net.weight"].register_hook(
+        lambda gradient: gradient * float("inf")
+    )
     learner.collect()
     with pytest.raises(NonFiniteState, match="not finite after 128 steps"):
         statistics(learner.update().tolist()[0], learner.engine, 128, 128)

@@ -34,10 +34,14 @@ def test_robust_agents_meet_the_laboratory_and_every_trouble(name: str) -> None:
     assert set(TROUBLES.values()) <= {replace(other, weight=1.0) for other in conditions.others}
     assert Conditions() in conditions.others
     lab_missed = load_conditions("lab-dropouts")
-    laboratory = [conditions.weight, *(other.weight for other in conditions.others
-                                       if replace(other, weight=1.0) == lab_missed)]
+    laboratory = [
+        conditions.weight,
+        *(other.weight for other in conditions.others if replace(other, weight=1.0) == lab_missed),
+    ]
     share = sum(laboratory) / (conditions.weight + sum(other.weight for other in conditions.others))
-    assert 0.33 < share < 0.41  # poses give some of it to what they learn last: valves that stay open, noise
+    assert (
+        0.33 < share < 0.41
+    )  # poses give some of it to what they learn last: valves that stay open, noise
     assert config.ppo.memory in ("history", "commands")
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 

@@ -49,7 +49,9 @@ training.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
 
 
 @pytest.mark.parametrize("stop_at", [5, 8])
-def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path, stop_at: int) -> None:
+def test_a_resumed_training_ends_as_if_never_stopped(
+    whole: Trainer, tmp_path: Path, stop_at: int
+) -> None:
     """Stopped between reports or at one; the same reports are made but for the one at the stop."""
     tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
     trainer = resumed(tmp_path / "cut")
@@ -115,13 +117,17 @@ def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))
     trainer.run.checkpoint_file.unlink()
-    file, ran = tmp_path / "run" / "checkpoint.pt", tmp_path / "ran"
+    file = tmp_path / "run" / "checkpoint.pt"
+    ran = tmp_path / "ran"
     if old:
         torch.save({"policy": {}, "network": "", "optimizer": {}, "steps": 128}, file)
     else:
         torch.save({"learner": Code(str(ran))}, file)
-    sentence = ("written by an older RANS, .* begin anew with --config" if old else
-                r"checkpoint\.pt holds code that would run posix\.mkdir")
+    sentence = (
+        "written by an older RANS, .* begin anew with --config"
+        if old
+        else r"checkpoint\.pt holds code that would run posix\.mkdir"
+    )
     with pytest.raises(ConfigError, match=sentence):
         resumed(tmp_path / "run")
     assert not ran.exists()
@@ -150,10 +156,15 @@ class Code:
         return os.mkdir, (self.path,)
 
 
-@pytest.mark.parametrize("kind", [{"memory": "history", "history": 2},
-                                  {"memory": "recurrent", "privileged_critic": True},
-                                  {"filters": (0.01, 1.0)}],
-                         ids=["history", "recurrent and privileged", "filters"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"memory": "history", "history": 2},
+        {"memory": "recurrent", "privileged_critic": True},
+        {"filters": (0.01, 1.0)},
+    ],
+    ids=["history", "recurrent and privileged", "filters"],
+)
 def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
     config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
     whole = tiny_trainer(tmp_path / "whole", config)
@@ -184,6 +195,8 @@ def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
     """A sweep leaves such a one; to resume would begin anew and write over it."""
     tiny_trainer(tmp_path / "run").train(ignore)
     (tmp_path / "run" / "checkpoint.safetensors").unlink()
-    with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
+    with pytest.raises(
+        ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"
+    ):
         resumed(tmp_path / "run")
     assert len(RunFolder(tmp_path / "run").metrics()) == 1

@@ -26,7 +26,9 @@ def column(*values: float) -> Tensor:
 
 def test_advantages_by_hand() -> None:
     """Backwards, with discount and trade-off of one half each, so that errors fade by a quarter."""
-    reward, value, last = column(1, 2, 3), column(10, 20, 30), torch.tensor([40.0]).double()
+    reward = column(1, 2, 3)
+    value = column(10, 20, 30)
+    last = torch.tensor([40.0]).double()
     advantage = gae(reward, value, column(0, 0, 0), last, 0.5, 0.5)
     # delta = (1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30) = (1, -3, -7); -3 - 7/4 = -4.75; 1 - 4.75/4.
     assert advantage[:, 0].tolist() == [-0.1875, -4.75, -7.0]
@@ -40,8 +42,9 @@ def test_advantages_are_those_of_sb3() -> None:
     reward, value = torch.randn(2, 30, 7, generator=generator, dtype=torch.float64)
     ended = (torch.rand(30, 7, generator=generator) < 0.2).double()
     last = torch.randn(7, generator=generator, dtype=torch.float64)
-    buffer = Buffer64(30, observation_space(NEAR, 2), action_space(PLATFORM), gamma=0.97, gae_lambda=0.9,
-                      n_envs=7)
+    buffer = Buffer64(
+        30, observation_space(NEAR, 2), action_space(PLATFORM), gamma=0.97, gae_lambda=0.9, n_envs=7
+    )
     buffer.rewards[:], buffer.values[:] = reward.numpy(), value.numpy()
     buffer.episode_starts[1:] = ended[:-1].numpy()
     buffer.compute_returns_and_advantage(last, ended[-1].numpy())
@@ -94,10 +97,15 @@ def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     np.testing.assert_array_equal(buffer.actions, kept.action)
     np.testing.assert_array_equal(buffer.observations, kept.observation)
     # Values and log-probabilities up to tens, in float32.
-    for ours, theirs in ((kept.value, buffer.values), (kept.log_prob, buffer.log_probs),
-                         (batch.advantage, buffer.advantages), (batch.target, buffer.returns)):
+    for ours, theirs in (
+        (kept.value, buffer.values),
+        (kept.log_prob, buffer.log_probs),
+        (batch.advantage, buffer.advantages),
+        (batch.target, buffer.returns),
+    ):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=5e-5)
-    truncated, failed = int(kept.truncated.sum()), int((kept.ended - kept.truncated).sum())
+    truncated = int(kept.truncated.sum())
+    failed = int((kept.ended - kept.truncated).sum())
     assert truncated > 5 < failed  # the test saw both kinds
 
 
@@ -119,10 +127,12 @@ def test_only_time_is_bootstrapped() -> None:
 def test_what_a_rollout_remembers() -> None:
     """Log-probability, value, success and mean reward terms are those of the flight."""
     learner, batch = collected(PLATFORM)
-    rollout, kept = learner.rollout, learner.rollout.all
+    rollout = learner.rollout
+    kept = learner.rollout.all
     engine = Engine(PLATFORM, learner.engine.task, 32, learner.engine.timing)
     engine.stagger(torch.Generator().manual_seed(8))
-    reached, terms = 0, torch.zeros_like(rollout.terms[0])
+    reached = 0
+    terms = torch.zeros_like(rollout.terms[0])
     for t, action in enumerate(kept.action):
         torch.testing.assert_close(kept.observation[t], engine.observe(), rtol=0, atol=0)
         step = engine.step(action)
@@ -131,7 +141,9 @@ def test_what_a_rollout_remembers() -> None:
         reached += int((step.reached & step.truncated).sum())
         cut = step.truncated.nonzero()[:, 0]
         torch.testing.assert_close(rollout.cut[cut], step.final_observation[cut], rtol=0, atol=0)
-    torch.testing.assert_close(rollout.terms[0], terms, rtol=1e-6, atol=0)  # float32 in another order
+    torch.testing.assert_close(
+        rollout.terms[0], terms, rtol=1e-6, atol=0
+    )  # float32 in another order
     assert rollout.reached == reached > 0
     torch.testing.assert_close(batch.target, batch.advantage + kept.value)
 
@@ -144,19 +156,26 @@ def test_what_three_steps_leave_behind() -> None:
     """
     learner = tiny_learner(n_envs=2, n_steps=3, batch_size=6)
     rollout = Rollout(Engine(PLATFORM, learner.engine.task, 4), learner.network, 3)
-    rollout.memory, rollout.cut_memory = torch.zeros(4, 1), torch.full((4, 1), -1.0)
+    rollout.memory = torch.zeros(4, 1)
+    rollout.cut_memory = torch.full((4, 1), -1.0)
     rollout.cut = torch.full_like(rollout.cut, -1.0)
     rollout.all = rollout.all._replace(memory=torch.zeros(3, 4, 1))
     rollout.steps = [Slot._make(None if x is None else x[t] for x in rollout.all) for t in range(3)]
-    rollout.terms, rollout.reached = torch.zeros(2, 2), torch.zeros(2)
+    rollout.terms = torch.zeros(2, 2)
+    rollout.reached = torch.zeros(2)
     width = rollout.cut.shape[1]
     numbers = torch.arange(4.0)
     for t in range(3):
         truncated = torch.tensor([t == 1, False, t == 2, False])
         terminated = torch.tensor([False, t == 1, False, False])
         reached = torch.tensor([True, True, t == 2, False])
-        acted = Acted(torch.full((4, 8), t + 0.5), numbers + t, numbers - t, torch.zeros(4, 8),
-                      (10.0 * (t + 1) + numbers)[:, None])
+        acted = Acted(
+            torch.full((4, 8), t + 0.5),
+            numbers + t,
+            numbers - t,
+            torch.zeros(4, 8),
+            (10.0 * (t + 1) + numbers)[:, None],
+        )
         last = (100.0 * (t + 1) + numbers)[:, None].expand(4, width)
         terms = torch.stack([numbers, numbers * t])
         step = Step(torch.zeros(4, width), numbers * t, terminated, truncated, last, reached, terms)
@@ -196,11 +215,14 @@ def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any) -> None:
     assert not torch.equal(batch.action, learner.rollout.all.action)
 
 
-@pytest.mark.parametrize("kind", [{"memory": "history"}, {"memory": "recurrent"}],
-                         ids=["history", "recurrent"])
+@pytest.mark.parametrize(
+    "kind", [{"memory": "history"}, {"memory": "recurrent"}], ids=["history", "recurrent"]
+)
 def test_a_network_with_a_memory_finds_its_own_probabilities_too(kind: dict[str, Any]) -> None:
     """Through the ends of episodes, in minibatches, with what it remembers of the rollout before."""
-    learner = tiny_learner(dtype=torch.float64, n_steps=16, batch_size=64, privileged_critic=True, **kind)
+    learner = tiny_learner(
+        dtype=torch.float64, n_steps=16, batch_size=64, privileged_critic=True, **kind
+    )
     scatter(learner.network)
     for _ in range(2):
         learner.collect()
@@ -208,9 +230,13 @@ def test_a_network_with_a_memory_finds_its_own_probabilities_too(kind: dict[str,
     assert learner.rollout.all.memory[0].abs().max() > 0.1  # type: ignore[index]
     for part in minibatches(learner.batch(), 1, 4):
         with torch.no_grad():
-            output = learner.network.evaluate_seen(part.seen, part.memory, part.privileged, part.going_on)
+            output = learner.network.evaluate_seen(
+                part.seen, part.memory, part.privileged, part.going_on
+            )
         # Sums of float64 in another order.
-        torch.testing.assert_close(output.policy.log_prob(part.action), part.log_prob, rtol=0, atol=1e-10)
+        torch.testing.assert_close(
+            output.policy.log_prob(part.action), part.log_prob, rtol=0, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
@@ -225,8 +251,10 @@ def test_minibatches_share_out_every_transition(count: int) -> None:
         torch.testing.assert_close(part.seen[:, 0], part.advantage)
         environment = part.log_prob % 16
         assert len(set(environment.tolist())) == 16 // count  # whole environments
-        assert (environment[:24 // count] < 8).all()
-        assert (environment[24 // count:] >= 8).all()
+        assert (environment[: 24 // count] < 8).all()
+        assert (environment[24 // count :] >= 8).all()
         assert part.going_on is not None
-        torch.testing.assert_close(part.going_on.unflatten(1, (2, -1)).transpose(0, 1).flatten(), part.target)
+        torch.testing.assert_close(
+            part.going_on.unflatten(1, (2, -1)).transpose(0, 1).flatten(), part.target
+        )
     assert sorted(torch.cat([part.target for part in parts]).tolist()) == list(range(48))

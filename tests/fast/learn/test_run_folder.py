@@ -28,7 +28,9 @@ def test_it_remembers_the_config(run: RunFolder) -> None:
     assert run.config() == CONFIG
     about = json.loads(run.config_file.read_text())["about"]
     assert about["command"] == "rans train go-to-pose"
-    assert {"torch", "stable-baselines3", "revision", "python", "processor"} <= about["environment"].keys()
+    assert {"torch", "stable-baselines3", "revision", "python", "processor"} <= about[
+        "environment"
+    ].keys()
     assert read_config(run.config_file) == CONFIG
 
 
@@ -45,7 +47,9 @@ def test_the_spacecraft_is_the_one_of_then(tmp_path: Path) -> None:
 
 def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
     before = run.config_file.read_bytes()
-    with pytest.raises(ConfigError, match=r"holds a training already; continue it with --resume .*run, or"):
+    with pytest.raises(
+        ConfigError, match=r"holds a training already; continue it with --resume .*run, or"
+    ):
         run.begin(replace(CONFIG, seed=1), "rans train")
     assert run.config_file.read_bytes() == before
 
@@ -111,7 +115,9 @@ def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
     """One that is being designed in the folder where somebody trains; what was begun and killed goes on."""
     file = tmp_path / "spacecraft.toml"
     file.write_text("mass = 1.0  # my own")
-    with pytest.raises(ConfigError, match=r"spacecraft\.toml is a file already, and of another spacecraft"):
+    with pytest.raises(
+        ConfigError, match=r"spacecraft\.toml is a file already, and of another spacecraft"
+    ):
         RunFolder(tmp_path).begin(CONFIG, "rans train")
     assert file.read_text() == "mass = 1.0  # my own"
     assert not (tmp_path / "config.json").exists()
@@ -128,11 +134,16 @@ def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:
     assert run.config() == replace(CONFIG, timing=replace(CONFIG.timing, substeps=1))
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("", "not valid JSON"), ('{"task": "go-to', "not valid JSON"), ("[]", "must name its task"),
-    ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
-    ("\udcff\udcfe", "is damaged|cannot read"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not valid JSON"),
+        ('{"task": "go-to', "not valid JSON"),
+        ("[]", "must name its task"),
+        ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
+        ("\udcff\udcfe", "is damaged|cannot read"),
+    ],
+)
 def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:
     run.config_file.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(ConfigError, match=message) as caught:
@@ -155,13 +166,15 @@ def test_rows_come_back(run: RunFolder) -> None:
     assert run.metrics() == rows
 
 
-def test_a_checkpoint_is_whole_or_the_one_before(run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_checkpoint_is_whole_or_the_one_before(
+    run: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run.save_checkpoint({"steps": 1, "weights": torch.arange(5)})
 
     real = Path.write_bytes
 
     def half(file: Path, content: Any) -> int:
-        real(file, content[:len(content) // 2])
+        real(file, content[: len(content) // 2])
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

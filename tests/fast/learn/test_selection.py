@@ -17,8 +17,13 @@ from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.fast.engines import FLYER, PLATFORM, SHORT, both_crafts
 from tests.fast.training import scatter, tiny_learner
 
-LENIENT = GoToPose(spawn_distance=(0.1, 0.2), evaluation_distance=(0.5, 1.0), fail_distance=1.2,
-                   position_tolerance=1.1, attitude_tolerance=2.5)
+LENIENT = GoToPose(
+    spawn_distance=(0.1, 0.2),
+    evaluation_distance=(0.5, 1.0),
+    fail_distance=1.2,
+    position_tolerance=1.1,
+    attitude_tolerance=2.5,
+)
 """Some leave, some turn away, some do well enough; all would from where training starts."""
 
 
@@ -29,11 +34,16 @@ def judge(network: Network, craft: Any, task: Any, timing: Timing = SHORT) -> di
 
 def found(said: dict[str, float]) -> tuple[float, dict[str, float]]:
     """Its share and its errors by quantity."""
-    return said["success"], {name.removeprefix("error/"): error for name, error in said.items()
-                             if name.startswith("error/")}
+    return said["success"], {
+        name.removeprefix("error/"): error
+        for name, error in said.items()
+        if name.startswith("error/")
+    }
 
 
-def judged(craft: Any, task: GoToPose, timing: Timing = SHORT) -> tuple[float, dict[str, float], Flight]:
+def judged(
+    craft: Any, task: GoToPose, timing: Timing = SHORT
+) -> tuple[float, dict[str, float], Flight]:
     """What `Selection` says of an untrained agent, and its flight in float64 by `rans.flight`."""
     network = scatter(tiny_learner(craft).network)
     share, errors = found(judge(network, craft, task, timing))
@@ -67,7 +77,8 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
     network = scatter(tiny_learner(memory="history").network)
     selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
     engine = selection._engines[""]
-    act, move = selection._act, engine.step
+    act = selection._act
+    move = engine.step
     remembered: list[Any] = []
     ended: list[Any] = []
 
@@ -80,7 +91,8 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
         ended.append((result.terminated | result.truncated).clone())
         return result
 
-    selection._act, engine.step = watched_act, watched_step  # type: ignore[method-assign]
+    selection._act = watched_act  # type: ignore[method-assign]
+    engine.step = watched_step  # type: ignore[method-assign]
     selection.judge()
     assert not remembered[0].any()
     for before, now in zip(ended[:-1], remembered[1:], strict=True):
@@ -102,13 +114,18 @@ def test_it_always_judges_the_same_flights() -> None:
 def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
     """Each part is judged as it would be alone."""
     network = scatter(tiny_learner().network)
-    task = MultiTask(tasks=("go-to-pose", "track-twist"), go_to_pose=LENIENT,
-                     track_twist=TrackTwist(velocity_tolerance=0.6, spin_tolerance=1.5))
+    task = MultiTask(
+        tasks=("go-to-pose", "track-twist"),
+        go_to_pose=LENIENT,
+        track_twist=TrackTwist(velocity_tolerance=0.6, spin_tolerance=1.5),
+    )
     share, errors = found(judge(network, PLATFORM, task))
-    alone = {name: found(judge(network, PLATFORM, part))
-             for name, part in task.parts().items()}
-    assert errors == {f"{name}/{quantity}": error for name, (_, own) in alone.items()
-                      for quantity, error in own.items()}
+    alone = {name: found(judge(network, PLATFORM, part)) for name, part in task.parts().items()}
+    assert errors == {
+        f"{name}/{quantity}": error
+        for name, (_, own) in alone.items()
+        for quantity, error in own.items()
+    }
     shares = [own for own, _ in alone.values()]
     assert 0.0 < min(shares) < max(shares) < 1.0
     assert share == min(shares)

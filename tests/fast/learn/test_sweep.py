@@ -26,21 +26,48 @@ from tests.fast.training import CONFIG, TINY, after, ignore, tiny_trainer
 
 CHOICES: list[dict[str, Any]] = [
     {"learning_rate": 2.0**-10},  # exact in float32, in which PPO keeps it
-    {"learning_rate": 2.0**-9, "gamma": 0.9, "ent_coef": 0.01, "clip_range": 0.1, "reward_scale": 0.3,
-     "max_learning_rate": 2.0**-9, "anneal": 0.8},
-    {"learning_rate": 2.0**-8, "desired_kl": None, "max_grad_norm": 0.05, "vf_coef": 1.0, "gae_lambda": 0.8},
+    {
+        "learning_rate": 2.0**-9,
+        "gamma": 0.9,
+        "ent_coef": 0.01,
+        "clip_range": 0.1,
+        "reward_scale": 0.3,
+        "max_learning_rate": 2.0**-9,
+        "anneal": 0.8,
+    },
+    {
+        "learning_rate": 2.0**-8,
+        "desired_kl": None,
+        "max_grad_norm": 0.05,
+        "vf_coef": 1.0,
+        "gae_lambda": 0.8,
+    },
 ]
-TASKS = [NEAR, replace(NEAR, position_scale=0.1, thrust_weight=0.5, switching_weight=0.1),
-         replace(NEAR, spawn_distance=(0.2, 0.3), fail_distance=0.4)]
+TASKS = [
+    NEAR,
+    replace(NEAR, position_scale=0.1, thrust_weight=0.5, switching_weight=0.1),
+    replace(NEAR, spawn_distance=(0.2, 0.3), fail_distance=0.4),
+]
 
 
-def together(craft: Any = PLATFORM, dtype: torch.dtype = torch.float64, only: int | None = None,
-             **settings: Any) -> Learner:
+def together(
+    craft: Any = PLATFORM,
+    dtype: torch.dtype = torch.float64,
+    only: int | None = None,
+    **settings: Any,
+) -> Learner:
     """Three trainings that differ in everything in which members may, or only one of them."""
     numbers = range(3) if only is None else [only]
-    tasks, fields = [TASKS[n] for n in numbers], field_dtype(torch.device("cpu"), dtype)
-    engine = Engine(craft, Curriculum(tasks, (), fields, each=16).task, 16 * len(tasks), SHORT, seed=numbers,
-                    dtype=dtype)
+    tasks = [TASKS[n] for n in numbers]
+    fields = field_dtype(torch.device("cpu"), dtype)
+    engine = Engine(
+        craft,
+        Curriculum(tasks, (), fields, each=16).task,
+        16 * len(tasks),
+        SHORT,
+        seed=numbers,
+        dtype=dtype,
+    )
     return begin(engine, [replace(TINY, **CHOICES[n], **settings) for n in numbers], numbers)
 
 
@@ -52,8 +79,11 @@ def trained(learner: Learner, iterations: int) -> Learner:
     return learner
 
 
-@pytest.mark.parametrize("kind", [{}, {"memory": "recurrent", "symmetric": False, "privileged_critic": True}],
-                         ids=["plain", "recurrent"])
+@pytest.mark.parametrize(
+    "kind",
+    [{}, {"memory": "recurrent", "symmetric": False, "privileged_critic": True}],
+    ids=["plain", "recurrent"],
+)
 @both_crafts
 def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -> None:
     """Rollout, advantages, losses, clipping, Adam, step size and statistics, for two whole iterations."""
@@ -61,7 +91,8 @@ def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -
     before = [begun.network.member(number) for number in range(3)]
     trained(begun, 2)
     for number in range(3):
-        alone, ours = trained(together(craft, only=number, **kind), 2).network, begun.network.member(number)
+        alone = trained(together(craft, only=number, **kind), 2).network
+        ours = begun.network.member(number)
         for name, weight in alone.tensors.items():
             # Sums of float64 in another order, divided by gradients as small as 1e-5.
             torch.testing.assert_close(ours[name], weight.detach(), rtol=0, atol=1e-8, msg=name)
@@ -80,25 +111,47 @@ def test_an_engine_of_members_is_their_engines(backend: Callable[..., Engine]) -
     engines = [backend(PLATFORM, task, 16, SHORT, seed=seed) for seed, task in enumerate(TASKS)]
     compiled = None if backend is Engine else True
     fields = field_dtype(torch.device("cpu"), torch.float32, compiled)
-    members = Engine(PLATFORM, Curriculum(TASKS, (), fields, each=16).task, 48, SHORT, seed=range(3),
-                     compiled=compiled)
+    members = Engine(
+        PLATFORM,
+        Curriculum(TASKS, (), fields, each=16).task,
+        48,
+        SHORT,
+        seed=range(3),
+        compiled=compiled,
+    )
     ends = 0
     for command in actions(PLATFORM, 48, 50):
         alone = [engine.step(part) for engine, part in zip(engines, command.chunk(3), strict=True)]
         step = members.step(command)
         ends += int((step.terminated | step.truncated).sum())
-        for name in ("observation", "reward", "terminated", "truncated", "final_observation", "reached"):
+        for name in (
+            "observation",
+            "reward",
+            "terminated",
+            "truncated",
+            "final_observation",
+            "reached",
+        ):
             # A float32 field divides where a Python number was divided in float64 and then rounded.
-            torch.testing.assert_close(getattr(step, name), torch.cat([getattr(s, name) for s in alone]),
-                                       rtol=1e-5, atol=1e-6, msg=name)
+            torch.testing.assert_close(
+                getattr(step, name),
+                torch.cat([getattr(s, name) for s in alone]),
+                rtol=1e-5,
+                atol=1e-6,
+                msg=name,
+            )
     assert ends > 150
 
 
 def test_nested_settings_and_every_error(tmp_path: Path) -> None:
     """Members of a multi-task may differ in the settings of its parts."""
-    tasks = [MultiTask(tasks=("go-to-pose", "track-twist"), track_twist=TrackTwist(velocity_scale=scale))
-             for scale in (0.1, 0.9)]
-    configs = [replace(CONFIG, task="multi-task", settings=task, total_timesteps=128) for task in tasks]
+    tasks = [
+        MultiTask(tasks=("go-to-pose", "track-twist"), track_twist=TrackTwist(velocity_scale=scale))
+        for scale in (0.1, 0.9)
+    ]
+    configs = [
+        replace(CONFIG, task="multi-task", settings=task, total_timesteps=128) for task in tasks
+    ]
     sweep = Sweep(configs, tmp_path)
     assert sweep.varied == ["settings.track_twist.velocity_scale"]
     sweep.train(ignore)
@@ -109,12 +162,19 @@ def test_the_update_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a GPU compiles can be compiled without a break, and computes the same."""
     plain = trained(together(dtype=torch.float32), 2)
     for module in (ppo, adam):
-        monkeypatch.setattr(module, "fused", lambda function, _: torch.compile(
-            function, fullgraph=True, dynamic=False, backend="eager"))
+        monkeypatch.setattr(
+            module,
+            "fused",
+            lambda function, _: torch.compile(
+                function, fullgraph=True, dynamic=False, backend="eager"
+            ),
+        )
     captured = trained(together(dtype=torch.float32), 2)
     for name, tensor in plain.network.tensors.items():
         # The compiler takes Adam's norms and powers apart: the last bit of float32 differs.
-        torch.testing.assert_close(captured.network.tensors[name], tensor, rtol=0, atol=2e-6, msg=name)
+        torch.testing.assert_close(
+            captured.network.tensors[name], tensor, rtol=0, atol=2e-6, msg=name
+        )
 
 
 EASY = GoToPose(evaluation_distance=(0.1, 0.2), position_tolerance=7.9, attitude_tolerance=4.0)
@@ -123,19 +183,25 @@ EASY = GoToPose(evaluation_distance=(0.1, 0.2), position_tolerance=7.9, attitude
 
 def test_a_sweep_ends_as_trainings_do(tmp_path: Path) -> None:
     """The second report in a row that finds it solved ends a member, and its weights are of then."""
-    config = replace(CONFIG, settings=EASY, seed=5, solved_share=0.01, report_interval=3,
-                     total_timesteps=10**9)
+    config = replace(
+        CONFIG, settings=EASY, seed=5, solved_share=0.01, report_interval=3, total_timesteps=10**9
+    )
     alone = tiny_trainer(tmp_path / "alone", config)
     alone.train(ignore)
-    sweep = Sweep([config, replace(config, settings=replace(EASY, position_tolerance=1e-4))], tmp_path)
+    sweep = Sweep(
+        [config, replace(config, settings=replace(EASY, position_tolerance=1e-4))], tmp_path
+    )
     sweep.train(ignore, lambda: len(sweep.members[1].rows) == 4)
-    member, rows = sweep.members[0], alone.run.metrics()
+    member = sweep.members[0]
+    rows = alone.run.metrics()
     assert [row["steps"] for row in member.rows] == [row["steps"] for row in rows] == [384, 768]
     assert [row["steps"] for row in sweep.members[1].rows] == [384, 768, 1152, 1536, 1664]
     assert (member.solved, sweep.members[1].solved) == (True, False)
     for name, weight in alone.learner.network.tensors.items():
         # Adam's steps of 1e-3 differ by the rounding of float32 sums taken in another order.
-        torch.testing.assert_close(member.weights[name], weight.detach(), rtol=0, atol=1e-4, msg=name)
+        torch.testing.assert_close(
+            member.weights[name], weight.detach(), rtol=0, atol=1e-4, msg=name
+        )
     for ours, theirs in zip(member.rows, rows, strict=True):
         assert ours["success"] == pytest.approx(theirs["success"], abs=3 / 1024)
         assert ours["error/position"] == pytest.approx(theirs["error/position"], rel=1e-2)
@@ -145,7 +211,8 @@ def test_a_sweep_ends_as_trainings_do(tmp_path: Path) -> None:
 def test_one_that_diverges_disturbs_nobody(tmp_path: Path) -> None:
     healthy = replace(CONFIG, seed=1, total_timesteps=512)
     broken = replace(healthy, ppo=replace(TINY, reward_scale=1e38))
-    both, one = Sweep([broken, healthy], tmp_path / "both"), Sweep([healthy], tmp_path / "one")
+    both = Sweep([broken, healthy], tmp_path / "both")
+    one = Sweep([healthy], tmp_path / "one")
     both.train(ignore)
     one.train(ignore)
     assert [row["diverged"] for row in both.results()] == [True, False]
@@ -155,11 +222,15 @@ def test_one_that_diverges_disturbs_nobody(tmp_path: Path) -> None:
 
 
 def test_what_cannot_train_together_trains_in_turn(tmp_path: Path) -> None:
-    settings = [replace(TINY, layers=layers, learning_rate=rate)
-                for layers in ((16, 16), (8,)) for rate in (1e-3, 3e-4)]
+    settings = [
+        replace(TINY, layers=layers, learning_rate=rate)
+        for layers in ((16, 16), (8,))
+        for rate in (1e-3, 3e-4)
+    ]
     short = replace(CONFIG, total_timesteps=128)
     configs = [replace(short, seed=seed, ppo=ppo) for ppo in settings for seed in (0, 1)]
-    sweep, seen = Sweep(configs[::-1], tmp_path), []
+    sweep = Sweep(configs[::-1], tmp_path)
+    seen = []
     sweep.train(lambda batch: seen.append([configs.index(member.config) for member in batch]))
     assert seen == [[7, 6, 5, 4], [3, 2, 1, 0]]
     assert sweep.varied == ["ppo.learning_rate", "ppo.layers"]
@@ -169,7 +240,8 @@ def test_what_cannot_train_together_trains_in_turn(tmp_path: Path) -> None:
 
 
 def test_a_batch_frees_what_the_one_before_held(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     batches: list[weakref.ref[Trainer]] = []
 
     def begun(*arguments: Any, **settings: Any) -> Trainer:
@@ -184,8 +256,10 @@ def test_a_batch_frees_what_the_one_before_held(
     short = replace(CONFIG, total_timesteps=128)
     gc.disable()
     try:
-        Sweep([replace(short, ppo=replace(TINY, layers=layers)) for layers in ((16, 16), (8,))],
-              tmp_path).train(ignore)
+        Sweep(
+            [replace(short, ppo=replace(TINY, layers=layers)) for layers in ((16, 16), (8,))],
+            tmp_path,
+        ).train(ignore)
     finally:
         gc.enable()
     assert len(batches) == 2
@@ -193,7 +267,8 @@ def test_a_batch_frees_what_the_one_before_held(
 
 def test_a_stop_keeps_what_there_is(tmp_path: Path) -> None:
     """The batch in training reports once more; those behind it never begin."""
-    sweep, asked = Sweep([CONFIG, replace(CONFIG, ppo=replace(TINY, layers=(8,)))], tmp_path), iter(range(9))
+    sweep = Sweep([CONFIG, replace(CONFIG, ppo=replace(TINY, layers=(8,)))], tmp_path)
+    asked = iter(range(9))
     sweep.train(ignore, lambda: next(asked) >= 3)
     assert [[row["steps"] for row in member.rows] for member in sweep.members] == [[384], []]
     assert len(sweep.results()) == 1
@@ -201,7 +276,8 @@ def test_a_stop_keeps_what_there_is(tmp_path: Path) -> None:
 
 
 def test_a_warm_up_that_takes_all_steps_is_reported(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
     monkeypatch.setattr(Trainer, "_warm_up", lambda trainer: [trainer._iterate() for _ in range(3)])
     sweep = Sweep([replace(CONFIG, total_timesteps=384)], tmp_path)
@@ -211,18 +287,28 @@ def test_a_warm_up_that_takes_all_steps_is_reported(
 
 
 def ended(seed: int, rate: float, steps: int, success: float) -> Member:
-    member = Member(replace(CONFIG, seed=seed, solved_share=0.9, ppo=replace(TINY, learning_rate=rate)))
+    member = Member(
+        replace(CONFIG, seed=seed, solved_share=0.9, ppo=replace(TINY, learning_rate=rate))
+    )
     for _ in range(2):
         member.note({"steps": steps, "success": success}, member.finds_solved(success))
     return member
 
 
-@pytest.mark.parametrize(("outcomes", "best"), [
-    ([(1, 100, 1.0), (1, 900, 1.0), (2, 300, 1.0), (2, 310, 1.0)], 2),  # the luckiest seed is of the worse
-    ([(1, 100, 1.0), (1, 900, 0.8), (2, 700, 1.0), (2, 600, 1.0)], 3),  # one never solved it
-    ([(1, 900, 0.5), (1, 900, 0.5), (2, 900, 0.7), (2, 900, 0.4)], 2),  # nobody did
-])
-def test_the_best_seed_of_the_best_config(outcomes: list[tuple[float, int, float]], best: int) -> None:
+@pytest.mark.parametrize(
+    ("outcomes", "best"),
+    [
+        (
+            [(1, 100, 1.0), (1, 900, 1.0), (2, 300, 1.0), (2, 310, 1.0)],
+            2,
+        ),  # the luckiest seed is of the worse
+        ([(1, 100, 1.0), (1, 900, 0.8), (2, 700, 1.0), (2, 600, 1.0)], 3),  # one never solved it
+        ([(1, 900, 0.5), (1, 900, 0.5), (2, 900, 0.7), (2, 900, 0.4)], 2),  # nobody did
+    ],
+)
+def test_the_best_seed_of_the_best_config(
+    outcomes: list[tuple[float, int, float]], best: int
+) -> None:
     sweep = Sweep([CONFIG], Path("nowhere"))
     sweep.members = [ended(seed, *outcome) for seed, outcome in enumerate(outcomes)]
     assert sweep.members.index(sweep.best()) == best
@@ -234,9 +320,17 @@ def test_configs_that_cannot_work(tmp_path: Path) -> None:
     assert not (tmp_path / "sweep").exists()
 
 
-RAMPED = [replace(CONFIG, seed=seed, report_interval=4, curriculum=(Ramp("thrust_weight", 0.5, 1500),),
-                  settings=replace(GoToPose(), thrust_weight=weight), ppo=replace(TINY, gamma=gamma))
-          for seed, weight, gamma in ((0, 0.1, 0.98), (1, 0.2, 0.9))]
+RAMPED = [
+    replace(
+        CONFIG,
+        seed=seed,
+        report_interval=4,
+        curriculum=(Ramp("thrust_weight", 0.5, 1500),),
+        settings=replace(GoToPose(), thrust_weight=weight),
+        ppo=replace(TINY, gamma=gamma),
+    )
+    for seed, weight, gamma in ((0, 0.1, 0.98), (1, 0.2, 0.9))
+]
 
 
 def test_a_sweep_follows_the_members_own_curricula(tmp_path: Path) -> None:
@@ -273,6 +367,7 @@ def test_a_resumed_sweep_ends_as_if_never_stopped(tmp_path: Path) -> None:
 
 def test_two_sweeps_in_one_folder(tmp_path: Path) -> None:
     """The second is refused, and the first's configs stay: while it trains, and after that."""
+
     def sweep(seed: int) -> Sweep:
         return Sweep([replace(CONFIG, seed=seed, total_timesteps=128)], tmp_path)
 
@@ -298,7 +393,9 @@ def test_a_folder_without_a_sweep(tmp_path: Path) -> None:
 
 def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     """What is saved flies as the member did."""
-    sweep = Sweep([replace(CONFIG, total_timesteps=256, seed=seed) for seed in (0, 1)], tmp_path / "sweep")
+    sweep = Sweep(
+        [replace(CONFIG, total_timesteps=256, seed=seed) for seed in (0, 1)], tmp_path / "sweep"
+    )
     sweep.train(ignore)
     assert sweep.timed_steps == 2 * 256
     member = sweep.members[1]

@@ -20,7 +20,17 @@ from rans.fast.learn.trainer import Trainer, check_device
 from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from tests.fast.engines import SHORT
-from tests.fast.training import CONFIG, EASY, TINY, after, everything, ignore, newest, resumed, tiny_trainer
+from tests.fast.training import (
+    CONFIG,
+    EASY,
+    TINY,
+    after,
+    everything,
+    ignore,
+    newest,
+    resumed,
+    tiny_trainer,
+)
 
 
 def test_same_config_same_bits(tmp_path: Path) -> None:
@@ -41,13 +51,30 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
     assert [row["steps"] for row in rows] == [1024, 2048]
     assert rows[0]["seconds"] < rows[1]["seconds"] == pytest.approx(trainer.seconds, abs=1e-3)
     rate = 1024 / (rows[1]["seconds"] - rows[0]["seconds"])
-    assert rows[1]["steps_per_s"] == pytest.approx(rate, rel=0.1)  # seconds are rounded to milliseconds
-    for key in ("success", "duty", "error/position", "error/attitude", "return/position", "return/thrust",
-                "train/loss", "rollout/success_rate"):
+    assert rows[1]["steps_per_s"] == pytest.approx(
+        rate, rel=0.1
+    )  # seconds are rounded to milliseconds
+    for key in (
+        "success",
+        "duty",
+        "error/position",
+        "error/attitude",
+        "return/position",
+        "return/thrust",
+        "train/loss",
+        "rollout/success_rate",
+    ):
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}
-    assert names == {"config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors",
-                     "policy.zip", "tensorboard", ".lock"}
+    assert names == {
+        "config.json",
+        "spacecraft.toml",
+        "metrics.jsonl",
+        "checkpoint.safetensors",
+        "policy.zip",
+        "tensorboard",
+        ".lock",
+    }
     assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 1
 
 
@@ -69,8 +96,11 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert again.solved
     assert again.steps == 8 * 128
     file = tmp_path / "run/config.json"
-    file.write_text(file.read_text().replace('"solved_share": 0.9', '"solved_share": null')
-                    .replace('"total_timesteps": 10000', '"total_timesteps": 1280'))
+    file.write_text(
+        file.read_text()
+        .replace('"solved_share": 0.9', '"solved_share": null')
+        .replace('"total_timesteps": 10000', '"total_timesteps": 1280')
+    )
     longer = resumed(tmp_path / "run")
     longer.train(ignore)
     assert not longer.solved
@@ -90,7 +120,9 @@ def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> Non
 def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> None:
     """Judged by the deterministic agent, which opens what is likelier open than shut: none, and all."""
     for duty, expected in ((0.01, 0.0), (0.99, 1.0)):
-        trainer = tiny_trainer(tmp_path / str(duty), replace(CONFIG, ppo=replace(TINY, initial_duty=duty)))
+        trainer = tiny_trainer(
+            tmp_path / str(duty), replace(CONFIG, ppo=replace(TINY, initial_duty=duty))
+        )
         assert trainer.selection.judge()[0]["duty"] == pytest.approx(expected, abs=1e-6)
         trainer.learner.collect()
         # 1,024 throws: within five standard deviations of their mean.
@@ -98,7 +130,8 @@ def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> 
 
 
 def test_a_warm_up_that_takes_all_steps_is_reported(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
     trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, total_timesteps=384))
     monkeypatch.setattr(trainer, "_warm_up", lambda: [trainer._iterate() for _ in range(3)])
@@ -110,7 +143,9 @@ def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path
     """Nobody fails, so that each of 16 begins anew four times in 20 steps, whenever its first one ends."""
     config = replace(CONFIG, settings=EASY, episode_steps=5, ppo=replace(TINY, n_steps=4))
     trainer = tiny_trainer(tmp_path / "run", config)
-    ends = torch.stack([trainer.engine.step(torch.zeros(16, 8)).truncated for _ in range(20)]).sum(dim=0)
+    ends = torch.stack([trainer.engine.step(torch.zeros(16, 8)).truncated for _ in range(20)]).sum(
+        dim=0
+    )
     assert ends.tolist() == [4] * 16
     trainer.train(ignore)
     assert load_agent(tmp_path / "run").judged.timing == SHORT
@@ -121,7 +156,9 @@ def test_it_learns(tmp_path: Path) -> None:
 
     The attitude is no measure: one of the five had not found it yet.
     """
-    config = replace(CONFIG, ppo=PPOSettings(), timing=Timing(), total_timesteps=230_000, report_interval=28)
+    config = replace(
+        CONFIG, ppo=PPOSettings(), timing=Timing(), total_timesteps=230_000, report_interval=28
+    )
     rows: list[dict[str, Any]] = []
     tiny_trainer(tmp_path / "run", config).train(newest(rows))
     assert rows[-1]["error/position"] < 0.6
@@ -156,7 +193,9 @@ def test_new_folders(tmp_path: Path) -> None:
 def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One of two has half of the environments, and counts the flight of both."""
     run = RunFolder(tmp_path / "run")
-    trainer = Trainer([CONFIG], tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2))
+    trainer = Trainer(
+        [CONFIG], tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2)
+    )
     assert trainer.engine.num_envs == 8
     said = torch.zeros(1, len(STATISTICS) + 4 + len(trainer.engine.term_names))
     monkeypatch.setattr(trainer.learner, "collect", lambda: None)
@@ -172,26 +211,41 @@ def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Pa
     trainer.train(ignore)
     given = trainer.learner.network.architecture
     assert given.nominal == (0.0,) * given.privileged
-    assert given.privileged == trainer.engine.privileged().shape[1] > 16  # begins, and gains, and leaks
+    assert (
+        given.privileged == trainer.engine.privileged().shape[1] > 16
+    )  # begins, and gains, and leaks
     assert load_agent(tmp_path).conditions is not None
 
 
-@pytest.mark.parametrize(("solved_share", "total", "seconds", "pays"), [
-    (0.9, 10**9, 31.0, True), (0.9, 10**9, 29.0, False),  # as much again as it took
-    (None, 3_200, 1.0, True), (None, 3_000, 1.0, False)])  # 31 and 29 s for 100 steps a second
-def test_compiling_pays_where_much_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                           solved_share: float | None, total: int, seconds: float,
-                                           pays: bool) -> None:
+@pytest.mark.parametrize(
+    ("solved_share", "total", "seconds", "pays"),
+    [
+        (0.9, 10**9, 31.0, True),
+        (0.9, 10**9, 29.0, False),  # as much again as it took
+        (None, 3_200, 1.0, True),
+        (None, 3_000, 1.0, False),
+    ],
+)  # 31 and 29 s for 100 steps a second
+def test_compiling_pays_where_much_is_left(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    solved_share: float | None,
+    total: int,
+    seconds: float,
+    pays: bool,
+) -> None:
     config = replace(CONFIG, solved_share=solved_share, total_timesteps=total)
     trainer = tiny_trainer(tmp_path / "run", config)
-    trainer.steps, trainer.seconds = 100, seconds
+    trainer.steps = 100
+    trainer.seconds = seconds
     assert not trainer._compiling_pays()
     monkeypatch.setattr(trainer.engine, "device", torch.device("cuda"))
     assert trainer._compiling_pays() == pays
 
 
-def test_a_training_that_is_compiled_on_its_way_goes_on(tmp_path: Path,
-                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_that_is_compiled_on_its_way_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With the same reports and agent; on a CPU nothing is compiled, but it is divided in two as on a GPU."""
     plain, divided = (tiny_trainer(tmp_path / name) for name in ("plain", "divided"))
     plain.train(ignore)

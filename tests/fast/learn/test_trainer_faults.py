@@ -19,7 +19,9 @@ from rans.tasks import GoToPose
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
 
-@pytest.mark.filterwarnings("ignore:this engine steps slower")  # for a reward that no program is made of
+@pytest.mark.filterwarnings(
+    "ignore:this engine steps slower"
+)  # for a reward that no program is made of
 @pytest.mark.parametrize("what", ["weight", "state", "reward"])
 def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = tiny_trainer(tmp_path / "run")
@@ -32,7 +34,9 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
         trainer.engine.state.p.x[3] = float("nan")
     else:
         trainer.engine._step = ArrayStep()  # with the reward that follows
-        monkeypatch.setattr(GoToPose, "reward", lambda *_: {"position": np.full(16, np.nan, np.float32)})
+        monkeypatch.setattr(
+            GoToPose, "reward", lambda *_: {"position": np.full(16, np.nan, np.float32)}
+        )
     sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.safetensors"
     with pytest.raises(NonFiniteState, match=sentence):
         trainer.train(ignore)
@@ -47,7 +51,8 @@ def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPat
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(2))
     before = {file.name: file.read_bytes() for file in tmp_path.joinpath("run").glob("*.*")}
-    real_replace, real_open = os.replace, os.open
+    real_replace = os.replace
+    real_open = os.open
 
     def replace_(source: Any, target: Any) -> None:
         if Path(target).name == failing:
@@ -75,9 +80,11 @@ def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPat
 def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
     tiny_trainer(tmp_path / "run").train(ignore, after(1))
     table = json.loads((tmp_path / "run" / "config.json").read_text())
-    for key, value, message in (("layers", [8, 8], r"its network is another one \(layers \(16, 16\)"),
-                                ("n_envs", 32, "saved state is not one of 32"),
-                                ("symmetric", False, "its network is another one .*symmetric True")):
+    for key, value, message in (
+        ("layers", [8, 8], r"its network is another one \(layers \(16, 16\)"),
+        ("n_envs", 32, "saved state is not one of 32"),
+        ("symmetric", False, "its network is another one .*symmetric True"),
+    ):
         changed = table | {"ppo": table["ppo"] | {key: value}}
         (tmp_path / "run" / "config.json").write_text(json.dumps(changed))
         with pytest.raises(ConfigError, match=message) as caught:
@@ -91,9 +98,11 @@ def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
     trainer.train(ignore, after(1))
     file = trainer.run.checkpoint_file
     content = file.read_bytes()
-    file.write_bytes({b"half": content[:len(content) // 2]}.get(damaged, damaged))
+    file.write_bytes({b"half": content[: len(content) // 2]}.get(damaged, damaged))
     if damaged == b"other":
         file.write_bytes(pack([1, 2, 3]))
-    with pytest.raises(ConfigError, match=r"checkpoint\.safetensors (is damaged|does not fit)") as caught:
+    with pytest.raises(
+        ConfigError, match=r"checkpoint\.safetensors (is damaged|does not fit)"
+    ) as caught:
         resumed(tmp_path / "run")
     assert "\n" not in str(caught.value)

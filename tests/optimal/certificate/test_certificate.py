@@ -63,7 +63,8 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
 @pytest.mark.parametrize("build", [through, doubled, lopsided], ids=lambda build: build.__name__)
 def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spacecraft]) -> None:
     """Every other goal is one that an odd number of pulses reaches; nothing is gained by parity alone."""
-    craft, tight = build(), GoalSet(1e-6, 1e-6, 1e-6)
+    craft = build()
+    tight = GoalSet(1e-6, 1e-6, 1e-6)
     start = PlanarState(Vec2(0.2, -0.1), Heading(0.4), Vec2(0.05, 0.1), 0.3)
     flown = fly_everything(craft, start, 2)
     lattice = Lattice(craft, PERIOD)
@@ -81,27 +82,36 @@ def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
     craft, most = CRAFTS[name]
     start, goal, _ = instance(craft, most, seed)
     names = ("position", "velocity", "heading", "spin")
-    first = next(steps for steps in (1, 2, 3)
-                 if fly_everything(craft, start, steps).arrived(goal, SNUG, names).any())
+    first = next(
+        steps
+        for steps in (1, 2, 3)
+        if fly_everything(craft, start, steps).arrived(goal, SNUG, names).any()
+    )
     answer = least_time(Lattice(craft, PERIOD), start, goal, most, SNUG)
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("dead", "stuck"), [((0,), ()), ((), (1,)), ((2,), (0,)), ((), (0, 3))])
-def test_least_time_of_failed_thrusters(dead: tuple[int, ...], stuck: tuple[int, ...], seed: int) -> None:
+def test_least_time_of_failed_thrusters(
+    dead: tuple[int, ...], stuck: tuple[int, ...], seed: int
+) -> None:
     """Of all sequences those are looked at in which who is dead never fires and who is stuck always does."""
-    craft, names = lopsided(), ("position", "velocity", "heading", "spin")
+    craft = lopsided()
+    names = ("position", "velocity", "heading", "spin")
     start, _, flown = instance(craft, 2, seed)
 
     def possible(flown: Flown) -> np.ndarray:
-        never, always = flown.commands[:, :, list(dead)] == 0, flown.commands[:, :, list(stuck)] == 1
+        never = flown.commands[:, :, list(dead)] == 0
+        always = flown.commands[:, :, list(stuck)] == 1
         return never.all(axis=(1, 2)) & always.all(axis=(1, 2))
 
     pick = np.flatnonzero(possible(flown))[7 * seed]
     goal = map_leaves(lambda x: float(x[pick]), flown.final)
     both = [fly_everything(craft, start, steps) for steps in (1, 2)]
-    first = next(k for k, one in enumerate(both, 1) if one.arrived(goal, SNUG, names)[possible(one)].any())
+    first = next(
+        k for k, one in enumerate(both, 1) if one.arrived(goal, SNUG, names)[possible(one)].any()
+    )
     answer = least_time(Lattice(craft, PERIOD, dead, stuck), start, goal, 2, SNUG)
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
     assert answer.commands is not None
@@ -109,11 +119,20 @@ def test_least_time_of_failed_thrusters(dead: tuple[int, ...], stuck: tuple[int,
     assert (answer.commands[:, list(stuck)] == 1).all()
 
 
-@pytest.mark.parametrize(("field", "value"), [("w", math.nan), ("w", math.inf), ("p", Vec2(math.nan, 0.0)),
-                                              ("v", Vec2(0.0, math.inf)), ("attitude", Heading(math.nan))])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("w", math.nan),
+        ("w", math.inf),
+        ("p", Vec2(math.nan, 0.0)),
+        ("v", Vec2(0.0, math.inf)),
+        ("attitude", Heading(math.nan)),
+    ],
+)
 def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    lattice, wrong = Lattice(PLATFORM, PERIOD), dataclasses.replace(rest, **{field: value})
+    lattice = Lattice(PLATFORM, PERIOD)
+    wrong = dataclasses.replace(rest, **{field: value})
     for start, goal, name in ((wrong, rest, "start"), (rest, wrong, "goal")):
         for ask in (least_fuel, least_time):
             with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
@@ -142,7 +161,8 @@ def test_without_patience_bounds_hold(seed: int, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("time.process_time", itertools.count().__next__)
     start, goal, flown = instance(PLATFORM, 2, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
-    lattice, hasty = Lattice(PLATFORM, PERIOD), Effort(seconds=1e-9)
+    lattice = Lattice(PLATFORM, PERIOD)
+    hasty = Effort(seconds=1e-9)
     fuel_answer = least_fuel(lattice, start, goal, 2, SNUG, hasty)
     assert 0 < fuel_answer.lower <= flown.fuel[reached].min() + 1e-12
     assert (fuel_answer.upper, fuel_answer.commands, fuel_answer.nodes) == (math.inf, None, 0)
@@ -195,7 +215,9 @@ def first_four(seed: int) -> tuple[PlanarState, PlanarState]:
 def test_starts_that_move_and_spin(seed: int) -> None:
     """Any position, velocity and spin: of two spins that differ by q one is within q / 2 of rest."""
     x, y, angle, u, v, w = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
-    start = PlanarState(Vec2(0.2 * x, 0.2 * y), Heading(3.0 * angle), Vec2(0.1 * u, 0.1 * v), 0.6 * w)
+    start = PlanarState(
+        Vec2(0.2 * x, 0.2 * y), Heading(3.0 * angle), Vec2(0.1 * u, 0.1 * v), 0.6 * w
+    )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     lattice = Lattice(PLATFORM, PERIOD)
     goals = GoalSet(0.08, 0.08, 0.3, spin=0.5 * lattice.spin)
@@ -244,15 +266,29 @@ def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -
     assert answer.commands is None
 
 
-@pytest.mark.parametrize(("ends", "bounds"), [
-    ("xx?c", (0.6, 0.8)), ("x?xc", (0.4, 0.8)), ("??c", (0.2, 0.6)), ("x?", (0.4, math.inf)),
-    ("xxxx", (1.0, math.inf)), ("c", (0.2, 0.2)), ("???c", (0.2, math.inf))])
+@pytest.mark.parametrize(
+    ("ends", "bounds"),
+    [
+        ("xx?c", (0.6, 0.8)),
+        ("x?xc", (0.4, 0.8)),
+        ("??c", (0.2, 0.6)),
+        ("x?", (0.4, math.inf)),
+        ("xxxx", (1.0, math.inf)),
+        ("c", (0.2, 0.2)),
+        ("???c", (0.2, math.inf)),
+    ],
+)
 def test_the_bound_of_time_is_the_first_that_was_not_excluded(
-        ends: str, bounds: tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    ends: str, bounds: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By periods of 0.2 s: excluded (x), left open (?) or reached by commands (c); three open end it."""
+
     def decide(relaxation: Relaxation, *_: object) -> Any:
-        end, fired = ends[min(relaxation.steps, len(ends)) - 1], np.ones((relaxation.steps, 4))
-        return certificate._Outcome(excluded=end == "x", commands=fired if end == "c" else None, nodes=2)
+        end = ends[min(relaxation.steps, len(ends)) - 1]
+        fired = np.ones((relaxation.steps, 4))
+        return certificate._Outcome(
+            excluded=end == "x", commands=fired if end == "c" else None, nodes=2
+        )
 
     monkeypatch.setattr(certificate, "_decide", decide)
     root = SimpleNamespace(best=SimpleNamespace(value=0.0))
@@ -265,8 +301,16 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     assert (found.commands is not None) == math.isfinite(bounds[1])
 
 
-@pytest.mark.parametrize(("lower", "upper", "gap"), [
-    (2.0, 3.0, 0.5), (4.0, 4.0, 0.0), (0.0, 0.0, 0.0), (0.0, 1.0, math.inf), (2.0, math.inf, math.inf)])
+@pytest.mark.parametrize(
+    ("lower", "upper", "gap"),
+    [
+        (2.0, 3.0, 0.5),
+        (4.0, 4.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (0.0, 1.0, math.inf),
+        (2.0, math.inf, math.inf),
+    ],
+)
 def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
     assert certificate.Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
 
@@ -275,7 +319,8 @@ def test_parts_share_out_a_branch() -> None:
     """Each of all paths of three periods is in one part and not in the other; no part holds a whole mixture.
 
     Split where the mixture's headings differ, where only its patterns do, and where it is one path."""
-    lattice, rest = Lattice(doubled(), PERIOD), PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    lattice = Lattice(doubled(), PERIOD)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     loose = GoalSet(1.0, 1.0, math.pi, 100.0)
     relaxation = Relaxation(lattice, rest, rest, loose, 3, None)
     patterns = lattice.patterns
@@ -283,8 +328,11 @@ def test_parts_share_out_a_branch() -> None:
     same = np.flatnonzero(patterns.torque == patterns.torque[3])
     assert len(same) > 1
     still = int(np.flatnonzero(patterns.thrust == 0.0)[0])
-    mixtures = [[(still, still, still), (len(patterns.torque) - 1, still, still)],
-                [(int(same[0]), still, still), (int(same[1]), still, still)], [(still, still, still)]]
+    mixtures = [
+        [(still, still, still), (len(patterns.torque) - 1, still, still)],
+        [(int(same[0]), still, still), (int(same[1]), still, still)],
+        [(still, still, still)],
+    ]
     for mixture in mixtures:
         cuts = [Cut(0.0, np.zeros(4), np.array(path)) for path in mixture]
         best: Any = None

@@ -42,7 +42,8 @@ def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[fl
     relaxation, goal, flown = tiny(name, seed)
     turned = flown.arrived(goal, SNUG, ("heading", "spin"))
     final = map_leaves(lambda x: x[turned], flown.final)
-    speed, way = final.v - Vec2(goal.v.x, goal.v.y), final.p - Vec2(goal.p.x, goal.p.y)
+    speed = final.v - Vec2(goal.v.x, goal.v.y)
+    way = final.p - Vec2(goal.p.x, goal.p.y)
     miss = np.array([speed.x, speed.y, way.x, way.y])
     radii = SNUG.velocity * math.hypot(*costate[:2]) + SNUG.position * math.hypot(*costate[2:])
     expected = (flown.fuel[turned] + np.array(costate) @ miss).min() - radii
@@ -70,10 +71,14 @@ def test_overflow_is_no_proof() -> None:
 def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float]) -> None:
     """A random flight, whose end is the goal, costs at least the bound and stays in what is searched."""
     random = np.random.default_rng(seed)
-    lattice, steps = Lattice(PLATFORM, PERIOD), 12
+    lattice = Lattice(PLATFORM, PERIOD)
+    steps = 12
     patterns = lattice.patterns
-    path = np.where(random.random(steps) < duty, random.integers(0, len(patterns.torque), steps),
-                    np.flatnonzero(patterns.thrust == 0)[0])
+    path = np.where(
+        random.random(steps) < duty,
+        random.integers(0, len(patterns.torque), steps),
+        np.flatnonzero(patterns.thrust == 0)[0],
+    )
     x, y, angle, u, v, w = random.uniform(-1.0, 1.0, 6)
     start = PlanarState(Vec2(x, y), Heading(angle), Vec2(u, v), w)
     goal = replay(PLATFORM, start, patterns.commands[path], PERIOD)
@@ -91,21 +96,26 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
 
 
 def test_no_lqr_flight_beats_its_certificate() -> None:
-    timing, lattice = Timing(episode_steps=30), Lattice(PLATFORM, PERIOD)
+    timing = Timing(episode_steps=30)
+    lattice = Lattice(PLATFORM, PERIOD)
     starts = scenarios(GoToPose().for_evaluation(), PLATFORM, 7, 4)
     flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, GoToPose(), timing), starts, timing)
     for k in range(4):
-        start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
+        start, goal = (
+            map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1)
+        )
         paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
         relaxation = Relaxation(lattice, start, goal, GoalSet(), 30, paid)
-        found = ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2,
-                       0.5, 25)
+        found = ascend(
+            relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2, 0.5, 25
+        )
         assert 0 < found.best.value <= paid
 
 
 def test_gradient_is_that_of_the_bound() -> None:
     relaxation, _, _ = tiny("floating-platform", 1)
-    everything, costate = relaxation.reachable(), np.array([3.0, -2.0, 1.0, 5.0])
+    everything = relaxation.reachable()
+    costate = np.array([3.0, -2.0, 1.0, 5.0])
     here = relaxation.bound(costate, everything)
     for other in np.random.default_rng(0).normal(size=(20, 4)) * 10:
         there = relaxation.bound(other, everything)

@@ -20,16 +20,24 @@ from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.certificate.spatial import SpinLattice
 from tests.optimal.certificate.test_spatial import PERIOD, POSE, REST, _craft, _near, lopsided
 
-SET, STEPS = GoalSet(0.01, 0.02, 0.05, 0.1), 8
-STILL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+SET = GoalSet(0.01, 0.02, 0.05, 0.1)
+STEPS = 8
+STILL = SpatialState(
+    Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+)
 
 
 def corners() -> Spacecraft:
     """Two nozzles ahead and two back, each of one quantum about the same axis or another."""
-    return _craft("corners", (Thruster((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
-                              Thruster((0.0, -0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
-                              Thruster((0.0, 0.0, 0.2), (-1.0, 0.0, 0.0), 1.0),
-                              Thruster((0.0, 0.0, -0.2), (-1.0, 0.0, 0.0), 1.0)))
+    return _craft(
+        "corners",
+        (
+            Thruster((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
+            Thruster((0.0, -0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
+            Thruster((0.0, 0.0, 0.2), (-1.0, 0.0, 0.0), 1.0),
+            Thruster((0.0, 0.0, -0.2), (-1.0, 0.0, 0.0), 1.0),
+        ),
+    )
 
 
 CRAFT = corners()
@@ -55,9 +63,17 @@ def flown() -> Any:
 
 
 def arrives(final: Any, goal: Any) -> bool:
-    errors = [np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in "pvw"]
-    return bool((_near(final, goal, SET.heading) & (errors[0] <= SET.position) & (errors[1] <= SET.velocity)
-                 & (errors[2] <= SET.spin)).any())
+    errors = [
+        np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in "pvw"
+    ]
+    return bool(
+        (
+            _near(final, goal, SET.heading)
+            & (errors[0] <= SET.position)
+            & (errors[1] <= SET.velocity)
+            & (errors[2] <= SET.spin)
+        ).any()
+    )
 
 
 def turned(angle: float, about: int) -> Quat:
@@ -69,7 +85,9 @@ def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
     """Goals 12 to 20 cm ahead, turned or not: what no flight reaches is excluded unless most pulses may be
     wasted, as below 16 cm."""
     answers = []
-    for far, angle, about in itertools.product(np.linspace(0.12, 0.2, 9), (0.0, 0.12, 0.24, 0.6), (1, 2)):
+    for far, angle, about in itertools.product(
+        np.linspace(0.12, 0.2, 9), (0.0, 0.12, 0.24, 0.6), (1, 2)
+    ):
         goal = replace(STILL, p=Vec3(float(far), 0.0, 0.0), attitude=turned(angle, about))
         reached = arrives(flown, goal)
         excluded = Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
@@ -83,15 +101,19 @@ def test_a_start_that_moves(flown: Any) -> None:
     """Seen from a frame that moves, all is as it was: start and goal drift by 0.1 m/s, and 16 cm in 1.6 s."""
     for angle, along in itertools.product((0.0, 0.24), ((0.1, 0.0, 0.0), (-0.05, 0.07, 0.02))):
         goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(angle, 1))
-        start, passing = replace(STILL, v=Vec3(*along)), goal.p + Vec3(*along).scale(1.6)
+        start = replace(STILL, v=Vec3(*along))
+        passing = goal.p + Vec3(*along).scale(1.6)
         moved = replace(goal, p=passing, v=Vec3(*along))
-        assert Halves(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(flown, goal)
+        assert Halves(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(
+            flown, goal
+        )
 
 
 @pytest.mark.parametrize("ahead", [4, 0])
 def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> None:
     """The farthest of all flights that end so many pulses fast is not excluded, 4 cm farther is."""
-    fast, still = PERIOD / 3.0, np.linalg.norm(flown.w.columns(), axis=0) < 1e-9
+    fast = PERIOD / 3.0
+    still = np.linalg.norm(flown.w.columns(), axis=0) < 1e-9
     upright = still & _near(flown, STILL, 0.02) & (np.abs(flown.v.x - ahead * fast) < 0.01)
     farthest = float(flown.p.x[upright].max())
     for more, reached in ((0.0, True), (0.04, False)):
@@ -121,13 +143,17 @@ def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
 def test_what_gains_is_the_integral_along_the_way() -> None:
     """A push of 1 m/s^2 from 1 s to 2 s of 4 s: 1 - t / 2 is 1/4 in the mean, leaning by 0.2 it is 0.45."""
     state = np.zeros(13)
-    state[0], state[7] = 0.5, 1.0  # at 2 s
+    # at 2 s
+    state[0] = 0.5
+    state[7] = 1.0
     ahead = np.array([1.0, 0.0, 0.0])
     assert gained(state, 2.0, ahead, 4.0, 0.0, 0.0) == pytest.approx(0.25)
     assert gained(state, 2.0, ahead, 4.0, 0.0, 0.2) == pytest.approx(0.45)
     askew = np.array([0.8, 0.6, 0.0])  # 36.9 degrees off; with 10 degrees to spare 26.9
     assert gained(state, 2.0, askew, 4.0, 0.0, 0.0) == pytest.approx(0.2)
-    assert gained(state, 2.0, askew, 4.0, math.radians(10.0), 0.0) == pytest.approx(0.25 * 0.892035, rel=1e-5)
+    assert gained(state, 2.0, askew, 4.0, math.radians(10.0), 0.0) == pytest.approx(
+        0.25 * 0.892035, rel=1e-5
+    )
     assert gained(state, 2.0, askew, 4.0, 1.0, 0.0) == pytest.approx(0.25)
 
 

@@ -34,15 +34,22 @@ from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
 from tests.optimal.problems import spatial
 from tests.optimal.tiny import fly_everything, lopsided
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 SHARED = replace(PLATFORM, thrust_sharing="split")
-POSE, EXACT = aims(GoToPose()), GoalSet(0.0, 0.0, 0.0, 0.0)
+POSE = aims(GoToPose())
+EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 SLACK = 1 - 1e-6
 """What is optimal has rounding, and the optimiser 1e-8 of its own."""
 
 
-def planar(x: float = 0.0, y: float = 0.0, heading: float = 0.0, v: tuple[float, float] = (0.0, 0.0),
-           w: float = 0.0) -> PlanarState:
+def planar(
+    x: float = 0.0,
+    y: float = 0.0,
+    heading: float = 0.0,
+    v: tuple[float, float] = (0.0, 0.0),
+    w: float = 0.0,
+) -> PlanarState:
     return PlanarState(Vec2(x, y), Heading(heading), Vec2(*v), w)
 
 
@@ -56,18 +63,29 @@ def test_reach_of_the_platform() -> None:
     assert (shared.force.max(), shared.torque) == pytest.approx((1.0, 0.31))
 
 
-@pytest.mark.parametrize("craft", [PLATFORM, nasty_planar(), SHARED, nasty_spatial()], ids=lambda c: c.name)
+@pytest.mark.parametrize(
+    "craft", [PLATFORM, nasty_planar(), SHARED, nasty_spatial()], ids=lambda c: c.name
+)
 def test_reach_with_faults_is_that_of_every_command(craft: Spacecraft) -> None:
     """One dead, one stuck at 0.6, one weak: the hardest push and turn of full commands and of random ones."""
     count = len(craft.thrusters)
-    gain, leak = (0.0, 0.0, 0.4, *(1.0,) * (count - 3)), (0.0, 0.6, *(0.0,) * (count - 2))
+    gain = (0.0, 0.0, 0.4, *(1.0,) * (count - 3))
+    leak = (0.0, 0.6, *(0.0,) * (count - 2))
     body = replace(Body.of(craft), gain=gain, leak=leak)
-    reach, rng = hull.Reach.of(craft, hull.Health(gain, leak)), np.random.default_rng(1)
-    every = itertools.product((0.0, 1.0), repeat=count) if count < 9 else rng.integers(0, 2, (4000, count))
+    reach = hull.Reach.of(craft, hull.Health(gain, leak))
+    rng = np.random.default_rng(1)
+    every = (
+        itertools.product((0.0, 1.0), repeat=count)
+        if count < 9
+        else rng.integers(0, 2, (4000, count))
+    )
     told = np.concatenate([np.array(list(every), dtype=float), rng.random((1000, count))])
     given = wrench(craft, tuple(told.T), body)
-    force, torque = given.force.norm(), np.linalg.norm(np.atleast_2d(
-        given.torque.columns() if isinstance(given.torque, Vec3) else given.torque), axis=0)
+    force = given.force.norm()
+    torque = np.linalg.norm(
+        np.atleast_2d(given.torque.columns() if isinstance(given.torque, Vec3) else given.torque),
+        axis=0,
+    )
     assert force.max() <= reach.force.max() * (1 + 1e-12)
     assert torque.max() <= reach.torque * (1 + 1e-12)
     if count < 9 and craft.thrust_sharing == "none":  # reached by a command that was tried
@@ -79,7 +97,9 @@ def test_least_settling_by_hand() -> None:
     """2 sqrt(2) N: from 3 m to 5 cm short of the goal, there at most at 2 sqrt(a 5 cm); with one thruster
     left, of 1 N, as much longer as the root of what it has less."""
     a = 2 * math.sqrt(2) / PLATFORM.mass
-    v, way = 2 * math.sqrt(a * 0.05), 2.95  # looked at all the time
+    # looked at all the time
+    v = 2 * math.sqrt(a * 0.05)
+    way = 2.95
     peak = math.sqrt(a * way + v * v / 2)
     found = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0)
     assert found == pytest.approx((2 * peak - v) / a)
@@ -90,21 +110,32 @@ def test_least_settling_by_hand() -> None:
 
 def test_who_is_faster_leaves_for_a_moment() -> None:
     """Braking as hard as it can from one side of the ball along a line, at any phase of the period."""
-    within, h = hull.settling_set(PLATFORM, 0.05, 0.1, 0.2), 0.2
+    within = hull.settling_set(PLATFORM, 0.05, 0.1, 0.2)
+    h = 0.2
     a = 2 * math.sqrt(2) / PLATFORM.mass
     k = np.arange(1, 20) * h
     farthest = lambda v: (v * k - a * k**2 / 2).max()  # noqa: E731
     assert farthest(within.velocity * 1.001) > 0.1
     exact = math.sqrt(4 * a * 0.05)  # whoever is slower stays, if looked at all the time
     assert exact < within.velocity < 1.02 * exact
-    assert within.spin == pytest.approx(2 * math.sqrt(6.0637 * 0.1 + (6.0637 * 0.05) ** 2), rel=1e-4)
+    assert within.spin == pytest.approx(
+        2 * math.sqrt(6.0637 * 0.1 + (6.0637 * 0.05) ** 2), rel=1e-4
+    )
 
 
-@pytest.mark.parametrize(("tolerance", "period", "sentence"), [
-    (math.nan, 0.2, "position must be finite"), (-0.1, 0.2, "not negative, got -0.1"),
-    (0.05, math.nan, "period >= 0 s between looks, got nan"), (0.05, math.inf, "got inf"),
-    (0.05, -0.2, r"got -0\.2")])
-def test_settling_without_numbers_is_not_bounded(tolerance: float, period: float, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("tolerance", "period", "sentence"),
+    [
+        (math.nan, 0.2, "position must be finite"),
+        (-0.1, 0.2, "not negative, got -0.1"),
+        (0.05, math.nan, "period >= 0 s between looks, got nan"),
+        (0.05, math.inf, "got inf"),
+        (0.05, -0.2, r"got -0\.2"),
+    ],
+)
+def test_settling_without_numbers_is_not_bounded(
+    tolerance: float, period: float, sentence: str
+) -> None:
     with pytest.raises(ConfigError, match=sentence):
         hull.least_settling(PLATFORM, planar(x=-3.0), planar(), tolerance, 0.1, period)
 
@@ -122,7 +153,8 @@ def test_least_time_from_rest_is_bang_bang() -> None:
 
 def test_overshooting_is_allowed_for() -> None:
     """Too fast to stop in time: brake, come back. v^2 / 2a too far, then bang-bang back."""
-    a, v = 2 * math.sqrt(2) / PLATFORM.mass, 0.6
+    a = 2 * math.sqrt(2) / PLATFORM.mass
+    v = 0.6
     back = v * v / (2 * a)
     bound = hull.least_time(PLATFORM, POSE, planar(v=(v, 0.0)), planar(), EXACT)
     assert bound == pytest.approx(v / a + 2 * math.sqrt(back / a))
@@ -134,7 +166,9 @@ def test_least_fuel_is_twice_the_momentum_of_a_straight_flight() -> None:
     least = 2 * PLATFORM.mass * 3.0 / 200.0
     assert least * SLACK <= bound < least * 1.01
     spin = hull.least_fuel(PLATFORM, POSE, planar(w=1.0), planar(), 20.0, EXACT)
-    assert spin == pytest.approx(PLATFORM.inertia[2][2] / 0.31)  # each newton second turns by 0.31 m
+    assert spin == pytest.approx(
+        PLATFORM.inertia[2][2] / 0.31
+    )  # each newton second turns by 0.31 m
 
 
 def test_out_of_reach_is_infinite() -> None:
@@ -146,7 +180,9 @@ def test_out_of_reach_is_infinite() -> None:
 def couple(sharing: Literal["none", "split"] = "none") -> Spacecraft:
     """Two nozzles of 1 N, 0.3 m either side of the centre, that together only turn."""
     sphere = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
-    nozzles = tuple(Thruster((x, 0.0, 0.0), (0.0, way, 0.0), 1.0) for x, way in ((0.3, 1.0), (-0.3, -1.0)))
+    nozzles = tuple(
+        Thruster((x, 0.0, 0.0), (0.0, way, 0.0), 1.0) for x, way in ((0.3, 1.0), (-0.3, -1.0))
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it cannot be steered everywhere does not matter here
         return Spacecraft("couple", 2, 4.0, sphere, nozzles, thrust_sharing=sharing)
@@ -158,13 +194,21 @@ def test_turning_may_take_more_thrust_than_pushing() -> None:
     assert hull.least_fuel(couple(), {"spin"}, planar(), spun, 2.0, EXACT) == pytest.approx(4.0)
     assert hull.least_fuel(couple(), {"spin"}, planar(), planar(w=12.1), 2.0, EXACT) == math.inf
     shared = couple("split")  # together they give the worth of one
-    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.0), 2.0, EXACT) == pytest.approx(2.0)
+    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.0), 2.0, EXACT) == pytest.approx(
+        2.0
+    )
     assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.1), 2.0, EXACT) == math.inf
 
 
-@pytest.mark.parametrize(("bad", "name"), [
-    (planar(x=math.nan), "start"), (planar(v=(math.inf, 0.0)), "start"),
-    (planar(heading=math.nan), "goal"), (planar(w=math.inf), "goal")])
+@pytest.mark.parametrize(
+    ("bad", "name"),
+    [
+        (planar(x=math.nan), "start"),
+        (planar(v=(math.inf, 0.0)), "start"),
+        (planar(heading=math.nan), "goal"),
+        (planar(w=math.inf), "goal"),
+    ],
+)
 def test_no_bound_from_numbers_that_are_none(bad: PlanarState, name: str) -> None:
     start, goal = (bad, planar()) if name == "start" else (planar(), bad)
     with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
@@ -181,9 +225,11 @@ def test_horizons_that_are_none(horizon: float) -> None:
 
 def test_tolerances_are_granted() -> None:
     """By hand, with a = 2.828 N / 5.32 kg = 0.5317 m/s^2 and 1.24 N m / 0.2045 kg m^2 for the turn."""
-    push, turn = 2 * math.sqrt(2) / PLATFORM.mass, 1.24 / PLATFORM.inertia[2][2]
-    slow = hull.least_time(PLATFORM, aims(TrackVelocity()), planar(v=(0.5, 0.0)), planar(),
-                           GoalSet(0.0, 0.2, 0.0, 0.0))
+    push = 2 * math.sqrt(2) / PLATFORM.mass
+    turn = 1.24 / PLATFORM.inertia[2][2]
+    slow = hull.least_time(
+        PLATFORM, aims(TrackVelocity()), planar(v=(0.5, 0.0)), planar(), GoalSet(0.0, 0.2, 0.0, 0.0)
+    )
     assert slow == pytest.approx(0.3 / push)
     near = hull.least_time(PLATFORM, POSE, planar(x=-3.0), planar(), GoalSet(0.5, 0.0, 0.0, 0.0))
     assert near == pytest.approx(2 * math.sqrt(2.5 / push))
@@ -191,33 +237,52 @@ def test_tolerances_are_granted() -> None:
     fast = hull.least_time(PLATFORM, POSE, planar(x=-3.0), planar(), GoalSet(0.0, 0.2, 0.0, 0.0))
     peak = math.sqrt(push * 3.0 + 0.5 * 0.2**2)
     assert fast == pytest.approx((2 * peak - 0.2) / push)
-    heading = hull.least_time(PLATFORM, POSE, planar(heading=2.0), planar(), GoalSet(0.0, 0.0, 0.5, 0.0))
+    heading = hull.least_time(
+        PLATFORM, POSE, planar(heading=2.0), planar(), GoalSet(0.0, 0.0, 0.5, 0.0)
+    )
     assert heading == pytest.approx(2 * math.sqrt(1.5 / turn))
     spin = hull.least_time(PLATFORM, POSE, planar(w=2.0), planar(), GoalSet(9.0, 9.0, 3.0, 0.5))
     assert spin == pytest.approx(1.5 / turn)
-    saved = hull.least_fuel(PLATFORM, POSE, planar(w=2.0), planar(), 20.0, GoalSet(0.0, 0.0, 3.0, 0.5))
+    saved = hull.least_fuel(
+        PLATFORM, POSE, planar(w=2.0), planar(), 20.0, GoalSet(0.0, 0.0, 3.0, 0.5)
+    )
     assert saved == pytest.approx(1.5 * PLATFORM.inertia[2][2] / 0.31)
-    loose = hull.least_fuel(PLATFORM, POSE, planar(x=-3.0), planar(), 200.0, GoalSet(0.5, 0.0, 0.0, 0.0))
-    assert loose == pytest.approx(2 * PLATFORM.mass * 2.5 / 200.0, rel=0.01)  # approached from above
+    loose = hull.least_fuel(
+        PLATFORM, POSE, planar(x=-3.0), planar(), 200.0, GoalSet(0.5, 0.0, 0.0, 0.0)
+    )
+    assert loose == pytest.approx(
+        2 * PLATFORM.mass * 2.5 / 200.0, rel=0.01
+    )  # approached from above
 
 
 def test_a_long_body_turns_about_its_easiest_axis() -> None:
     """Momentum L turns no faster than L / I_min: with moments 0.1, 0.4, 0.4 the angle counts by 0.1."""
     craft = replace(FLYER, inertia=((0.1, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.4)))
     torques = [np.array(row[3:]) for row in craft.wrench_map]
-    torque = max(float(np.linalg.norm(sum(some))) for count in range(1, len(torques) + 1)
-                 for some in itertools.combinations(torques, count))
+    torque = max(
+        float(np.linalg.norm(sum(some)))
+        for count in range(1, len(torques) + 1)
+        for some in itertools.combinations(torques, count)
+    )
     case = scenario(GoToPose().for_evaluation(), 3, 3, 0)
     start = replace(case.goal, attitude=Quat(math.cos(0.5), math.sin(0.5), 0.0, 0.0))
     goal = replace(case.goal, attitude=Quat(1.0, 0.0, 0.0, 0.0))
-    assert hull.least_time(craft, POSE, start, goal, EXACT) == pytest.approx(2 * math.sqrt(0.1 / torque))
+    assert hull.least_time(craft, POSE, start, goal, EXACT) == pytest.approx(
+        2 * math.sqrt(0.1 / torque)
+    )
     # spin in the goal set costs up to I_max times the tolerance
     spinning = replace(goal, w=Vec3(0.0, 1.0, 0.0))
     bound = hull.least_time(craft, {"spin"}, spinning, goal, GoalSet(0.0, 0.0, 0.0, 0.5))
     assert bound == pytest.approx((0.4 * 1.0 - 0.4 * 0.5) / torque)
 
 
-TASKS: list[Task] = [GoToPosition(), GoToPose(), TrackVelocity(), TrackTwist(), TrackVelocityHeading()]
+TASKS: list[Task] = [
+    GoToPosition(),
+    GoToPose(),
+    TrackVelocity(),
+    TrackTwist(),
+    TrackVelocityHeading(),
+]
 
 
 @cache
@@ -235,24 +300,39 @@ def test_no_optimum_beats_its_bound(craft: Spacecraft, task: Task) -> None:
             assert found.solved, found.status
             common = (craft, aims(task), case.start, case.goal)
             timed = isinstance(objective, MinimumTime)
-            bound = hull.least_time(*common, EXACT) if timed else hull.least_fuel(*common, 12.0, EXACT)
+            bound = (
+                hull.least_time(*common, EXACT) if timed else hull.least_fuel(*common, 12.0, EXACT)
+            )
             assert 0.0 < bound * SLACK <= found.cost
 
 
 @settings(max_examples=40)
-@given(craft=spacecraft(2) | spacecraft(3) | st.sampled_from([PLATFORM, SHARED, FLYER, nasty_spatial()]),
-       seed=st.integers(0, 2**20), duty=st.floats(0.05, 1.0), relaxed=st.booleans())
-def test_no_flight_beats_its_bounds(craft: Spacecraft, seed: int, duty: float, relaxed: bool) -> None:
+@given(
+    craft=spacecraft(2)
+    | spacecraft(3)
+    | st.sampled_from([PLATFORM, SHARED, FLYER, nasty_spatial()]),
+    seed=st.integers(0, 2**20),
+    duty=st.floats(0.05, 1.0),
+    relaxed=st.booleans(),
+)
+def test_no_flight_beats_its_bounds(
+    craft: Spacecraft, seed: int, duty: float, relaxed: bool
+) -> None:
     """A random flight, whose end is the goal, of a random spacecraft that moves and spins at the start."""
-    random, steps, h = np.random.default_rng(seed), 15, 0.2
+    random = np.random.default_rng(seed)
+    steps = 15
+    h = 0.2
     state = map_leaves(lambda x: float(x[0]), random_states(craft.dimension, 1, seed))
     commands = random.random((steps, len(craft.thrusters)))
     commands = np.where(commands < duty, commands if relaxed else 1.0, 0.0)
-    spent, now = 0.0, state
+    spent = 0.0
+    now = state
     for command in commands:
         fields = tuple(float(c) for c in command)
         now = advance(now, wrench(craft, fields), Body.of(craft), h, 8).normalised()
-        spent += h * sum(s * t.force for s, t in zip(thrust(craft, fields), craft.thrusters, strict=True))
+        spent += h * sum(
+            s * t.force for s, t in zip(thrust(craft, fields), craft.thrusters, strict=True)
+        )
     assume(all(math.isfinite(x) and abs(x) < 100 for x in leaves(now)))
     loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)  # of a flight in Runge-Kutta steps of 25 ms
     common = (craft, POSE, state, now)
@@ -262,10 +342,13 @@ def test_no_flight_beats_its_bounds(craft: Spacecraft, seed: int, duty: float, r
 
 def test_no_lqr_flight_beats_its_bounds() -> None:
     for craft in (PLATFORM, SHARED, FLYER):
-        task, timing = GoToPose().for_evaluation(), Timing(episode_steps=60)
+        task = GoToPose().for_evaluation()
+        timing = Timing(episode_steps=60)
         flight = fly(craft, task, LQR(craft, task, timing), scenarios(task, craft, 7, 3), timing)
         for k in range(3):
-            start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
+            start, goal = (
+                map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1)
+            )
             shares = np.array(thrust(craft, tuple(flight.commands[:, k].T)))
             spent = float(shares.sum(axis=1) @ [t.force for t in craft.thrusters]) * 0.2
             loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)
@@ -273,12 +356,14 @@ def test_no_lqr_flight_beats_its_bounds() -> None:
             assert 0 < hull.least_time(craft, POSE, start, goal, loose) <= 12.0
 
 
-@pytest.mark.parametrize("craft", [lopsided(), replace(lopsided(), thrust_sharing="split")],
-                         ids=["full", "shared"])
+@pytest.mark.parametrize(
+    "craft", [lopsided(), replace(lopsided(), thrust_sharing="split")], ids=["full", "shared"]
+)
 def test_no_firing_sequence_beats_its_bounds(craft: Spacecraft) -> None:
     """All 32,768 of three periods; bounds for every final state of some of them."""
     start = planar(0.3, -0.2, 0.7, (0.1, 0.05), 0.4)
-    flown, h = fly_everything(craft, start, 3), 0.2
+    flown = fly_everything(craft, start, 3)
+    h = 0.2
     shares = np.array(thrust(craft, tuple(np.moveaxis(flown.commands, 2, 0))))
     spent = np.einsum("imk,i->m", shares, [t.force for t in craft.thrusters]) * h
     for k in np.random.default_rng(0).integers(0, len(spent), 60):
@@ -291,7 +376,9 @@ def test_many_thrusters_are_bounded_by_their_sum() -> None:
     """Beyond 16 no force exceeds the thrust; the bound is looser, and still one."""
     doubled = replace(FLYER, thrusters=FLYER.thrusters * 2)
     start = scenario(GoToPose().for_evaluation(), 3, 3, 0)
-    tight, loose = (hull.least_time(c, POSE, start.start, start.goal, EXACT) for c in (FLYER, doubled))
+    tight, loose = (
+        hull.least_time(c, POSE, start.start, start.goal, EXACT) for c in (FLYER, doubled)
+    )
     assert 0 < loose < tight
 
 
@@ -301,8 +388,10 @@ def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraf
     count = len(craft.thrusters)
     dead = hull.Health((0.0,) * count, (0.0,) * count)
     at = planar if craft.dimension == 2 else spatial
-    goal, aimed = at(), ("position", "velocity", "attitude", "spin")
-    exact, loose = hull.GoalSet(0.05, 0.0, 0.1, 0.0), hull.GoalSet(0.05, 1.0, 0.1, 0.0)
+    goal = at()
+    aimed = ("position", "velocity", "attitude", "spin")
+    exact = hull.GoalSet(0.05, 0.0, 0.1, 0.0)
+    loose = hull.GoalSet(0.05, 1.0, 0.1, 0.0)
     assert hull.least_time(craft, aimed, at(-3.0), goal, exact, dead) == math.inf
     assert hull.least_time(craft, aimed, goal, goal, exact, dead) == 0.0
     moving = replace(at(-3.0), v=replace(goal.v, x=0.5))

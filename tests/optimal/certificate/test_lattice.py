@@ -49,8 +49,10 @@ def test_unequal_thrusters() -> None:
 def test_a_quantum_that_no_thruster_has() -> None:
     """Torques of 0.2, -0.3 and 0.5 N m are 2, -3 and 5 times 0.1."""
     arms = (0.2, -0.3, 0.5)
-    nozzles = tuple(dataclasses.replace(t, position=(arm, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0)
-                    for t, arm in zip(PLATFORM.thrusters, arms, strict=False))
+    nozzles = tuple(
+        dataclasses.replace(t, position=(arm, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0)
+        for t, arm in zip(PLATFORM.thrusters, arms, strict=False)
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they push in one direction only
         lattice = Lattice(dataclasses.replace(PLATFORM, thrusters=nozzles), PERIOD)
@@ -62,13 +64,18 @@ def test_a_quantum_that_no_thruster_has() -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, lopsided()], ids=lambda craft: craft.name)
-@given(choices=st.lists(st.integers(0, 2**30), min_size=12, max_size=12),
-       start=st.tuples(*[numbers] * 6))
-def test_any_firing_stays_on_the_lattice(craft: Spacecraft, choices: list[int],
-                                         start: tuple[float, ...]) -> None:
+@given(
+    choices=st.lists(st.integers(0, 2**30), min_size=12, max_size=12),
+    start=st.tuples(*[numbers] * 6),
+)
+def test_any_firing_stays_on_the_lattice(
+    craft: Spacecraft, choices: list[int], start: tuple[float, ...]
+) -> None:
     lattice = Lattice(craft, PERIOD)
     state = PlanarState(Vec2(*start[:2]), Heading(start[2]), Vec2(*start[3:5]), start[5])
-    first, n, a = state, 0, 0
+    first = state
+    n = 0
+    a = 0
     for k, choice in enumerate(choices):
         p = choice % len(lattice.patterns.torque)
         command = lattice.patterns.commands[p]
@@ -76,11 +83,15 @@ def test_any_firing_stays_on_the_lattice(craft: Spacecraft, choices: list[int],
         n, a = n + int(lattice.patterns.torque[p]), a + n
         # rounding of 12 periods
         assert state.w == pytest.approx(first.w + lattice.spin * n, abs=1e-12)
-        heading = first.attitude.angle + first.w * (k + 1) * PERIOD + lattice.spin * PERIOD * (a + n / 2)
+        heading = (
+            first.attitude.angle + first.w * (k + 1) * PERIOD + lattice.spin * PERIOD * (a + n / 2)
+        )
         assert state.attitude.angle == pytest.approx(heading, abs=1e-12)
 
 
-@given(choices=st.lists(st.integers(0, 2**30), min_size=6, max_size=6), start=st.tuples(*[numbers] * 6))
+@given(
+    choices=st.lists(st.integers(0, 2**30), min_size=6, max_size=6), start=st.tuples(*[numbers] * 6)
+)
 def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) -> None:
     craft = lopsided()
     lattice = Lattice(craft, PERIOD)
@@ -98,7 +109,8 @@ def test_patterns_are_all_that_differ() -> None:
     patterns = Lattice(PLATFORM, 0.2).patterns
     wrenches = np.array(PLATFORM.wrench_map)
     every = np.array([[float(b) for b in f"{number:08b}"] for number in range(256)])
-    sums, thrust = every @ wrenches, every.sum(axis=1)
+    sums = every @ wrenches
+    thrust = every.sum(axis=1)
     ours = patterns.commands @ wrenches
     for total, cost in zip(sums, thrust, strict=True):
         same = np.abs(ours - total).max(axis=1) < 1e-9
@@ -107,10 +119,21 @@ def test_patterns_are_all_that_differ() -> None:
     assert np.array_equal(patterns.thrust, patterns.commands.sum(axis=1))
 
 
-@pytest.mark.parametrize(("fuel", "net", "expected"), [
-    (0.0, {0}, 0.0), (0.01, {0}, 0.4), (0.4, {0}, 0.4), (0.401, {0}, 0.8), (4.0097, {0}, 4.4),
-    (0.01, {1}, 0.2), (0.3, {-3}, 0.6), (0.61, {-3}, 1.0), (0.41, {0, 1}, 0.6), (0.41, {0, 2}, 0.8),
-])
+@pytest.mark.parametrize(
+    ("fuel", "net", "expected"),
+    [
+        (0.0, {0}, 0.0),
+        (0.01, {0}, 0.4),
+        (0.4, {0}, 0.4),
+        (0.401, {0}, 0.8),
+        (4.0097, {0}, 4.4),
+        (0.01, {1}, 0.2),
+        (0.3, {-3}, 0.6),
+        (0.61, {-3}, 1.0),
+        (0.41, {0, 1}, 0.6),
+        (0.41, {0, 2}, 0.8),
+    ],
+)
 def test_fuel_comes_in_pulses(fuel: float, net: set[int], expected: float) -> None:
     assert Lattice(PLATFORM, 0.2).next_fuel(fuel, net) == pytest.approx(expected)
 
@@ -140,9 +163,19 @@ def test_a_period_holds_a_command(period: float) -> None:
         Lattice(PLATFORM, period)
 
 
-@pytest.mark.parametrize(("value", "unit", "expected"), [
-    (0.0, 0.2, 0.0), (-1.0, 0.2, 0.0), (0.01, 0.2, 0.2), (0.2, 0.2, 0.2), (0.6, 0.2, 0.6), (0.601, 0.2, 0.8),
-    (43 * 0.2, 0.2, 8.6), (math.inf, 0.2, math.inf)])
+@pytest.mark.parametrize(
+    ("value", "unit", "expected"),
+    [
+        (0.0, 0.2, 0.0),
+        (-1.0, 0.2, 0.0),
+        (0.01, 0.2, 0.2),
+        (0.2, 0.2, 0.2),
+        (0.6, 0.2, 0.6),
+        (0.601, 0.2, 0.8),
+        (43 * 0.2, 0.2, 8.6),
+        (math.inf, 0.2, math.inf),
+    ],
+)
 def test_rounded_up(value: float, unit: float, expected: float) -> None:
     """0.6 / 0.2 is 2.9999999999999996 and 0.6000000000000001 / 0.2 is 3.0000000000000004."""
     assert rounded_up(value, unit) == pytest.approx(expected)
@@ -159,16 +192,22 @@ def test_thrusters_that_turn_nothing() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it cannot be controlled is the point
         straight = dataclasses.replace(
-            PLATFORM, name="straight", thrusters=tuple(
-                dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters))
+            PLATFORM,
+            name="straight",
+            thrusters=tuple(
+                dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters
+            ),
+        )
     with pytest.raises(ConfigError, match="'straight'"):
         Lattice(straight, PERIOD)
 
 
 def test_torques_of_rounding_only_are_no_quanta() -> None:
     """Nozzles along lines through the centre, to rounding: 1e-17 N m has 1e16 multiples in a tolerance."""
-    slanted = [Thruster((0.1 * x, 0.1 * y, 0.0), (x, y, 0.0), 1.0)
-               for x, y in ((0.6, 0.8), (-0.28, 0.96), (math.cos(1), math.sin(1)))]
+    slanted = [
+        Thruster((0.1 * x, 0.1 * y, 0.0), (x, y, 0.0), 1.0)
+        for x, y in ((0.6, 0.8), (-0.28, 0.96), (math.cos(1), math.sin(1)))
+    ]
     with pytest.warns(UserWarning, match="cannot"):
         craft = dataclasses.replace(PLATFORM, thrusters=tuple(slanted))
     assert 0.0 < np.abs(np.array(craft.wrench_map)[:, 2]).max() < 1e-15
@@ -198,10 +237,12 @@ def test_a_goal_set_is_a_ball_of_its_own_in_each_quantity(share: float, inside: 
     """Of sizes that differ; the heading goes on beyond half a turn."""
     goal = PlanarState(Vec2(1.0, 2.0), Heading(3.1), Vec2(0.1, -0.2), 0.3)
     aside = Vec2(0.6 * share, 0.8 * share)
-    for state in (dataclasses.replace(goal, p=goal.p + aside.scale(0.4)),
-                  dataclasses.replace(goal, v=goal.v + aside.scale(0.2)),
-                  dataclasses.replace(goal, attitude=Heading(3.1 + 0.1 * share - 2.0 * math.pi)),
-                  dataclasses.replace(goal, w=goal.w - 0.05 * share)):
+    for state in (
+        dataclasses.replace(goal, p=goal.p + aside.scale(0.4)),
+        dataclasses.replace(goal, v=goal.v + aside.scale(0.2)),
+        dataclasses.replace(goal, attitude=Heading(3.1 + 0.1 * share - 2.0 * math.pi)),
+        dataclasses.replace(goal, w=goal.w - 0.05 * share),
+    ):
         assert GoalSet(0.4, 0.2, 0.1, 0.05).contains(state, goal) is inside
 
 
@@ -226,7 +267,8 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_in_whole_pulses_the_next_fuel_is_one_that_exists() -> None:
     """Two of the nozzles turn nothing: any number of pulses ends with any spin there is."""
-    lattice, fuels = Lattice(through(), PERIOD), set()
+    lattice = Lattice(through(), PERIOD)
+    fuels = set()
     for choice in itertools.product(range(16), repeat=2):
         commands = np.array([[n >> i & 1 for i in range(4)] for n in choice])
         fuels.add((int((commands @ lattice.multiples).sum()), int(commands.sum())))

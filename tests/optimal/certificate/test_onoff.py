@@ -26,7 +26,8 @@ def test_fuel_by_hand() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
     """For the attitude of a flight that arrives with room to spare the solver finds as cheap a one."""
-    craft, steps = lopsided(), 3
+    craft = lopsided()
+    steps = 3
     start, goal, flown = instance(craft, steps, seed)
     lattice = Lattice(craft, PERIOD)
     relaxation = Relaxation(lattice, start, goal, SNUG, steps, None)
@@ -43,7 +44,8 @@ def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
 
 def test_no_nozzles_where_none_exist() -> None:
     """Below the least fuel of all flights there is nothing to find."""
-    craft, steps = lopsided(), 3
+    craft = lopsided()
+    steps = 3
     start, goal, flown = instance(craft, steps, 1)
     lattice = Lattice(craft, PERIOD)
     relaxation = Relaxation(lattice, start, goal, SNUG, steps, None)
@@ -55,13 +57,19 @@ def test_no_nozzles_where_none_exist() -> None:
 
 
 def test_a_path_is_flown_at_its_price_and_not_below() -> None:
-    craft, steps = lopsided(), 3
+    craft = lopsided()
+    steps = 3
     start, goal, arrived = instance(craft, steps, 1)
     relaxation = Relaxation(Lattice(craft, PERIOD), start, goal, SNUG, steps, None)
     [best, *_] = np.flatnonzero(arrived.arrived(goal, SNUG, NAMES))
-    patterns, wrenches = relaxation.lattice.patterns, np.array(craft.wrench_map)
-    path = np.array([np.abs((patterns.commands - fired) @ wrenches).max(axis=1).argmin()
-                     for fired in arrived.commands[best]])
+    patterns = relaxation.lattice.patterns
+    wrenches = np.array(craft.wrench_map)
+    path = np.array(
+        [
+            np.abs((patterns.commands - fired) @ wrenches).max(axis=1).argmin()
+            for fired in arrived.commands[best]
+        ]
+    )
     price = float(patterns.thrust[path].sum()) * PERIOD
     commands = flown(relaxation, path, price)
     assert commands is not None

@@ -30,40 +30,61 @@ from rans.optimal.certificate.spatial_search import arrived
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
 
-PERIOD, FLYER = 0.2, load_spacecraft("free-flyer")
+PERIOD = 0.2
+FLYER = load_spacecraft("free-flyer")
 REST = ("attitude", "position", "spin", "velocity")
 POSE = ("attitude", "position", "velocity")
-LOOSE, TASK_SET = GoalSet(0.02, 0.02, 0.05, 0.1), GoalSet(spin=math.radians(5.0))
+LOOSE = GoalSet(0.02, 0.02, 0.05, 0.1)
+TASK_SET = GoalSet(spin=math.radians(5.0))
 
 
 def _craft(name: str, nozzles: tuple[Thruster, ...]) -> Spacecraft:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that some cannot be steered everywhere does not matter here
-        return Spacecraft(name, 3, 3.0, ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)), nozzles)
+        warnings.simplefilter(
+            "ignore"
+        )  # that some cannot be steered everywhere does not matter here
+        return Spacecraft(
+            name, 3, 3.0, ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)), nozzles
+        )
 
 
 def lopsided() -> Spacecraft:
     """Unequal nozzles with torques of 1, 1, 2 and 0 quanta about axes that are square or opposite."""
-    return _craft("lopsided", (Thruster((0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-                               Thruster((0.0, 0.1, 0.0), (0.0, 0.0, 1.0), 2.0),
-                               Thruster((0.0, 0.0, -0.2), (0.0, 1.0, 0.0), 2.0),
-                               Thruster((0.1, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7)))
+    return _craft(
+        "lopsided",
+        (
+            Thruster((0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+            Thruster((0.0, 0.1, 0.0), (0.0, 0.0, 1.0), 2.0),
+            Thruster((0.0, 0.0, -0.2), (0.0, 1.0, 0.0), 2.0),
+            Thruster((0.1, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7),
+        ),
+    )
 
 
 def equal() -> Spacecraft:
     """Four nozzles of 1 N, one of them through the centre: pulses, but no parity."""
-    return _craft("equal", (Thruster((0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
-                            Thruster((-0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
-                            Thruster((0.0, 0.1, 0.3), (0.0, -0.6, -0.8), 1.0),
-                            Thruster((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), 1.0)))
+    return _craft(
+        "equal",
+        (
+            Thruster((0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+            Thruster((-0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+            Thruster((0.0, 0.1, 0.3), (0.0, -0.6, -0.8), 1.0),
+            Thruster((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), 1.0),
+        ),
+    )
 
 
 def crossed() -> Spacecraft:
     """Four equal nozzles, each of one quantum, about two axes: parity."""
-    return _craft("crossed", (Thruster((0.2, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
-                              Thruster((-0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-                              Thruster((0.0, 0.2, 0.0), (0.0, 0.0, 1.0), 1.0),
-                              Thruster((0.0, -0.2, 0.0), (0.0, 0.0, 1.0), 1.0)))
+    return _craft(
+        "crossed",
+        (
+            Thruster((0.2, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+            Thruster((-0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+            Thruster((0.0, 0.2, 0.0), (0.0, 0.0, 1.0), 1.0),
+            Thruster((0.0, -0.2, 0.0), (0.0, 0.0, 1.0), 1.0),
+        ),
+    )
 
 
 CRAFTS = {"lopsided": lopsided, "crossed": crossed}
@@ -73,10 +94,14 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
     for search in ("with_pulses", "_soonest"):
-        monkeypatch.setattr(f"rans.optimal.certificate.spatial_certificate.{search}", lambda *_, **__: None)
+        monkeypatch.setattr(
+            f"rans.optimal.certificate.spatial_certificate.{search}", lambda *_, **__: None
+        )
 
 
-def everything(craft: Spacecraft, start: SpatialState, steps: int) -> tuple[np.ndarray, SpatialState]:
+def everything(
+    craft: Spacecraft, start: SpatialState, steps: int
+) -> tuple[np.ndarray, SpatialState]:
     """Fuel and final state of all sequences, by the equations of the engines."""
     patterns = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
     commands = patterns[np.array(list(itertools.product(range(len(patterns)), repeat=steps)))]
@@ -90,11 +115,17 @@ def everything(craft: Spacecraft, start: SpatialState, steps: int) -> tuple[np.n
 def moving(seed: int, spin: float) -> SpatialState:
     random = np.random.default_rng(seed)
     q = random.normal(size=4)
-    return SpatialState(Vec3(*random.uniform(-0.5, 0.5, 3)), Quat(*(q / np.linalg.norm(q))),
-                        Vec3(*random.uniform(-0.3, 0.3, 3)), Vec3(*random.uniform(-spin, spin, 3)))
+    return SpatialState(
+        Vec3(*random.uniform(-0.5, 0.5, 3)),
+        Quat(*(q / np.linalg.norm(q))),
+        Vec3(*random.uniform(-0.3, 0.3, 3)),
+        Vec3(*random.uniform(-spin, spin, 3)),
+    )
 
 
-def instance(craft: Spacecraft, steps: int, seed: int, spin: float = 0.0) -> tuple[Any, Any, np.ndarray, Any]:
+def instance(
+    craft: Spacecraft, steps: int, seed: int, spin: float = 0.0
+) -> tuple[Any, Any, np.ndarray, Any]:
     """A moving start, a goal that some sequence just reaches, all fuels and all final states."""
     start = moving(seed, spin)
     spent, final = everything(craft, start, steps)
@@ -113,7 +144,8 @@ def _near(final: Any, goal: Any, within: float) -> np.ndarray:
 @pytest.mark.parametrize(("seed", "spin"), [(0, 0.0), (1, 0.7), (2, 0.0), (3, 0.3)])
 def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin: float) -> None:
     """Every one of 4,096 that ends in the goal's attitude, wherever else, pays its Lagrangian at least."""
-    craft, steps = CRAFTS[name](), 3
+    craft = CRAFTS[name]()
+    steps = 3
     start, goal, spent, final = instance(craft, steps, seed, spin)
     close = _near(final, goal, LOOSE.heading)
     assert close.any()
@@ -124,8 +156,9 @@ def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin
         assert relaxation.bound(velocity, position) <= paid[close].min()
 
 
-def _paid(craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.ndarray,
-          position: np.ndarray) -> Any:
+def _paid(
+    craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.ndarray, position: np.ndarray
+) -> Any:
     """The Lagrangian of flights, whose tolerances are granted."""
     off = [np.array((getattr(final, name) - getattr(goal, name)).columns()) for name in ("v", "p")]
     spared = LOOSE.velocity * np.linalg.norm(velocity) + LOOSE.position * np.linalg.norm(position)
@@ -135,7 +168,9 @@ def _paid(craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.nda
 @pytest.mark.parametrize("seed", range(4))
 def test_no_greedy_flight_is_below(seed: int) -> None:
     """Open is what is worth its thrust along the costate in the present attitude."""
-    random, lattice, steps = np.random.default_rng(seed), SpinLattice(FLYER, PERIOD), 9
+    random = np.random.default_rng(seed)
+    lattice = SpinLattice(FLYER, PERIOD)
+    steps = 9
     velocity, position = random.normal(size=(2, 3))
     state = start = moving(seed, 0.0)
     spent = 0.0
@@ -154,14 +189,23 @@ def test_no_greedy_flight_is_below(seed: int) -> None:
 @pytest.mark.usefixtures("_bounds_only")
 @pytest.mark.parametrize("build", [lopsided, equal, crossed])
 @pytest.mark.parametrize("seed", [4, 5])
-def test_least_fuel_and_time_are_below_those_of_every_sequence(build: Callable[[], Spacecraft],
-                                                               seed: int) -> None:
-    craft, steps = build(), 3
+def test_least_fuel_and_time_are_below_those_of_every_sequence(
+    build: Callable[[], Spacecraft], seed: int
+) -> None:
+    craft = build()
+    steps = 3
     start, goal, spent, final = instance(craft, steps, seed)
-    errors = [np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in ("p", "v")]
-    inside = _near(final, goal, LOOSE.heading) & (errors[0] <= LOOSE.position) & (errors[1] <= LOOSE.velocity)
+    errors = [
+        np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in ("p", "v")
+    ]
+    inside = (
+        _near(final, goal, LOOSE.heading)
+        & (errors[0] <= LOOSE.position)
+        & (errors[1] <= LOOSE.velocity)
+    )
     least = float(spent[inside].min())
-    lattice, effort = SpinLattice(craft, PERIOD), Effort(1e-9)
+    lattice = SpinLattice(craft, PERIOD)
+    effort = Effort(1e-9)
     found = least_fuel(lattice, POSE, start, goal, steps, LOOSE, effort)
     assert hull.least_fuel(craft, POSE, start, goal, steps * PERIOD, LOOSE) <= found.lower + 1e-9
     assert found.lower <= least + 1e-9  # rounding of sums of pulses
@@ -189,9 +233,14 @@ def test_closer_than_the_hull() -> None:
     batch = scenarios(GoToPose().for_evaluation(), FLYER, EVALUATION_SEED, 6)
     ends: Any = [map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal)]
     start, goal = ends
-    lattice, hasty = SpinLattice(FLYER, PERIOD), Effort(1e-9)
+    lattice = SpinLattice(FLYER, PERIOD)
+    hasty = Effort(1e-9)
     found = least_time(lattice, REST, start, goal, 125, TASK_SET, hasty)
-    assert (found.dual, found.lower, found.upper) == (pytest.approx(4.0), pytest.approx(4.2), math.inf)
+    assert (found.dual, found.lower, found.upper) == (
+        pytest.approx(4.0),
+        pytest.approx(4.2),
+        math.inf,
+    )
     spent = least_fuel(lattice, REST, start, goal, 50, TASK_SET, hasty)
     assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
     assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
@@ -199,10 +248,15 @@ def test_closer_than_the_hull() -> None:
 
 def test_what_is_found_flies_there() -> None:
     """From 20 cm away, by the engines' equations in twice as many substeps as the search replays."""
-    goal = replace(moving(1, 0.0), p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0))
-    start, lattice = replace(goal, p=Vec3(0.1, -0.2, 0.05)), SpinLattice(FLYER, PERIOD)
-    for found in (least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(6.0)),
-                  least_fuel(lattice, REST, start, goal, 20, TASK_SET, Effort(0.1))):
+    goal = replace(
+        moving(1, 0.0), p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0)
+    )
+    start = replace(goal, p=Vec3(0.1, -0.2, 0.05))
+    lattice = SpinLattice(FLYER, PERIOD)
+    for found in (
+        least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(6.0)),
+        least_fuel(lattice, REST, start, goal, 20, TASK_SET, Effort(0.1)),
+    ):
         assert found.commands is not None
         assert 0.0 < found.lower <= found.upper + 1e-9
         assert arrived(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
@@ -210,8 +264,10 @@ def test_what_is_found_flies_there() -> None:
 
 
 def test_there_already_and_never() -> None:
-    lattice, here = SpinLattice(FLYER, PERIOD), SpatialState(
-        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+    lattice = SpinLattice(FLYER, PERIOD)
+    here = SpatialState(
+        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+    )
     far = replace(here, p=Vec3(9.0, 0.0, 0.0))
     assert least_time(lattice, REST, here, here, 9, GoalSet(), Effort(0.1)).upper == 0.0
     nothing = least_fuel(lattice, REST, here, here, 9, GoalSet(), Effort(0.5))
@@ -223,22 +279,39 @@ def test_there_already_and_never() -> None:
     assert math.isinf(late.upper)
 
 
-@pytest.mark.parametrize(("craft", "sentence"), [
-    (load_spacecraft("floating-platform"), "thrusters that are on or off"),
-    (load_spacecraft("free-flyer-shared"), "share no supply"),
-    (replace(FLYER, actuators=Throttle()), "thrusters that are on or off"),
-    (replace(FLYER, inertia=((0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2001))), "equal principal"),
-    (_craft("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)), "whole multiples"),
-    (_craft("odd", (Thruster((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-                    Thruster((math.pi / 10, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0))), "whole multiples"),
-], ids=["plane", "shared", "throttled", "moments", "no torque", "no quantum"])
+@pytest.mark.parametrize(
+    ("craft", "sentence"),
+    [
+        (load_spacecraft("floating-platform"), "thrusters that are on or off"),
+        (load_spacecraft("free-flyer-shared"), "share no supply"),
+        (replace(FLYER, actuators=Throttle()), "thrusters that are on or off"),
+        (
+            replace(FLYER, inertia=((0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2001))),
+            "equal principal",
+        ),
+        (_craft("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)), "whole multiples"),
+        (
+            _craft(
+                "odd",
+                (
+                    Thruster((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+                    Thruster((math.pi / 10, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+                ),
+            ),
+            "whole multiples",
+        ),
+    ],
+    ids=["plane", "shared", "throttled", "moments", "no torque", "no quantum"],
+)
 def test_where_there_is_no_lattice(craft: Spacecraft, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         SpinLattice(craft, PERIOD)
 
 
 def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    lattice, start, goal = SpinLattice(FLYER, PERIOD), moving(0, 0.0), moving(1, 0.0)
+    lattice = SpinLattice(FLYER, PERIOD)
+    start = moving(0, 0.0)
+    goal = moving(1, 0.0)
 
     def relaxed(start: Any, goal: Any, aims: tuple[str, ...] = REST) -> ReachRelaxation:
         return ReachRelaxation(lattice, aims, start, goal, GoalSet(), 5)

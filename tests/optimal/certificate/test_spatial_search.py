@@ -45,30 +45,48 @@ def still(seed: int) -> SpatialState:
 
 def _columns(state: Any) -> np.ndarray:
     unit = state.attitude.normalised()
-    return np.array([*state.p.columns(), unit.w, unit.x, unit.y, unit.z, *state.v.columns(),
-                     *state.w.columns()])
+    return np.array(
+        [*state.p.columns(), unit.w, unit.x, unit.y, unit.z, *state.v.columns(), *state.w.columns()]
+    )
 
 
 @pytest.mark.parametrize("build", [lambda: FLYER, lopsided], ids=["free flyer", "unequal"])
 def test_pulses_end_where_the_engines_equations_say(build: Any) -> None:
     """Eight pulses in 20 periods, two of them at once; Magnus of order four is within 1e-5 of substeps."""
-    craft, random = build(), np.random.default_rng(3)
-    lattice, start = SpinLattice(craft, PERIOD), moving(3, 0.6)
-    when, who = random.integers(0, 20, 8), random.integers(0, len(craft.thrusters), 8)
-    when[5], who[4], who[5] = when[4], 0, 1
+    craft = build()
+    random = np.random.default_rng(3)
+    lattice = SpinLattice(craft, PERIOD)
+    start = moving(3, 0.6)
+    when = random.integers(0, 20, 8)
+    who = random.integers(0, len(craft.thrusters), 8)
+    when[5] = when[4]
+    who[4] = 0
+    who[5] = 1
     commands = np.zeros((20, len(craft.thrusters)))
     np.add.at(commands, (when, who), 1.0)
     query = Wanted(lattice, start, start, TASK_SET, True, 1.0)
-    state = ended(when, who, 20, query.wrenches, query.ends[0], PERIOD, gauss(), np.zeros(8, np.int64),
-                  np.zeros((2, 13)))
+    state = ended(
+        when,
+        who,
+        20,
+        query.wrenches,
+        query.ends[0],
+        PERIOD,
+        gauss(),
+        np.zeros(8, np.int64),
+        np.zeros((2, 13)),
+    )
     assert state == pytest.approx(_columns(replay(craft, start, commands, PERIOD, 16)), abs=1e-5)
 
 
 def test_slopes_of_instants_are_differences() -> None:
     """Central ones of 1e-5 s, good to 1e-9 of metres."""
-    random, query = np.random.default_rng(5), wanted(moving(5, 0.0), still(6))
+    random = np.random.default_rng(5)
+    query = wanted(moving(5, 0.0), still(6))
     who, when, order, parts = random.integers(0, 16, 9), random.uniform(0.5, 19.5, 9), *_scratch(9)
-    off, ahead, found = np.zeros(9), np.zeros(9), np.zeros((9, 9))
+    off = np.zeros(9)
+    ahead = np.zeros(9)
+    found = np.zeros((9, 9))
     data = (20.0, query.wrenches, *query.ends, PERIOD)
     _off(when, who, *data, off, order, parts)
     _slopes(when, 20.0, order, parts, found)
@@ -78,7 +96,9 @@ def test_slopes_of_instants_are_differences() -> None:
         _off(when - step, who, *data, off, order, parts)
         assert found[:6, j] == pytest.approx((ahead - off)[:6] / 2e-5, abs=1e-7)
     turned = np.linalg.norm(found[6:], axis=0)
-    assert turned == pytest.approx(np.full(9, LATTICE.spin))  # one quantum each, about whatever axis
+    assert turned == pytest.approx(
+        np.full(9, LATTICE.spin)
+    )  # one quantum each, about whatever axis
 
 
 def _scratch(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -98,10 +118,17 @@ def test_what_is_outside_a_ball() -> None:
 
 def test_instants_are_moved_until_they_arrive() -> None:
     """A flight of 12 pulses, each moved by up to half a second, finds a way back to where it ended."""
-    random, query = np.random.default_rng(1), wanted(still(1), still(1))
-    who, when, order, parts = random.integers(0, 16, 12), random.uniform(1.0, 18.0, 12), *_scratch(12)
-    start, goal = query.ends[0], np.zeros(13)
-    off, zero = np.zeros(9), np.zeros(13)
+    random = np.random.default_rng(1)
+    query = wanted(still(1), still(1))
+    who, when, order, parts = (
+        random.integers(0, 16, 12),
+        random.uniform(1.0, 18.0, 12),
+        *_scratch(12),
+    )
+    start = query.ends[0]
+    goal = np.zeros(13)
+    off = np.zeros(9)
+    zero = np.zeros(13)
     zero[3] = 1.0
     _off(when, who, 20.0, query.wrenches, start, zero, PERIOD, off, order, parts)
     angle = float(np.linalg.norm(off[6:]))
@@ -114,29 +141,44 @@ def test_instants_are_moved_until_they_arrive() -> None:
 
 def test_few_pulses_are_found_where_some_arrive() -> None:
     """Where two random pulses end at rest is a goal, to 4 mm and 0.6 degrees; 9 m away is none."""
-    start, steps = still(4), 6
+    start = still(4)
+    steps = 6
     even = [np.ones((steps, 16))]
     tight = GoalSet(0.004, 0.004, 0.01, 1e-9)
-    opposite = [pair for pair in itertools.product(range(16), repeat=2)
-                if LATTICE.products[pair] == -1]
+    opposite = [
+        pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1
+    ]
     random = np.random.default_rng(0)
     for i, j in random.permutation(opposite)[:6].tolist():
         commands = np.zeros((steps, 16), dtype=np.int64)
         commands[random.integers(steps), i] = 1
         commands[random.integers(steps), j] = 1
         goal: Any = replay(FLYER, start, commands, PERIOD, 8)
-        found = with_pulses(wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2, even)
+        found = with_pulses(
+            wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2, even
+        )
         assert found is not None
         assert found.sum() == 2
-    assert with_pulses(wanted(start, replace(start, p=start.p + Vec3(9.0, 0.0, 0.0)), tight, 0.05), steps,
-                       2, even) is None
+    assert (
+        with_pulses(
+            wanted(start, replace(start, p=start.p + Vec3(9.0, 0.0, 0.0)), tight, 0.05),
+            steps,
+            2,
+            even,
+        )
+        is None
+    )
 
 
 def test_pulses_are_drawn_where_shares_are() -> None:
     """Two of 1 and 5 of 0.4, which makes four pulses: one each of the first, the rest nearby."""
-    shares, (i, j) = np.zeros((20, 16)), next(pair for pair in itertools.product(range(16), repeat=2)
-                                              if LATTICE.products[pair] == -1)
-    shares[2, i], shares[17, j], shares[8:13, i] = 1.0, 1.0, 0.2
+    shares = np.zeros((20, 16))
+    (i, j) = next(
+        pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1
+    )
+    shares[2, i] = 1.0
+    shares[17, j] = 1.0
+    shares[8:13, i] = 0.2
     shares[8:13, j] = 0.2
     instants, who = _drawn(wanted(still(1), still(2)), shares, 4, np.random.default_rng(0))
     assert who.tolist().count(i) == who.tolist().count(j) == 2  # no spin is left
@@ -167,7 +209,10 @@ def _away() -> tuple[SpatialState, SpatialState]:
 def test_roundings_sum_up_as_shares_do() -> None:
     """To less than a period at any time; what is shut stays shut, and open open."""
     shares = np.random.default_rng(3).uniform(0.0, 1.0, (30, 16))
-    shares[:, 0], shares[:, 1], shares[12:, 2], shares[12:, 3] = 0.0, 1.0, 0.0, 1.0
+    shares[:, 0] = 0.0
+    shares[:, 1] = 1.0
+    shares[12:, 2] = 0.0
+    shares[12:, 3] = 1.0
     commands = _rounded(wanted(still(1), still(2)), shares, np.random.default_rng(0))
     assert set(np.unique(commands)) == {0, 1}
     assert np.abs(np.cumsum(commands - shares, axis=0)).max() < 1.0
@@ -176,7 +221,9 @@ def test_roundings_sum_up_as_shares_do() -> None:
 
 def test_one_rounding_of_many_is_chosen() -> None:
     """Two thrusters of opposite torque, half open for a second: every other rounding leaves no spin."""
-    i, j = next(pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1)
+    i, j = next(
+        pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1
+    )
     shares = np.zeros((5, 16))
     shares[:, [i, j]] = 0.5
     for seed in range(10):

@@ -32,14 +32,19 @@ def test_smooth_ones_go_beyond_half_a_turn(dimension: Literal[2, 3]) -> None:
     generator = np.random.default_rng(4)
     given = generator.uniform(-1, 1, (6 if dimension == 2 else 12, 40))
     turn = given[2:3] if dimension == 2 else given[3:6]
-    turn *= generator.uniform(0.5, 6.0, 40) / np.linalg.norm(turn, axis=0)  # up to nearly a full turn
+    turn *= generator.uniform(0.5, 6.0, 40) / np.linalg.norm(
+        turn, axis=0
+    )  # up to nearly a full turn
     np.testing.assert_allclose(coordinates(around(goal, given), goal), given, atol=1e-9)
 
 
 def test_rotation_is_scipys() -> None:
     state, goal = (random_states(3, 30, seed) for seed in (5, 6))
     ours = shortest(state, goal)[3:6]
-    scipy = [Rotation.from_quat(np.roll(np.array(leaves(s.attitude)), -1, axis=0).T) for s in (goal, state)]
+    scipy = [
+        Rotation.from_quat(np.roll(np.array(leaves(s.attitude)), -1, axis=0).T)
+        for s in (goal, state)
+    ]
     np.testing.assert_allclose(ours.T, (scipy[0].inv() * scipy[1]).as_rotvec(), atol=1e-12)
 
 

@@ -29,7 +29,9 @@ TASK = GoToPose().for_evaluation()
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("name", NAMES)
 def test_settles_from_every_start(name: str, craft: str) -> None:
-    spacecraft, timing, task = load_spacecraft(craft), Timing(), TASKS[name]().for_evaluation()
+    spacecraft = load_spacecraft(craft)
+    timing = Timing()
+    task = TASKS[name]().for_evaluation()
     starts = scenarios(task, spacecraft, EVALUATION_SEED, 50)
     settled = settling_times(fly(spacecraft, task, LQR(spacecraft, task, timing), starts, timing))
     assert np.isfinite(settled).all()
@@ -40,21 +42,27 @@ def test_settles_from_every_start(name: str, craft: str) -> None:
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_deadband_saves_thrust_and_costs_no_time(craft: str) -> None:
     """Without it the errors are those of a published baseline of this kind (1.0 cm) or smaller."""
-    spacecraft, timing = load_spacecraft(craft), Timing()
+    spacecraft = load_spacecraft(craft)
+    timing = Timing()
     starts = scenarios(TASK, spacecraft, EVALUATION_SEED, 50)
     restless, resting = (
         fly(spacecraft, TASK, LQR(spacecraft, TASK, timing, deadband=deadband), starts, timing)
-        for deadband in (Deadband(share=0.0), Deadband()))
+        for deadband in (Deadband(share=0.0), Deadband())
+    )
     assert final_errors(restless)["position"].mean() < 0.01
     assert impulses(resting).mean() < 0.7 * impulses(restless).mean()
-    assert np.median(settling_times(resting)) <= np.median(settling_times(restless)) + timing.control_period
+    assert (
+        np.median(settling_times(resting))
+        <= np.median(settling_times(restless)) + timing.control_period
+    )
     assert np.isfinite(settling_times(resting)).all()
 
 
 @pytest.mark.parametrize("task", [TASK, TrackTwist(target_spin=0.3)], ids=["pose", "twist"])
 def test_brings_an_awkward_spacecraft_home(task: GoToPose | TrackTwist) -> None:
     """An off-centre body with three different moments of inertia and unequal thrusters."""
-    craft, timing = nasty_spatial(), Timing(episode_steps=150)
+    craft = nasty_spatial()
+    timing = Timing(episode_steps=150)
     starts = scenarios(task, craft, 22, 6)
     errors = final_errors(fly(craft, task, LQR(craft, task, timing), starts, timing))
     for name, bound in task.tolerances().items():
@@ -64,20 +72,28 @@ def test_brings_an_awkward_spacecraft_home(task: GoToPose | TrackTwist) -> None:
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_drake_agrees(craft: str) -> None:
     """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
-    spacecraft, timing = load_spacecraft(craft), Timing(episode_steps=50)
+    spacecraft = load_spacecraft(craft)
+    timing = Timing(episode_steps=50)
     starts = scenarios(TASK, spacecraft, 24, 2)
-    ours, drake = (engine(spacecraft, TASK, LQR(spacecraft, TASK, timing), starts, timing)
-                   for engine in (fly, fly_in_drake))
+    ours, drake = (
+        engine(spacecraft, TASK, LQR(spacecraft, TASK, timing), starts, timing)
+        for engine in (fly, fly_in_drake)
+    )
     assert np.array_equal(ours.commands, drake.commands)
-    assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft == "floating-platform" else 1e-4)
+    assert (ours.states.p - drake.states.p).norm().max() < (
+        1e-9 if craft == "floating-platform" else 1e-4
+    )
 
 
 def test_batch_equals_loop() -> None:
-    craft, timing = load_spacecraft("floating-platform"), Timing(episode_steps=40)
+    craft = load_spacecraft("floating-platform")
+    timing = Timing(episode_steps=40)
     starts = scenarios(TASK, craft, 23, 3)
     together = fly(craft, TASK, LQR(craft, TASK, timing), starts, timing).commands
     for k in range(3):
-        one = Scenario(*(map_leaves(lambda x, k=k: x[k:k + 1], s) for s in (starts.start, starts.goal)))
+        one = Scenario(
+            *(map_leaves(lambda x, k=k: x[k : k + 1], s) for s in (starts.start, starts.goal))
+        )
         alone = fly(craft, TASK, LQR(craft, TASK, timing), one, timing).commands
         assert np.array_equal(alone[:, 0], together[:, k])
 
@@ -92,7 +108,8 @@ def test_shared_thrust_spends_no_more_than_the_supply_gives() -> None:
 
 def test_free_attitude_is_not_turned() -> None:
     """Going to a position asks for no attitude: from rest no torque is wanted."""
-    craft, task = load_spacecraft("free-flyer"), TASKS["go-to-position"]()
+    craft = load_spacecraft("free-flyer")
+    task = TASKS["go-to-position"]()
     starts = scenarios(task, craft, 26, 5)
     wrench = LQR(craft, task, Timing()).wrench(starts.start, starts.goal)
     np.testing.assert_array_equal(wrench[:, 3:], 0.0)
@@ -120,7 +137,8 @@ def test_the_sweep_goes_from_stiff_to_lazy() -> None:
     """A factor multiplies what deviation is worth full thrust: of 0.6 m for a half 0.3 m, for four 2.4 m."""
     craft = load_spacecraft("floating-platform")
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    sweep, state = LQR.sweep(craft, TASK, Timing()), replace(goal, p=Vec2(0.1, 0.0))
+    sweep = LQR.sweep(craft, TASK, Timing())
+    state = replace(goal, p=Vec2(0.1, 0.0))
     assert [*sweep] == [f"LQR x {factor}" for factor in ("0.5", "0.7", "1", "1.4", "2", "2.8", "4")]
     push = {name: abs(one.wrench(batch(state), batch(goal))[0, 0]) for name, one in sweep.items()}
     assert sorted(push.values(), reverse=True) == [*push.values()]

@@ -27,17 +27,22 @@ from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
 from tests.optimal.control.settling import NAMES, SLOWEST
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 SHARED = load_spacecraft("floating-platform-shared")
-TASK, TIMING = GoToPose().for_evaluation(), Timing()
+TASK = GoToPose().for_evaluation()
+TIMING = Timing()
 
 
 @pytest.mark.parametrize(("craft", "count"), [(PLATFORM, 8), (FLYER, 4)], ids=["plane", "space"])
 @pytest.mark.parametrize("name", NAMES)
 def test_settles_from_every_start(name: str, craft: Spacecraft, count: int) -> None:
-    task, timing = TASKS[name]().for_evaluation(), Timing(episode_steps=50)
+    task = TASKS[name]().for_evaluation()
+    timing = Timing(episode_steps=50)
     controller = MPC(craft, task, timing)
-    settled = settling_times(fly(craft, task, controller, scenarios(task, craft, 31, count), timing))
+    settled = settling_times(
+        fly(craft, task, controller, scenarios(task, craft, 31, count), timing)
+    )
     assert np.isfinite(settled).all()
     assert np.median(settled) < SLOWEST[name]
     assert controller.failures == 0
@@ -56,8 +61,10 @@ def test_drake_agrees(craft: Spacecraft) -> None:
     """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
     timing = Timing(episode_steps=15)
     starts = scenarios(TASK, craft, 33, 2)
-    ours, drake = (engine(craft, TASK, MPC(craft, TASK, timing), starts, timing)
-                   for engine in (fly, fly_in_drake))
+    ours, drake = (
+        engine(craft, TASK, MPC(craft, TASK, timing), starts, timing)
+        for engine in (fly, fly_in_drake)
+    )
     assert np.array_equal(ours.commands, drake.commands)
     assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft is PLATFORM else 1e-4)
 
@@ -66,27 +73,43 @@ def first(tree: Any) -> Any:
     return map_leaves(lambda x: float(x[0]), tree)
 
 
-def cost(craft: Spacecraft, regulator: Regulator, start: Any, goal: Any, commands: np.ndarray,
-         effort: float) -> float:
+def cost(
+    craft: Spacecraft,
+    regulator: Regulator,
+    start: Any,
+    goal: Any,
+    commands: np.ndarray,
+    effort: float,
+) -> float:
     """What a plan costs, flown in NumPy and measured with SciPy's rotations."""
-    turn, total, state = turn_to_go(start, goal), effort * float((commands**2).sum()), start
+    turn = turn_to_go(start, goal)
+    total = effort * float((commands**2).sum())
+    state = start
     for k in range(commands.shape[1]):
-        state = advance(state, wrench(craft, tuple(commands[:, k])), Body.of(craft),
-                        TIMING.control_period)
+        state = advance(
+            state, wrench(craft, tuple(commands[:, k])), Body.of(craft), TIMING.control_period
+        )
         turn = turn_to_go(state, goal)
-        gaps = (((state.p - goal.p).columns(), (state.v - goal.v).columns(), regulator.translation),
-                (turn, np.array(state.spin()) - np.array(goal.spin()), regulator.rotation))
+        gaps = (
+            ((state.p - goal.p).columns(), (state.v - goal.v).columns(), regulator.translation),
+            (turn, np.array(state.spin()) - np.array(goal.spin()), regulator.rotation),
+        )
         last = k == commands.shape[1] - 1
         for deviation, speed, axis in gaps:
             price = axis.cost_to_go if last else np.diag(axis.price)
-            total += sum(np.array(pair) @ price @ pair for pair in zip(deviation, speed, strict=True))
+            total += sum(
+                np.array(pair) @ price @ pair for pair in zip(deviation, speed, strict=True)
+            )
     return float(total)
 
 
 def turn_to_go(state: Any, goal: Any) -> np.ndarray:
     turn = goal.attitude.to(state.attitude)
-    return np.array([turn.angle]) if len(leaves(turn)) == 1 else Rotation.from_quat(
-        [turn.x, turn.y, turn.z, turn.w]).as_rotvec()
+    return (
+        np.array([turn.angle])
+        if len(leaves(turn)) == 1
+        else Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_rotvec()
+    )
 
 
 @pytest.mark.parametrize(("craft", "horizon"), [(PLATFORM, 5), (FLYER, 2)], ids=["plane", "space"])
@@ -95,19 +118,27 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     starts = scenarios(GoToPose(spawn_distance=(0.3, 0.4)), craft, 34, 1)
     goal = starts.goal
     program = MPC(craft, TASK, TIMING, settings=Settings(horizon=horizon))._program
-    error, goal_leaves = shortest(starts.start, goal)[:, 0], np.array(leaves(goal))[:, 0]
+    error = shortest(starts.start, goal)[:, 0]
+    goal_leaves = np.array(leaves(goal))[:, 0]
     plan: Any = np.zeros((len(craft.thrusters), horizon))
     for _ in range(30):
         plan = program.improved(plan, error, goal_leaves)
     # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
-    effort, regulator = 1.0 / 4.0, Regulator.of(craft, TASK, TIMING, Weights())
-    begin, end = first(starts.start), first(goal)
+    effort = 1.0 / 4.0
+    regulator = Regulator.of(craft, TASK, TIMING, Weights())
+    begin = first(starts.start)
+    end = first(goal)
 
     def objective(flat: np.ndarray) -> float:
         return cost(craft, regulator, begin, end, flat.reshape(plan.shape), effort)
 
-    best = minimize(objective, np.full(plan.size, 0.2), method="SLSQP", bounds=[(0.0, 1.0)] * plan.size,
-                    options={"ftol": 1e-10, "maxiter": 300})
+    best = minimize(
+        objective,
+        np.full(plan.size, 0.2),
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * plan.size,
+        options={"ftol": 1e-10, "maxiter": 300},
+    )
     ours = objective(plan.ravel())
     assert ours < objective(np.zeros(plan.size))
     assert ours == pytest.approx(best.fun, rel=1e-5)  # finite differences leave SLSQP about 1e-6
@@ -122,7 +153,9 @@ def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
     plans = controller._plans.copy()
     program = controller._program
     sparsity = {"h": program._solver.sparsity_in(0), "a": program._solver.sparsity_in(2)}
-    program._solver = ca.conic("lame", "piqp", sparsity, {"error_on_fail": False, "piqp": {"max_iter": 1}})
+    program._solver = ca.conic(
+        "lame", "piqp", sparsity, {"error_on_fail": False, "piqp": {"max_iter": 1}}
+    )
     pulses = controller.act(starts.start, starts.goal, seen)
     assert controller.failures == 2
     assert set(np.unique(pulses)) <= {0.0, 1.0}
@@ -132,7 +165,8 @@ def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
 
 def test_a_copy_by_way_of_a_file_does_the_same() -> None:
     """Processes get it so."""
-    starts, seen = scenarios(TASK, PLATFORM, 36, 3), np.zeros((3, 10))
+    starts = scenarios(TASK, PLATFORM, 36, 3)
+    seen = np.zeros((3, 10))
     controllers = [MPC(PLATFORM, TASK, TIMING)]
     controllers.append(pickle.loads(pickle.dumps(controllers[0])))
     pulses = []
@@ -171,5 +205,7 @@ def test_nothing_is_planned_at_rest() -> None:
 
 
 def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(ConfigError, match="MPC: horizon must be a whole number >= 1 and < 2\\^31, got 0"):
+    with pytest.raises(
+        ConfigError, match="MPC: horizon must be a whole number >= 1 and < 2\\^31, got 0"
+    ):
         Settings(horizon=0)

@@ -23,8 +23,10 @@ from rans.optimal.control.regulator import Deadband
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
-TASK, TIMING = GoToPose().for_evaluation(), Timing()
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
+TASK = GoToPose().for_evaluation()
+TIMING = Timing()
 PUSHED = Conditions(disturbances=DisturbanceConditions(force=0.25, torque=0.03))
 """As an uneven floor pushes at most (RoboRAN)."""
 
@@ -36,14 +38,17 @@ def test_finds_force_and_torque_while_thrusters_fire(craft: Any) -> None:
     planar = craft.dimension == 2
     in_space = Wrench(Vec3(0.2, -0.1, 0.05), Vec3(0.02, 0.0, -0.01))
     acting = Wrench(Vec2(0.2, -0.1), 0.02) if planar else in_space
-    observer, random = Observer(craft, TIMING, Trust(0.1)), np.random.default_rng(0)
+    observer = Observer(craft, TIMING, Trust(0.1))
+    random = np.random.default_rng(0)
     state: Any = scenarios(TASK, craft, 61, 3).start
     observer.reset(3)
     for _ in range(60):
         observer.see(state)
         commands = (random.random((3, len(craft.thrusters))) < 0.2).astype(float)
         observer.expect(state, commands)
-        state = advance(state, wrench(craft, tuple(commands.T)), Body.of(craft), 0.2, disturbance=acting)
+        state = advance(
+            state, wrench(craft, tuple(commands.T)), Body.of(craft), 0.2, disturbance=acting
+        )
     force = np.array(acting.force.columns())[:, None]
     torque = np.array([acting.torque] if planar else acting.torque.columns())[:, None]
     np.testing.assert_allclose(observer.force, np.tile(force, 3), atol=0.002 * 0.25)
@@ -51,10 +56,12 @@ def test_finds_force_and_torque_while_thrusters_fire(craft: Any) -> None:
 
 
 def test_holds_on_an_uneven_floor_where_the_plan_alone_does_not() -> None:
-    starts, own = scenarios(TASK, PLATFORM, 62, 2), draws(62, 2)
+    starts = scenarios(TASK, PLATFORM, 62, 2)
+    own = draws(62, 2)
     ours, theirs = (
         solved(fly(PLATFORM, TASK, one, starts, TIMING, conditions=PUSHED, draws=own))
-        for one in (ObserverMPC(PLATFORM, TASK, TIMING), MPC(PLATFORM, TASK, TIMING)))
+        for one in (ObserverMPC(PLATFORM, TASK, TIMING), MPC(PLATFORM, TASK, TIMING))
+    )
     assert ours.all()
     assert not theirs.any()
 

@@ -16,20 +16,25 @@ from rans.optimal.trajectory.allocation import Allocation
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocityHeading
 
-PERIOD, PUSH = 0.2, 0.5
+PERIOD = 0.2
+PUSH = 0.5
 PLATFORM = load_spacecraft("floating-platform")
 
 
 def least_squares(axis: Axis, start: np.ndarray, steps: int = 400) -> tuple[float, float]:
     """First acceleration and cost of the best 80 s from a (deviation, speed), all at once: the cost is a
     sum of squares that are linear in the accelerations."""
-    motion, effect = np.array([[1.0, PERIOD], [0.0, 1.0]]), np.array([0.5 * PERIOD**2, PERIOD])
-    state, response = start, np.zeros((2, steps))
-    rows, target = [], []
+    motion = np.array([[1.0, PERIOD], [0.0, 1.0]])
+    effect = np.array([0.5 * PERIOD**2, PERIOD])
+    state = start
+    response = np.zeros((2, steps))
+    rows = []
+    target = []
     for k in range(steps):
         rows.append(np.sqrt(axis.price)[:, None] * response)
         target.append(-np.sqrt(axis.price) * state)
-        state, response = motion @ state, motion @ response
+        state = motion @ state
+        response = motion @ response
         response[:, k] += effect
     system = np.vstack([*rows, np.eye(steps) / PUSH])
     wanted = np.concatenate([*target, np.zeros(steps)])
@@ -37,8 +42,9 @@ def least_squares(axis: Axis, start: np.ndarray, steps: int = 400) -> tuple[floa
     return float(best[0]), float(np.sum((system @ best - wanted) ** 2))
 
 
-@pytest.mark.parametrize("axis", [Axis.held(PERIOD, PUSH, 0.6), Axis.free(PERIOD, PUSH, 0.3)],
-                         ids=["held", "free"])
+@pytest.mark.parametrize(
+    "axis", [Axis.held(PERIOD, PUSH, 0.6), Axis.free(PERIOD, PUSH, 0.3)], ids=["held", "free"]
+)
 def test_gain_and_cost_to_go_are_optimal(axis: Axis) -> None:
     """What is left after 80 s, over ten times the slowest time constant, is below rounding."""
     for start in np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.4]]):
@@ -61,27 +67,39 @@ def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn() -> None:
     craft = replace(load_spacecraft("free-flyer"), mass=4.0, inertia=moments)
     force, torque = Allocation(craft).authority()
     found = Regulator.of(craft, GoToPose(), Timing(), Weights(position=0.5, attitude=0.7))
-    np.testing.assert_allclose(found.translation.gain, Axis.held(0.2, force / 4.0, 0.5).gain, rtol=1e-12)
-    np.testing.assert_allclose(found.rotation.gain, Axis.held(0.2, torque / 0.4, 0.7).gain, rtol=1e-12)
+    np.testing.assert_allclose(
+        found.translation.gain, Axis.held(0.2, force / 4.0, 0.5).gain, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        found.rotation.gain, Axis.held(0.2, torque / 0.4, 0.7).gain, rtol=1e-12
+    )
 
 
 def test_tasks_hold_what_they_have_a_tolerance_for() -> None:
-    held = {task: Regulator.of(PLATFORM, task, Timing(), Weights()).carried(PLATFORM).tolist()
-            for task in (GoToPose(), GoToPosition(), TrackVelocityHeading())}
+    held = {
+        task: Regulator.of(PLATFORM, task, Timing(), Weights()).carried(PLATFORM).tolist()
+        for task in (GoToPose(), GoToPosition(), TrackVelocityHeading())
+    }
     assert list(held.values()) == [[True, True, True], [True, True, False], [False, False, True]]
 
 
-@pytest.mark.parametrize(("distance", "speed", "rests"), [
-    (0.03, 0.0, True), (0.045, 0.0, False),  # 0.8 of 5 cm are 4 cm
-    (0.03, 0.01, True),  # 0.8 s later at 3.8 cm
-    (0.03, 0.02, False),  # at 4.6 cm
-    (-0.03, 0.08, True),  # through the goal, to 3.4 cm
-])
+@pytest.mark.parametrize(
+    ("distance", "speed", "rests"),
+    [
+        (0.03, 0.0, True),
+        (0.045, 0.0, False),  # 0.8 of 5 cm are 4 cm
+        (0.03, 0.01, True),  # 0.8 s later at 3.8 cm
+        (0.03, 0.02, False),  # at 4.6 cm
+        (-0.03, 0.08, True),  # through the goal, to 3.4 cm
+    ],
+)
 def test_rests_while_a_coast_stays_inside(distance: float, speed: float, rests: bool) -> None:
     task = GoToPose()
     starts = scenarios(task, PLATFORM, 3, 2)
     goal = starts.goal
-    state = replace(goal, p=replace(goal.p, x=goal.p.x + distance), v=replace(goal.v, x=goal.v.x + speed))
+    state = replace(
+        goal, p=replace(goal.p, x=goal.p.x + distance), v=replace(goal.v, x=goal.v.x + speed)
+    )
     assert Deadband().holds(PLATFORM, task, state, goal).tolist() == [rests, rests]
     assert not Deadband(share=0.0).holds(PLATFORM, task, state, goal).any()
 

@@ -19,14 +19,18 @@ from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
 from tests.optimal.control.settling import NAMES, SLOWEST
 
-PLATFORM, SHARED = load_spacecraft("floating-platform"), load_spacecraft("floating-platform-shared")
+PLATFORM = load_spacecraft("floating-platform")
+SHARED = load_spacecraft("floating-platform-shared")
 TASK = GoToPose().for_evaluation()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_settles_from_every_start(name: str) -> None:
-    task, timing = TASKS[name]().for_evaluation(), Timing(episode_steps=60)
-    flight = fly(PLATFORM, task, MPPI(PLATFORM, task, timing), scenarios(task, PLATFORM, 51, 6), timing)
+    task = TASKS[name]().for_evaluation()
+    timing = Timing(episode_steps=60)
+    flight = fly(
+        PLATFORM, task, MPPI(PLATFORM, task, timing), scenarios(task, PLATFORM, 51, 6), timing
+    )
     settled = settling_times(flight)
     assert np.isfinite(settled).all()
     assert np.median(settled) < SLOWEST[name]
@@ -36,12 +40,16 @@ def test_spends_less_than_one_period_of_foresight() -> None:
     """23.8 against 29.5 N s from 64 starts; 8 of them leave half of that to chance."""
     timing = Timing()
     starts = scenarios(TASK, PLATFORM, 52, 8)
-    ours, theirs = (impulses(fly(PLATFORM, TASK, kind(PLATFORM, TASK, timing), starts, timing)).mean()
-                    for kind in (MPPI, Switching))
+    ours, theirs = (
+        impulses(fly(PLATFORM, TASK, kind(PLATFORM, TASK, timing), starts, timing)).mean()
+        for kind in (MPPI, Switching)
+    )
     assert ours < 0.94 * theirs
 
 
-@pytest.mark.parametrize("craft", [SHARED, load_spacecraft("free-flyer")], ids=lambda craft: craft.name)
+@pytest.mark.parametrize(
+    "craft", [SHARED, load_spacecraft("free-flyer")], ids=lambda craft: craft.name
+)
 def test_goes_there_with_a_shared_supply_and_in_space(craft: Spacecraft) -> None:
     timing = Timing(episode_steps=60 if craft is SHARED else 32)
     flight = fly(craft, TASK, MPPI(craft, TASK, timing), scenarios(TASK, craft, 53, 2), timing)
@@ -52,7 +60,8 @@ def test_goes_there_with_a_shared_supply_and_in_space(craft: Spacecraft) -> None
 
 def test_is_the_same_after_a_reset() -> None:
     timing = Timing(episode_steps=10)
-    controller, starts = MPPI(PLATFORM, TASK, timing), scenarios(TASK, PLATFORM, 54, 2)
+    controller = MPPI(PLATFORM, TASK, timing)
+    starts = scenarios(TASK, PLATFORM, 54, 2)
     first, again = (fly(PLATFORM, TASK, controller, starts, timing).commands for _ in range(2))
     assert np.array_equal(first, again)
 

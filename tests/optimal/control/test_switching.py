@@ -30,13 +30,18 @@ from rans.tasks import TASKS, GoToPose
 from tests.crafts import nasty_spatial
 from tests.optimal.control.settling import NAMES, SLOWEST
 
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 SHARED = load_spacecraft("floating-platform-shared")
-TASK, TIMING = GoToPose().for_evaluation(), Timing()
+TASK = GoToPose().for_evaluation()
+TIMING = Timing()
 
 
-@pytest.mark.parametrize(("name", "craft"), [("go-to-pose", SHARED), *product(
-    NAMES, (PLATFORM, FLYER))], ids=lambda x: getattr(x, "name", x))
+@pytest.mark.parametrize(
+    ("name", "craft"),
+    [("go-to-pose", SHARED), *product(NAMES, (PLATFORM, FLYER))],
+    ids=lambda x: getattr(x, "name", x),
+)
 def test_settles_from_every_start(name: str, craft: Spacecraft) -> None:
     task = TASKS[name]().for_evaluation()
     starts = scenarios(task, craft, 41, 20)
@@ -49,8 +54,10 @@ def test_settles_from_every_start(name: str, craft: Spacecraft) -> None:
 def test_is_a_second_faster_than_the_regulator(craft: Spacecraft) -> None:
     """Published of a controller of this kind: 5.4 s where the LQR takes 6.6; 0.2 s are one period."""
     starts = scenarios(TASK, craft, 42, 20)
-    ours, theirs = (np.median(settling_times(fly(craft, TASK, kind(craft, TASK, TIMING), starts, TIMING)))
-                    for kind in (Switching, LQR))
+    ours, theirs = (
+        np.median(settling_times(fly(craft, TASK, kind(craft, TASK, TIMING), starts, TIMING)))
+        for kind in (Switching, LQR)
+    )
     assert ours <= 5.6
     assert ours <= theirs - 0.8
 
@@ -59,8 +66,10 @@ def searched(x: float, v: float, most: float) -> float:
     """Minimum time by root search: full thrust one way for t, then the other way until at rest, at 0."""
     times = []
     for sense in (-1.0, 1.0):
+
         def missed(t: float, push: float = sense * most) -> float:
-            turned, there = v + push * t, x + v * t + 0.5 * push * t * t
+            turned = v + push * t
+            there = x + v * t + 0.5 * push * t * t
             rest = turned / push  # braking with -push
             return there + turned * rest - 0.5 * push * rest * rest
 
@@ -80,7 +89,9 @@ def test_least_time_on_a_line() -> None:
 
 def test_least_time_by_hand() -> None:
     """1 m from rest at 1 m/s^2: 1 s of thrust, 1 s of braking. Resting anywhere: v / a. Both add as roots."""
-    x, v = np.array([3.0, 4.0]) / 5.0, np.array([-4.0, 3.0]) / 5.0  # across, at 1 m/s
+    # across, at 1 m/s
+    x = np.array([3.0, 4.0]) / 5.0
+    v = np.array([-4.0, 3.0]) / 5.0
     assert least_time(x, 0.0 * v, 1.0) == pytest.approx(2.0)
     assert least_time(None, v, 0.5) == pytest.approx(2.0)
     assert least_time(x, v, 1.0) == pytest.approx(math.hypot(2.0, 1.0 + math.sqrt(2.0)))
@@ -90,7 +101,8 @@ def test_least_time_by_hand() -> None:
 @pytest.mark.parametrize("craft", [PLATFORM, SHARED], ids=lambda craft: craft.name)
 def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
     """Of all 256 patterns, those that differ in at most two thrusters; and the best of all is found often."""
-    patterns, random = Patterns(craft), np.random.default_rng(1)
+    patterns = Patterns(craft)
+    random = np.random.default_rng(1)
     wanted = random.normal(size=(40, 3)) * (1.0, 1.0, 0.3)
     every = np.array(list(product([False, True], repeat=8)))
 
@@ -111,8 +123,10 @@ def test_drake_agrees(craft: Spacecraft) -> None:
     """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
     timing = Timing(episode_steps=40)
     starts = scenarios(TASK, craft, 43, 2)
-    ours, drake = (engine(craft, TASK, Switching(craft, TASK, timing), starts, timing)
-                   for engine in (fly, fly_in_drake))
+    ours, drake = (
+        engine(craft, TASK, Switching(craft, TASK, timing), starts, timing)
+        for engine in (fly, fly_in_drake)
+    )
     assert np.array_equal(ours.commands, drake.commands)
     assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft is PLATFORM else 1e-4)
 
@@ -122,20 +136,25 @@ def test_batch_equals_loop() -> None:
     starts = scenarios(TASK, PLATFORM, 44, 3)
     together = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), starts, timing).commands
     for k in range(3):
-        one = Scenario(*(map_leaves(lambda x, k=k: x[k:k + 1], s) for s in (starts.start, starts.goal)))
+        one = Scenario(
+            *(map_leaves(lambda x, k=k: x[k : k + 1], s) for s in (starts.start, starts.goal))
+        )
         alone = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), one, timing).commands
         assert np.array_equal(alone[:, 0], together[:, k])
 
 
 def test_shared_thrust_spends_no_more_than_the_supply_gives() -> None:
-    flight = fly(SHARED, TASK, Switching(SHARED, TASK, TIMING), scenarios(TASK, SHARED, 45, 8), TIMING)
+    flight = fly(
+        SHARED, TASK, Switching(SHARED, TASK, TIMING), scenarios(TASK, SHARED, 45, 8), TIMING
+    )
     assert impulses(flight).max() <= 25.0 + 1e-9  # 1 N for 25 s
     assert np.isfinite(settling_times(flight)).all()
 
 
 def test_brings_an_awkward_spacecraft_home() -> None:
     """An off-centre body with three different moments of inertia and unequal thrusters."""
-    craft, timing = nasty_spatial(), Timing(episode_steps=150)
+    craft = nasty_spatial()
+    timing = Timing(episode_steps=150)
     controller = Switching(craft, TASK, timing, Curve(thrust_weight=0.003))
     errors = final_errors(fly(craft, TASK, controller, scenarios(TASK, craft, 22, 2), timing))
     for name, bound in TASK.tolerances().items():
@@ -180,19 +199,26 @@ def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
     start = replace(goal, attitude=Quat(float(turn[3]), *map(float, turn[:3])))
     starts = Scenario(*(map_leaves(lambda x: np.array([x]), s) for s in (start, goal)))
     timing = Timing(episode_steps=25)
-    assert settling_times(fly(FLYER, task, Switching(FLYER, task, timing), starts, timing))[0] <= 1.0
+    assert (
+        settling_times(fly(FLYER, task, Switching(FLYER, task, timing), starts, timing))[0] <= 1.0
+    )
 
 
 def test_a_wide_dead_band_spends_less() -> None:
     starts = scenarios(TASK, PLATFORM, 46, 20)
     restless, resting = (
         impulses(fly(PLATFORM, TASK, one, starts, TIMING)).mean()
-        for one in (Switching(PLATFORM, TASK, TIMING, deadband=deadband)
-                    for deadband in (Deadband(share=0.0), Deadband())))
+        for one in (
+            Switching(PLATFORM, TASK, TIMING, deadband=deadband)
+            for deadband in (Deadband(share=0.0), Deadband())
+        )
+    )
     assert resting < 0.8 * restless
 
 
-@pytest.mark.parametrize("settings", [{"push_scale": 0.0}, {"turn_scale": math.nan}, {"thrust_weight": -0.1}])
+@pytest.mark.parametrize(
+    "settings", [{"push_scale": 0.0}, {"turn_scale": math.nan}, {"thrust_weight": -0.1}]
+)
 def test_refuses_settings_that_mean_nothing(settings: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(settings))):
         Curve(**settings)

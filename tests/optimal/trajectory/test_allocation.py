@@ -19,8 +19,12 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
 from tests.crafts import nasty_planar, nasty_spatial
 
-CRAFTS = [load_spacecraft("floating-platform"), load_spacecraft("free-flyer"), nasty_planar(),
-          nasty_spatial()]
+CRAFTS = [
+    load_spacecraft("floating-platform"),
+    load_spacecraft("free-flyer"),
+    nasty_planar(),
+    nasty_spatial(),
+]
 by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
 
 
@@ -78,7 +82,9 @@ def test_pairs_by_hand() -> None:
 def test_platform_authority_by_hand() -> None:
     """Four of the eight 1 N nozzles push along each body axis at 45 degrees, four turn it at 0.31 m."""
     platform = load_spacecraft("floating-platform")
-    assert Allocation(platform).authority() == pytest.approx((4 * math.sqrt(0.5), 4 * 0.31), rel=1e-6)
+    assert Allocation(platform).authority() == pytest.approx(
+        (4 * math.sqrt(0.5), 4 * 0.31), rel=1e-6
+    )
     shared = replace(platform, thrust_sharing="split")
     assert Allocation(shared).authority() == pytest.approx((math.sqrt(0.5), 0.31), rel=1e-6)
 
@@ -96,9 +102,13 @@ def test_a_thruster_in_other_units_is_refused_by_name() -> None:
     platform = load_spacecraft("floating-platform")
     first, *others = platform.thrusters
     odd = replace(platform, thrusters=(replace(first, force=1e9), *others))
-    with pytest.raises(ConfigError, match=r"'floating-platform' cannot be steered.* force in other units"):
+    with pytest.raises(
+        ConfigError, match=r"'floating-platform' cannot be steered.* force in other units"
+    ):
         Allocation(odd)
-    force, torque = Allocation(replace(odd, thrusters=(replace(first, force=1e5), *others))).authority()
+    force, torque = Allocation(
+        replace(odd, thrusters=(replace(first, force=1e5), *others))
+    ).authority()
     assert force > 0
     assert torque > 0
 
@@ -171,7 +181,8 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
 
 
 def test_rest_opens_nothing_and_forgets() -> None:
-    craft, modulator = CRAFTS[0], SigmaDelta(CRAFTS[0])
+    craft = CRAFTS[0]
+    modulator = SigmaDelta(CRAFTS[0])
     modulator.reset(2)
     wanted = np.repeat(0.5 * np.array(craft.wrench_map)[2:3], 2, axis=0)
     modulator.round(wanted)
@@ -181,7 +192,8 @@ def test_rest_opens_nothing_and_forgets() -> None:
 
 def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
     """Half a nozzle's thrust opens nothing; more than there is opens in its direction on average."""
-    craft, modulator = CRAFTS[0], SigmaDelta(CRAFTS[0], np.zeros(3, bool))
+    craft = CRAFTS[0]
+    modulator = SigmaDelta(CRAFTS[0], np.zeros(3, bool))
     modulator.reset(1)
     small = 0.4 * np.array(craft.wrench_map)[2:3]
     assert not any(modulator.round(small).any() for _ in range(20))
@@ -194,7 +206,8 @@ def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
 def test_what_saturates_is_carried_whatever_else_is_not() -> None:
     """1.5 times what there is, in a direction that no pattern has: the impulse of all there is, to 2 pulses.
     Forgetting would repeat one pattern and be off by its error a hundred times."""
-    craft, modulator = CRAFTS[0], SigmaDelta(CRAFTS[0], np.zeros(3, bool))
+    craft = CRAFTS[0]
+    modulator = SigmaDelta(CRAFTS[0], np.zeros(3, bool))
     modulator.reset(1)
     wanted = np.array([[1.0, 0.3, 0.0]])
     wanted *= 1.5 / Allocation(craft).load(wanted)[0]
@@ -203,7 +216,8 @@ def test_what_saturates_is_carried_whatever_else_is_not() -> None:
 
 
 def test_reset_forgets() -> None:
-    modulator, wanted = SigmaDelta(CRAFTS[0]), 0.5 * np.array(CRAFTS[0].wrench_map)[2:3]
+    modulator = SigmaDelta(CRAFTS[0])
+    wanted = 0.5 * np.array(CRAFTS[0].wrench_map)[2:3]
     modulator.reset(1)
     modulator.round(wanted)
     modulator.reset(1)
@@ -213,10 +227,16 @@ def test_reset_forgets() -> None:
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)
 def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
     """Along the weakest axis and sense it is all there is; along no other more is asked for than there is."""
-    allocation, size = Allocation(craft), craft.degrees_of_freedom
-    for reach, axes in zip(allocation.authority(), (range(craft.dimension), range(craft.dimension, size)),
-                           strict=True):
-        wrenches = np.array([sense * reach * np.eye(size)[axis] for axis in axes for sense in (1.0, -1.0)])
+    allocation = Allocation(craft)
+    size = craft.degrees_of_freedom
+    for reach, axes in zip(
+        allocation.authority(), (range(craft.dimension), range(craft.dimension, size)), strict=True
+    ):
+        wrenches = np.array(
+            [sense * reach * np.eye(size)[axis] for axis in axes for sense in (1.0, -1.0)]
+        )
         loads = allocation.load(wrenches)
-        assert loads.max() == pytest.approx(1.0, rel=1e-6)  # the allocation is exact to 1e-9 of a wrench
+        assert loads.max() == pytest.approx(
+            1.0, rel=1e-6
+        )  # the allocation is exact to 1e-9 of a wrench
         assert loads.min() < 0.99  # they differ, so that the weakest shows

@@ -23,7 +23,8 @@ from rans.tasks import TASKS, GoToPose
 from rans.tasks.rewards import Transition, nearness
 from rans.tasks.sight import Entry, Scalar
 
-X, Y = ca.SX.sym("x"), ca.SX.sym("y")  # type: ignore[call-arg]
+X = ca.SX.sym("x")  # type: ignore[call-arg]
+Y = ca.SX.sym("y")  # type: ignore[call-arg]
 NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) * 3.0])
 
 
@@ -43,11 +44,16 @@ class Distant(GoToPose):
         return *super().sight(state, goal), Scalar("distance", "m", (goal.p - state.p).norm())
 
 
-@pytest.mark.parametrize(("task", "said"), [
-    (Chase(), "for goals that stand still, and Chase moves its goal"),
-    (Distant(), "what Distant shows .* has no gradient at the goal")])
+@pytest.mark.parametrize(
+    ("task", "said"),
+    [
+        (Chase(), "for goals that stand still, and Chase moves its goal"),
+        (Distant(), "what Distant shows .* has no gradient at the goal"),
+    ],
+)
 def test_what_cannot_be_optimised_is_said_before_any_process_starts(
-        task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delattr("rans.optimal.trajectory.pool.submitted")
     craft = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match=said):
@@ -64,7 +70,8 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
 def test_a_radius_that_is_a_symbol_is_one_more_argument() -> None:
     radius = ca.SX.sym("r")  # type: ignore[call-arg]
     assert [float(x) for x in rounded(NORM, radius)(3.0, 4.0, 0.2)] == pytest.approx(
-        [float(x) for x in rounded(NORM, 0.2)(3.0, 4.0)], rel=1e-14)
+        [float(x) for x in rounded(NORM, 0.2)(3.0, 4.0)], rel=1e-14
+    )
 
 
 def test_zero_stays_zero() -> None:
@@ -79,8 +86,12 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     """Where their norms do not; and are worth the same there."""
     task = TASKS[name](switching_weight=0.1, speed_weight=0.1, spin_weight=0.1)
     rest: PlanarState | SpatialState = (
-        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0) if dimension == 2 else
-        SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)))
+        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        if dimension == 2
+        else SpatialState(
+            Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+        )
+    )
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
@@ -88,11 +99,14 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     terms = task.reward(Transition(state, goal, (u[0], u[1]), (u[2], u[3])))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
     smooth = rounded(raw, ROUNDINGS[0])
-    here, command = list(leaves(rest)), [0.5, 0.5, 0.5, 0.5]
+    here = list(leaves(rest))
+    command = [0.5, 0.5, 0.5, 0.5]
     assert np.isnan(np.array(raw.jacobian()(here, command, 0)[0])).any()
     assert np.isfinite(np.array(smooth.jacobian()(here, command, 0)[0])).all()
     # a quaternion's w loses the radius, which turns nothing
-    assert float(smooth(here, command)) == pytest.approx(float(raw(here, command)), abs=ROUNDINGS[0] * 1e-9)
+    assert float(smooth(here, command)) == pytest.approx(
+        float(raw(here, command)), abs=ROUNDINGS[0] * 1e-9
+    )
 
 
 @given(distance=st.floats(0.0, 0.2))

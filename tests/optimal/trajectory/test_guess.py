@@ -24,12 +24,16 @@ def test_rotation_vector_of_quaternions_is_scipys() -> None:
     rotations = Rotation.random(200, rng=np.random.default_rng(3))
     x, y, z, w = rotations.as_quat().T  # SciPy leaves the sign open, so both signs occur
     assert (w < 0).any()
-    np.testing.assert_allclose(rotation_vector(Quat(w, x, y, z)).T, rotations.as_rotvec(), atol=1e-13)
+    np.testing.assert_allclose(
+        rotation_vector(Quat(w, x, y, z)).T, rotations.as_rotvec(), atol=1e-13
+    )
 
 
 def test_rotation_vector_vanishes_smoothly() -> None:
     assert np.array_equal(rotation_vector(Quat(1.0, 0.0, 0.0, 0.0)), np.zeros(3))
-    assert rotation_vector(Quat(-1.0, 1e-9, 0.0, 0.0)) == pytest.approx([-2e-9, 0.0, 0.0], rel=1e-12)
+    assert rotation_vector(Quat(-1.0, 1e-9, 0.0, 0.0)) == pytest.approx(
+        [-2e-9, 0.0, 0.0], rel=1e-12
+    )
 
 
 def test_headings_turn_the_short_way() -> None:
@@ -43,7 +47,8 @@ POSE = aims(GoToPose())
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_guess_is_a_motion_from_start_to_goal(dimension: int, number: int) -> None:
-    duration, count = 7.0, 2000
+    duration = 7.0
+    count = 2000
     start = scenario(GoToPose(), dimension, 1, 4)  # type: ignore[arg-type]
     path = guess(POSE, start.start, start.goal, duration, count, number)
     places = dimension + (1 if dimension == 2 else 4)
@@ -53,7 +58,7 @@ def test_guess_is_a_motion_from_start_to_goal(dimension: int, number: int) -> No
     # central differences are off by step^2 / 6 times the third derivative, below 1e-5 here
     np.testing.assert_allclose((p[:, 2:] - p[:, :-2]) / (2 * step), v[:, 1:-1], atol=1e-5)
     rotation = _rotations(attitude)
-    turned = (rotation[:-2].inv() * rotation[2:]).as_rotvec()[:, -len(w):].T
+    turned = (rotation[:-2].inv() * rotation[2:]).as_rotvec()[:, -len(w) :].T
     np.testing.assert_allclose(turned / (2 * step), w[:, 1:-1], atol=1e-5)
     goal = _rotations(np.array([leaves(start.goal.attitude)]).T)
     assert (rotation[-1:].inv() * goal).magnitude()[0] < 1e-7  # arccos halves the digits
@@ -85,24 +90,28 @@ def test_turning_alone_takes_time() -> None:
 def test_tracking_guesses_end_with_the_goals_rates(name: str, dimension: int) -> None:
     """And with no others: what a task does not ask for is left alone. Their rates are those of their path."""
     task = TASKS[name]()
-    case, duration, count = scenario(task, dimension, 3, 5), 4.0, 2000  # type: ignore[arg-type]
+    case = scenario(task, dimension, 3, 5)  # type: ignore[arg-type]
+    duration = 4.0  # type: ignore[arg-type]
+    count = 2000  # type: ignore[arg-type]
     path = guess(aims(task), case.start, case.goal, duration, count)
-    p, v = path[:dimension], path[-2 * dimension if dimension == 3 else -3:][:dimension]
+    p = path[:dimension]
+    v = path[-2 * dimension if dimension == 3 else -3 :][:dimension]
     np.testing.assert_allclose(v[:, -1], case.goal.v.columns(), atol=1e-12)
     middle = (v[:, 1:] + v[:, :-1]) / 2  # exact for constant acceleration
     np.testing.assert_allclose(np.diff(p, axis=1) * count / duration, middle, atol=1e-9)
     w = path[-1:] if dimension == 2 else path[-3:]
     wanted = case.goal.spin() if name == "track-twist" else np.zeros(len(w))
     np.testing.assert_allclose(w[:, -1], wanted, atol=1e-12)
-    attitude = _rotations(path[dimension:dimension + 1] if dimension == 2 else path[3:7])
-    turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec()[:, -len(w):].T * count / duration
+    attitude = _rotations(path[dimension : dimension + 1] if dimension == 2 else path[3:7])
+    turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec()[:, -len(w) :].T * count / duration
     # attitudes of goals are met at a pace whose rate changes by 1e-3 rad/s within an interval
     np.testing.assert_allclose(turned, (w[:, 1:] + w[:, :-1]) / 2, atol=1e-5)
 
 
 def test_spinning_up_takes_the_change_of_speed_over_the_acceleration() -> None:
     """Four nozzles of 1 N at 0.31 m; a fifth is spare."""
-    platform, rest = load_spacecraft("floating-platform"), scenario(TrackTwist(), 2, 0, 0).start
+    platform = load_spacecraft("floating-platform")
+    rest = scenario(TrackTwist(), 2, 0, 0).start
     goal = replace(rest, w=0.5)
     least = 0.5 * platform.inertia[2][2] / (4 * 0.31)
     assert transfer_time(platform, aims(TrackTwist()), rest, goal) == pytest.approx(1.2 * least)
@@ -113,8 +122,10 @@ def test_needed_wrenches_move_along_the_path(dimension: int) -> None:
     """The engines' own flight under wrenches in B gives them back, up to the turn within a period."""
     craft = load_spacecraft("floating-platform" if dimension == 2 else "free-flyer")
     state: Any = scenario(GoToPose(), dimension, 1, 2).start  # type: ignore[arg-type]
-    h, random = 0.02, np.random.default_rng(0)
-    states, wrenches = [state], []
+    h = 0.02
+    random = np.random.default_rng(0)
+    states = [state]
+    wrenches = []
     for command in random.random((20, len(craft.thrusters))):
         applied = wrench(craft, tuple(float(c) for c in command))
         wrenches.append(leaves(applied))

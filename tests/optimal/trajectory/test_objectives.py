@@ -53,13 +53,19 @@ def test_least_energy_along_a_body_axis_is_a_parabola_of_speed() -> None:
 
 def test_tracking_in_a_straight_line_is_a_quadratic_programs() -> None:
     """Along a body axis the motion is linear; the same cost by dense linear algebra, no bound active."""
-    objective, x0 = QuadraticTracking(8.0, 0.4, command_weight=40.0), -0.3
+    objective = QuadraticTracking(8.0, 0.4, command_weight=40.0)
+    x0 = -0.3
     trajectory = solved(PLATFORM, objective, planar(x=x0), planar())
-    count, h = objective.intervals, objective.control_period
+    count = objective.intervals
+    h = objective.control_period
     ends = np.arange(1, count + 1)
-    gap = np.maximum(ends[:, None] - np.arange(count), 0.5)  # periods from the middle of a push to an end
+    gap = np.maximum(
+        ends[:, None] - np.arange(count), 0.5
+    )  # periods from the middle of a push to an end
     effect = np.tril(np.ones((count, count))) * (gap - 0.5) * h * h / PLATFORM.mass
-    push = FORWARD / 4  # N along x per nozzle; four of them share a force f, each with a command f / 4 push
+    push = (
+        FORWARD / 4
+    )  # N along x per nozzle; four of them share a force f, each with a command f / 4 push
     rows = np.vstack([effect, np.eye(count) * math.sqrt(40.0 * 4) / (4 * push)])
     target = np.concatenate([np.full(count, -x0), np.zeros(count)])
     left = rows @ np.linalg.lstsq(rows, target, rcond=None)[0] - target
@@ -67,8 +73,14 @@ def test_tracking_in_a_straight_line_is_a_quadratic_programs() -> None:
 
 
 EVERY_TASK = [GoToPosition(), GoToPose(), TrackVelocity(), TrackTwist(), TrackVelocityHeading()]
-EVERY_OBJECTIVE = [MinimumFuel(20.0, 0.5), MinimumTime(20), MinimumEnergy(20.0, 0.5), MinimumTime(20, "set"),
-                   QuadraticTracking(12.0, 0.4), MaximumReward(12.0, 0.4)]
+EVERY_OBJECTIVE = [
+    MinimumFuel(20.0, 0.5),
+    MinimumTime(20),
+    MinimumEnergy(20.0, 0.5),
+    MinimumTime(20, "set"),
+    QuadraticTracking(12.0, 0.4),
+    MaximumReward(12.0, 0.4),
+]
 
 
 @pytest.mark.parametrize("task", EVERY_TASK, ids=lambda task: type(task).__name__)
@@ -79,7 +91,8 @@ def test_every_task_with_every_objective(task: Task, objective: Objective) -> No
     trajectory = solved(PLATFORM, objective, case.start, case.goal, task)
     assert replay_error(PLATFORM, trajectory) < 1e-4
     last = map_leaves(lambda x: float(x[-1]), trajectory.states)
-    errors, tolerances = task.errors(last, case.goal), task.tolerances()
+    errors = task.errors(last, case.goal)
+    tolerances = task.tolerances()
     for name, tolerance in tolerances.items():
         allowed = {"exact": 1e-6, "set": tolerance, "free": 2 * tolerance}[objective.ending]
         assert errors[name] < allowed, name
@@ -87,9 +100,14 @@ def test_every_task_with_every_objective(task: Task, objective: Objective) -> No
         assert last.v.norm() < 1e-6
 
 
-@pytest.mark.parametrize(("task", "objective"), [
-    (GoToPose(), MinimumFuel(16.0, 0.8)), (TrackVelocityHeading(), MaximumReward(6.0, 0.6)),
-], ids=["pose", "velocity and attitude"])
+@pytest.mark.parametrize(
+    ("task", "objective"),
+    [
+        (GoToPose(), MinimumFuel(16.0, 0.8)),
+        (TrackVelocityHeading(), MaximumReward(6.0, 0.6)),
+    ],
+    ids=["pose", "velocity and attitude"],
+)
 def test_space_with_an_awkward_body(task: Task, objective: Objective) -> None:
     case = scenario(task.for_evaluation(), 3, 5, 2)
     trajectory = solved(nasty_spatial(), objective, case.start, case.goal, task)
@@ -99,8 +117,10 @@ def test_space_with_an_awkward_body(task: Task, objective: Objective) -> None:
 def test_a_goal_set_is_never_worse_than_its_middle() -> None:
     for episode in range(3):
         case = scenario(TASK, 2, 8, episode)
-        exact, near = (solved(PLATFORM, MinimumTime(30, ending), case.start, case.goal)
-                       for ending in ("exact", "set"))
+        exact, near = (
+            solved(PLATFORM, MinimumTime(30, ending), case.start, case.goal)
+            for ending in ("exact", "set")
+        )
         assert near.cost < exact.cost
         assert near.cost > 0.9 * exact.cost  # 5 cm of 3 m, and 5 degrees
 
@@ -108,29 +128,44 @@ def test_a_goal_set_is_never_worse_than_its_middle() -> None:
 def test_the_cost_is_the_tasks_own_return() -> None:
     """As evaluations sum it over a flight: no rounded corner in it, switching and thrust included."""
     task = GoToPose(switching_weight=0.01, spin_weight=0.02).for_evaluation()
-    objective, starts = MaximumReward(10.0, 0.5), scenarios(task, PLATFORM, 6, 1)
+    objective = MaximumReward(10.0, 0.5)
+    starts = scenarios(task, PLATFORM, 6, 1)
     case = scenario(task, 2, 6, 0)
     trajectory = solved(PLATFORM, objective, case.start, case.goal, task)
     states = map_leaves(lambda x: x[:, None], trajectory.states)
-    flight = Flight(PLATFORM, task, Timing(0.5, episode_steps=20), states, starts.goal,
-                    trajectory.commands[:, None], "reward")
+    flight = Flight(
+        PLATFORM,
+        task,
+        Timing(0.5, episode_steps=20),
+        states,
+        starts.goal,
+        trajectory.commands[:, None],
+        "reward",
+    )
     assert "switching" in flight.rewards()
     total = sum(float(term.sum()) for term in flight.rewards().values())
     assert -trajectory.cost == pytest.approx(total, rel=1e-6)  # commands are clipped by up to 1e-8
     guessed = MinimumFuel(10.0, 0.5)
-    other = replace(flight, states=map_leaves(lambda x: x[:, None], solved(
-        PLATFORM, guessed, case.start, case.goal, task).states))
+    other = replace(
+        flight,
+        states=map_leaves(
+            lambda x: x[:, None], solved(PLATFORM, guessed, case.start, case.goal, task).states
+        ),
+    )
     assert total > sum(float(term.sum()) for term in other.rewards().values())
 
 
-@pytest.mark.parametrize("name", ["go-to-pose-2d-fast", "go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
+@pytest.mark.parametrize(
+    "name", ["go-to-pose-2d-fast", "go-to-pose-2d-thrifty", "go-to-pose-2d-shared"]
+)
 def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
     """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it.
 
     From this start agents get 85 to 99 % of it. With corners rounded by 1 cm alone the thrifty one got more.
     """
     run = contestant(f"pretrained:{name}")
-    task, period = run.task.for_evaluation(), run.timing.control_period
+    task = run.task.for_evaluation()
+    period = run.timing.control_period
     starts = scenarios(task, run.craft, 11, 1)
     flight = fly(run.craft, task, run.controller, starts, run.timing)
     objective = MaximumReward(run.timing.episode_steps * period, period)

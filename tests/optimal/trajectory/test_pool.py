@@ -16,7 +16,8 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.processes import PATIENCE, python
 
-PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(3.0, 4.0))
+PLATFORM = load_spacecraft("floating-platform")
+TASK = GoToPose(spawn_distance=(3.0, 4.0))
 
 
 @dataclass(frozen=True)
@@ -28,10 +29,13 @@ class Fatal(MinimumTime):
 
 
 def test_pool_equals_serial() -> None:
-    starts, objectives = scenarios(TASK, PLATFORM, 3, 3), [MinimumTime(10), MinimumFuel(20.0, 1.0)]
+    starts = scenarios(TASK, PLATFORM, 3, 3)
+    objectives = [MinimumTime(10), MinimumFuel(20.0, 1.0)]
     ticks: list[int] = []
     serial = solve_all(PLATFORM, TASK, objectives, starts, workers=1)
-    pooled = solve_all(PLATFORM, TASK, objectives, starts, workers=2, progress=lambda: ticks.append(1))
+    pooled = solve_all(
+        PLATFORM, TASK, objectives, starts, workers=2, progress=lambda: ticks.append(1)
+    )
     assert len(ticks) == 6
     for alone, shared in zip(serial, pooled, strict=True):
         assert [t.objective for t in alone] == [t.objective for t in shared]
@@ -70,7 +74,9 @@ def test_interrupt_ends_it_quickly_and_quietly() -> None:
     with python("-c", _ENDLESS, start_new_session=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "solved\n"
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the parent and all its workers
+        os.killpg(
+            process.pid, signal.SIGINT
+        )  # as a terminal does: to the parent and all its workers
         out, error = process.communicate(timeout=PATIENCE)
     assert out.count("solved") < 4000  # it did not go on to the 5,000th
     assert out.endswith("interrupted\n")

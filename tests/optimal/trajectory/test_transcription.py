@@ -50,7 +50,9 @@ def test_least_time_along_a_body_axis_is_bang_bang() -> None:
     An even number of periods puts the switch on a boundary, so that discretisation costs nothing.
     """
     trajectory = solved(PLATFORM, MinimumTime(20), planar(x=-3.0), planar())
-    assert trajectory.cost == pytest.approx(2 * math.sqrt(3.0 * PLATFORM.mass / FORWARD), rel=SOLVER)
+    assert trajectory.cost == pytest.approx(
+        2 * math.sqrt(3.0 * PLATFORM.mass / FORWARD), rel=SOLVER
+    )
     assert trajectory.control_period == pytest.approx(trajectory.cost / 20)
 
 
@@ -67,7 +69,9 @@ def test_shared_thrust_is_slower() -> None:
     goal = planar(heading=math.pi / 4)
     trajectory = solved(SHARED, MinimumTime(20), planar(x=-3.0, heading=math.pi / 4), goal)
     assert trajectory.cost == pytest.approx(2 * math.sqrt(3.0 * SHARED.mass), rel=SOLVER)
-    assert trajectory.commands.sum(axis=1).max() <= 1.0 + 1e-7  # the optimiser's bounds give by 1e-8
+    assert (
+        trajectory.commands.sum(axis=1).max() <= 1.0 + 1e-7
+    )  # the optimiser's bounds give by 1e-8
 
 
 def test_least_fuel_along_a_nozzle_pair_is_a_linear_programs() -> None:
@@ -85,15 +89,19 @@ def _linear_program(distance: float, mass: float, force: float, count: int, peri
     """Least impulse from rest to rest with piecewise constant thrust within +-force."""
     push = force * period / mass  # speed gained in one period at full thrust
     way = push * (count - np.arange(count) - 0.5) * period  # and where that ends up
-    conditions = np.array([np.append(way, -way), np.full(2 * count, push) * np.repeat([1, -1], count)])
+    conditions = np.array(
+        [np.append(way, -way), np.full(2 * count, push) * np.repeat([1, -1], count)]
+    )
     price = np.full(2 * count, force * period)
     return linprog(price, A_eq=conditions, b_eq=[distance, 0.0], bounds=(0, 1)).fun
 
 
-@pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_planar()],
-                         ids=["platform", "shared", "nasty"])
-@pytest.mark.parametrize("objective", [MinimumTime(30), MinimumFuel(20.0, 0.4)],
-                         ids=lambda objective: objective.name)
+@pytest.mark.parametrize(
+    "craft", [PLATFORM, SHARED, nasty_planar()], ids=["platform", "shared", "nasty"]
+)
+@pytest.mark.parametrize(
+    "objective", [MinimumTime(30), MinimumFuel(20.0, 0.4)], ids=lambda objective: objective.name
+)
 def test_random_starts_arrive_in_drake(craft: Spacecraft, objective: Objective) -> None:
     """In the plane the equations are exact, so only the optimiser's 1e-8 per interval is left."""
     for episode in range(3):
@@ -182,10 +190,14 @@ def test_a_broken_start_is_a_status(objective: Objective) -> None:
 def test_a_craft_that_cannot_turn_still_flies_straight() -> None:
     """Two opposite nozzles through the centre: nothing to guess commands with, but a way to go."""
     with pytest.warns(UserWarning, match="cannot push and turn"):
-        pair = replace(PLATFORM, thrusters=tuple(
-            Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)))
+        pair = replace(
+            PLATFORM,
+            thrusters=tuple(Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)),
+        )
     trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar())
-    assert trajectory.cost == pytest.approx(_linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER)
+    assert trajectory.cost == pytest.approx(
+        _linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER
+    )
 
 
 def test_the_best_is_the_cheapest_of_those_solved() -> None:
@@ -209,15 +221,30 @@ def test_horizons_are_whole_periods(periods: int) -> None:
     assert MinimumFuel(0.05, 0.2).intervals == 1
 
 
-@pytest.mark.parametrize(("wrong", "message"), [
-    (lambda: MinimumFuel(horizon=-1.0), "horizon must be a finite number > 0 s, got -1.0"),
-    (lambda: MinimumFuel(horizon="x"), "horizon must be a finite number > 0 s, got 'x'"),  # type: ignore[arg-type]
-    (lambda: MinimumFuel(control_period=math.nan), "control_period must be a finite number > 0 s"),
-    (lambda: MinimumTime(0), "intervals must be >= 1 and <= 1,048,575, got 0"),
-    (lambda: QuadraticTracking(command_weight=-1.0), "command_weight must be finite and not negative"),
-    (lambda: transcription(PLATFORM, MinimumTime(20)).solve(planar(1.0), planar(), 0), "at least one guess"),
-    (lambda: Transcription(PLATFORM, MultiTask(), MinimumFuel()), "judged on each of its tasks"),
-])
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: MinimumFuel(horizon=-1.0), "horizon must be a finite number > 0 s, got -1.0"),
+        (lambda: MinimumFuel(horizon="x"), "horizon must be a finite number > 0 s, got 'x'"),  # type: ignore[arg-type]
+        (
+            lambda: MinimumFuel(control_period=math.nan),
+            "control_period must be a finite number > 0 s",
+        ),
+        (lambda: MinimumTime(0), "intervals must be >= 1 and <= 1,048,575, got 0"),
+        (
+            lambda: QuadraticTracking(command_weight=-1.0),
+            "command_weight must be finite and not negative",
+        ),
+        (
+            lambda: transcription(PLATFORM, MinimumTime(20)).solve(planar(1.0), planar(), 0),
+            "at least one guess",
+        ),
+        (
+            lambda: Transcription(PLATFORM, MultiTask(), MinimumFuel()),
+            "judged on each of its tasks",
+        ),
+    ],
+)
 def test_impossible_settings_are_refused(wrong: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         wrong()
@@ -231,11 +258,14 @@ def test_optima_under_a_drift_fly_in_drake(drift: Drift, monkeypatch: pytest.Mon
     problem = Transcription(PLATFORM, TASK, MinimumFuel(20.0, 0.4))
     found = problem.solve(planar(3.0, -1.0, 2.0), planar())
     assert found.solved, found.status
-    start, timing = map_leaves(lambda x: float(x[0]), found.states), Timing(found.control_period)
+    start = map_leaves(lambda x: float(x[0]), found.states)
+    timing = Timing(found.control_period)
     flown: Any = replay(PLATFORM, start, found.commands, timing, drift)
     state = np.array(leaves(start))
     for command in found.commands:
-        state = np.array(problem._step(state, np.array(PLATFORM.wrench_map).T @ command, 0.4)).ravel()
+        state = np.array(
+            problem._step(state, np.array(PLATFORM.wrench_map).T @ command, 0.4)
+        ).ravel()
     last = [x[-1] for x in leaves(flown)]
     np.testing.assert_allclose(state, last, rtol=0, atol=1e-9 * math.hypot(3.0, 1.0))
     assert float((flown.p - found.states.p).norm().max()) < 1e-5
@@ -244,9 +274,12 @@ def test_optima_under_a_drift_fly_in_drake(drift: Drift, monkeypatch: pytest.Mon
     assert float((free.p - found.states.p).norm().max()) > 1.0
 
 
-def test_where_no_guess_leads_anywhere_the_next_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_guess_leads_anywhere_the_next_one_is_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """And not one that has failed already; where one of them does, no more."""
-    problem, tried = transcription(PLATFORM, MinimumTime(20)), []
+    problem = transcription(PLATFORM, MinimumTime(20))
+    tried = []
     lost = unsolved(MinimumTime(20), PLATFORM, planar(), "Infeasible_Problem_Detected")
 
     def attempt(start: Any, goal: Any, number: int) -> Trajectory:
@@ -262,6 +295,8 @@ def test_where_no_guess_leads_anywhere_the_next_one_is_tried(monkeypatch: pytest
 
 def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
     """A task with a knob asks for the same pose: least fuel is that of the task without one."""
-    start, goal, objective = planar(x=-1.0), planar(x=0.1, heading=0.3), MinimumFuel(6.0)
+    start = planar(x=-1.0)
+    goal = planar(x=0.1, heading=0.3)
+    objective = MinimumFuel(6.0)
     priced = solved(PLATFORM, objective, start, replace(goal, notes=(0.5,)), GoToPosePriced())
     assert priced.cost == pytest.approx(solved(PLATFORM, objective, start, goal).cost, rel=SOLVER)

@@ -43,7 +43,9 @@ class Batch:
 
 def test_who_ended_or_flew_long_enough_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = Batch()
-    monkeypatch.setitem(sys.modules, "l2f", SimpleNamespace(vector_selector={3: calls}, Device=object))
+    monkeypatch.setitem(
+        sys.modules, "l2f", SimpleNamespace(vector_selector={3: calls}, Device=object)
+    )
     monkeypatch.syspath_prepend(str(Path(runner.__file__).parent))
     batch = importlib.import_module("l2f_hover")._Batch(3, seed=0)
     for _ in range(9):

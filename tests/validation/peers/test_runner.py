@@ -28,15 +28,19 @@ def test_a_peers_last_line_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert (result.installed_by, result.reason) == ("", "")
 
 
-@pytest.mark.parametrize(("script", "reason"), [
-    ("raise ValueError('no luck')", "ValueError: no luck"),
-    ("import sys; sys.exit(3)", "exit code 3"),
-    ("print('no JSON')", "Expecting value"),
-    ("", "list index out of range"),
-    ("import time; time.sleep(60)", "not done after 0 s"),
-])
-def test_a_peer_cannot_break_the_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str,
-                                           reason: str) -> None:
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("raise ValueError('no luck')", "ValueError: no luck"),
+        ("import sys; sys.exit(3)", "exit code 3"),
+        ("print('no JSON')", "Expecting value"),
+        ("", "list index out of range"),
+        ("import time; time.sleep(60)", "not done after 0 s"),
+    ],
+)
+def test_a_peer_cannot_break_the_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str
+) -> None:
     if "sleep" in script:
         monkeypatch.setattr(runner, "_RUN_SECONDS", 0.3)
     result = measure_peer(peer(tmp_path, monkeypatch, script), "cpu", tmp_path)
@@ -45,7 +49,9 @@ def test_a_peer_cannot_break_the_benchmark(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_the_reason_is_the_error_and_not_pips_excuse() -> None:
-    text = "Collecting x\n  urllib.error.URLError: <no network>\n  [end]\n\nnote: not pip's fault.\n"
+    text = (
+        "Collecting x\n  urllib.error.URLError: <no network>\n  [end]\n\nnote: not pip's fault.\n"
+    )
     assert runner._last_error(text) == "urllib.error.URLError: <no network>"
     assert runner._last_error("something\nelse\n\n") == "else"
 
@@ -53,7 +59,9 @@ def test_the_reason_is_the_error_and_not_pips_excuse() -> None:
 def test_an_environment_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[Any] = []
     monkeypatch.setattr(runner, "_output", lambda command, *_: done.append(command) or "{}\n")
-    monkeypatch.setattr(runner.venv, "create", lambda home, **_: home.mkdir(parents=True, exist_ok=True))
+    monkeypatch.setattr(
+        runner.venv, "create", lambda home, **_: home.mkdir(parents=True, exist_ok=True)
+    )
     for version in ("1", "1", "2"):
         absent = Peer("package", "no_such_module", "script.py", (f"rejax=={version}", "jax==3"))
         measure_peer(absent, "cuda", tmp_path)

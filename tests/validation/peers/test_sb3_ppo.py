@@ -30,7 +30,9 @@ class Model:
     policy: Any = None
 
     def __init__(self, now: list[float], seconds: float) -> None:
-        self.num_timesteps, self._now, self._seconds = 0, now, seconds
+        self.num_timesteps = 0
+        self._now = now
+        self._seconds = seconds
 
     def learn(self, steps: int, reset_num_timesteps: bool) -> None:
         assert not reset_num_timesteps
@@ -38,8 +40,11 @@ class Model:
         self._now[0] += self._seconds
 
 
-def train(script: Any, monkeypatch: pytest.MonkeyPatch, successes: list[float], seconds: float) -> Any:
-    now, found = [0.0], iter(successes)
+def train(
+    script: Any, monkeypatch: pytest.MonkeyPatch, successes: list[float], seconds: float
+) -> Any:
+    now = [0.0]
+    found = iter(successes)
     selection = SimpleNamespace(judge=lambda: [{"success": next(found)}])
     monkeypatch.setattr(script, "_model", lambda *_: Model(now, seconds))
     monkeypatch.setattr(script, "network_of", lambda _: None)
@@ -56,7 +61,11 @@ def test_solved_is_two_good_reports_in_a_row(script: Any, monkeypatch: pytest.Mo
 
 def test_after_five_minutes_it_is_given_up(script: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     found = train(script, monkeypatch, [0.0, 0.9, 1.0], 100.0)
-    assert found == {"solved": False, "seconds_to_success": 300.0, "steps_to_success": 3 * 16 * 8 * 4}
+    assert found == {
+        "solved": False,
+        "seconds_to_success": 300.0,
+        "steps_to_success": 3 * 16 * 8 * 4,
+    }
 
 
 def test_it_has_our_settings_and_our_rewards(script: Any) -> None:

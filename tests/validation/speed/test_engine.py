@@ -22,10 +22,16 @@ class Timed(Clock):
 def test_a_copy_reads_and_writes() -> None:
     """An array of 128 MiB read and another written: 268 MB in half a second."""
     found = copy_bandwidth(Timed("cpu"))
-    assert (found.value, found.unit, found.warm_up) == (pytest.approx(2 * 2**27 / 0.5 / 1e9), "GB/s", 3.0)
+    assert (found.value, found.unit, found.warm_up) == (
+        pytest.approx(2 * 2**27 / 0.5 / 1e9),
+        "GB/s",
+        3.0,
+    )
 
 
-@pytest.mark.parametrize(("craft", "moved"), [(PLATFORM, 135), (FLYER, 259)], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("craft", "moved"), [(PLATFORM, 135), (FLYER, 259)], ids=["plane", "space"]
+)
 def test_a_rate_counts_every_environment_of_every_step(craft: Spacecraft, moved: int) -> None:
     """64 steps of 256 environments in half a second; the bound is bandwidth over docs/speed.md's bytes."""
     found = engine_rate(craft, GoToPose(), 256, Timed("cpu"), bandwidth=2.0, compiled=False)
@@ -40,8 +46,10 @@ def test_a_rate_counts_every_environment_of_every_step(craft: Spacecraft, moved:
 @pytest.mark.parametrize("num_envs", [8, 100])
 def test_bytes_of_an_environment(num_envs: int) -> None:
     """As docs/speed.md has them, whatever the number; something is aimed at in the plane only."""
-    plane, space = (memory_per_environment(craft, GoToPose(), num_envs, Timed("cpu"))
-                    for craft in (PLATFORM, FLYER))
+    plane, space = (
+        memory_per_environment(craft, GoToPose(), num_envs, Timed("cpu"))
+        for craft in (PLATFORM, FLYER)
+    )
     assert (plane.value, plane.bound, plane.bound_name) == (151.0, 250.0, "the 250 bytes aimed at")
     assert (space.value, space.bound, space.bound_name) == (295.0, None, "")
     assert plane.note == f"sum of all arrays of {num_envs} environments"
@@ -56,5 +64,7 @@ def test_compiling_is_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
     m = engine_rate(PLATFORM, GoToPose(), 64, clock, bandwidth=27.0)
     assert m.value is not None
     assert m.bound == pytest.approx(1e3 * 27.0 / 135)  # 27 GB/s, 135 bytes a step
-    assert m.warm_up > 100 * 64 / (1e6 * m.value)  # one step of 64 takes microseconds, tracing it seconds
+    assert m.warm_up > 100 * 64 / (
+        1e6 * m.value
+    )  # one step of 64 takes microseconds, tracing it seconds
     assert "not compiled" not in m.note

@@ -14,8 +14,9 @@ from validation.speed.measurement import Clock
 
 
 @pytest.mark.parametrize(("by_hand", "way"), [(True, "products of matrices"), (False, "autograd")])
-def test_an_update_is_what_a_rollout_leaves_of_an_iteration(by_hand: bool, way: str,
-                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_update_is_what_a_rollout_leaves_of_an_iteration(
+    by_hand: bool, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """16 environments x 8 steps in 8 ms, 5 of them the rollout's; a CPU is given what a GPU would have."""
     config = recipe("go-to-pose-2d-robust", "cpu")
     config = replace(config, ppo=replace(config.ppo, n_envs=16, n_steps=8, batch_size=64))

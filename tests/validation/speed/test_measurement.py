@@ -9,7 +9,8 @@ from validation.speed.measurement import Clock
 
 def test_warm_up_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """A clock that the function itself moves: 5 s of compiling once, 2 s a call."""
-    now, calls = [0.0], []
+    now = [0.0]
+    calls = []
 
     def work() -> None:
         now[0] += 2.0 if calls else 7.0
@@ -44,8 +45,9 @@ def test_one_thread_inside_and_as_many_as_before_after() -> None:
 
 
 @pytest.mark.parametrize(("device", "on_gpu"), [("cpu", False), ("cuda", True), ("cuda:1", True)])
-def test_what_is_a_gpu_and_must_be_waited_for(device: str, on_gpu: bool,
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_a_gpu_and_must_be_waited_for(
+    device: str, on_gpu: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     waited: list[int] = []
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(1))
     clock = Clock(device)

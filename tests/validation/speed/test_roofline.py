@@ -18,14 +18,22 @@ def test_bytes_of_a_step_in_the_plane() -> None:
     """Counted by hand: six numbers of state, one heading as goal, eight thrusters, ten columns seen."""
     terms = len(Engine(PLATFORM, GoToPose(), 1).term_names)
     assert step_work(Engine(PLATFORM, GoToPose(), 1)).traffic == (
-        Traffic("state", 24, 24), Traffic("goal", 4, 0), Traffic("clock", 4, 4),
-        Traffic("action", 8, 0), Traffic("observation", 0, 40), Traffic("reward terms", 0, 4 * terms),
-        Traffic("reward", 0, 4), Traffic("flags", 0, 3))
+        Traffic("state", 24, 24),
+        Traffic("goal", 4, 0),
+        Traffic("clock", 4, 4),
+        Traffic("action", 8, 0),
+        Traffic("observation", 0, 40),
+        Traffic("reward terms", 0, 4 * terms),
+        Traffic("reward", 0, 4),
+        Traffic("flags", 0, 3),
+    )
 
 
 def test_reals_of_twice_the_size_move_twice_the_bytes() -> None:
-    single, double = (step_work(Engine(FLYER, GoToPose(), 1, dtype=dtype))
-                      for dtype in (torch.float32, torch.float64))
+    single, double = (
+        step_work(Engine(FLYER, GoToPose(), 1, dtype=dtype))
+        for dtype in (torch.float32, torch.float64)
+    )
     others = {"clock", "action", "flags"}
     for one, two in zip(single.traffic, double.traffic, strict=True):
         factor = 1 if one.name in others else 2

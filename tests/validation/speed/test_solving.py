@@ -36,7 +36,9 @@ def test_a_median_solve_and_the_rate_of_all_together(monkeypatch: pytest.MonkeyP
 def test_a_real_solve() -> None:
     each, rate = solver_rate(PLATFORM, GoToPosition(), starts=1)
     assert each.value is not None
-    assert rate.value == pytest.approx(1e3 / each.value)  # with one start median and mean are the same
+    assert rate.value == pytest.approx(
+        1e3 / each.value
+    )  # with one start median and mean are the same
     assert "1 of 1 solved" in rate.note
     assert each.warm_up > 0.0
 

@@ -10,8 +10,9 @@ from validation.speed.startup import PARTS, measured
 ROOT = Path(__file__).parents[3]
 
 
-def test_parts_are_all_of_a_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                    capfd: pytest.CaptureFixture[str]) -> None:
+def test_parts_are_all_of_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(ROOT)
     begun = time.time()
     parts = measured(["--version"], tmp_path / "parts.json")

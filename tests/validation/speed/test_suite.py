@@ -22,8 +22,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
 
     def stand_in(name: str, several: bool = False) -> Any:
         def measure(*arguments: Any, **more: Any) -> Any:
-            calls.append((name, *(getattr(x, "name", x) for x in arguments if not isinstance(x, GoToPose)),
-                          *more.items()))
+            calls.append(
+                (
+                    name,
+                    *(getattr(x, "name", x) for x in arguments if not isinstance(x, GoToPose)),
+                    *more.items(),
+                )
+            )
             found = Measurement("engine", name, 12.0, "GB/s")
             return [found] if several else found
 
@@ -39,34 +44,50 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
 def test_on_a_cpu(asked: list[tuple[Any, ...]]) -> None:
     spend = effort("cpu", quick=False)
     found = list(measurements([PLATFORM, FLYER], "go-to-pose", GoToPose(), (16, 64), spend))
-    clock, names = spend.clock, ("floating-platform", "free-flyer")
+    clock = spend.clock
+    names = ("floating-platform", "free-flyer")
     agents = [preset("go-to-pose", dimension, "cpu") for dimension in (2, 3)]
     assert asked == [
         ("copy_bandwidth", clock),
-        *(row for name in names for row in (
-            *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
-            ("memory_per_environment", name, 64, clock))),
+        *(
+            row
+            for name in names
+            for row in (
+                *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
+                ("memory_per_environment", name, 64, clock),
+            )
+        ),
         *(("flight_rates", name, 2**14, clock) for name in names),
         *(("trainer_rate", name, agent, clock) for name, agent in zip(names, agents, strict=True)),
         *(("solver_rate", name, 8) for name in names),
-        *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True))]
+        *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True)),
+    ]
     assert [m.name for m in found] == [call[0] for call in asked]
 
 
-def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(asked: list[tuple[Any, ...]]) -> None:
+def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(
+    asked: list[tuple[Any, ...]],
+) -> None:
     """Agents answer on a CPU all the same."""
     spend = effort("cuda", quick=True)
     list(measurements([PLATFORM], "go-to-pose", GoToPose(), (16,), spend))
-    clock, name = spend.clock, "floating-platform"
+    clock = spend.clock
+    name = "floating-platform"
     assert asked == [
-        ("copy_bandwidth", clock), ("engine_rate", name, 16, clock, 12.0, None),
+        ("copy_bandwidth", clock),
+        ("engine_rate", name, 16, clock, 12.0, None),
         ("engine_rate", name, 16, clock, 12.0, ("generated", False)),
-        ("memory_per_environment", name, 16, clock), ("flight_rates", name, 64, clock),
-        ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock), ("trainer_rate", name, LARGE, clock),
-        ("solver_rate", name, 1), ("latencies", name, preset("go-to-pose", 2, "cpu"), 50)]
+        ("memory_per_environment", name, 16, clock),
+        ("flight_rates", name, 64, clock),
+        ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock),
+        ("trainer_rate", name, LARGE, clock),
+        ("solver_rate", name, 1),
+        ("latencies", name, preset("go-to-pose", 2, "cpu"), 50),
+    ]
 
 
 def test_quick_is_little() -> None:
-    little, enough = effort("cpu", True), effort("cpu", False)
+    little = effort("cpu", True)
+    enough = effort("cpu", False)
     assert (little.clock.repeats, little.clock.seconds, little.compiled) == (2, 0.01, None)
     assert (enough.clock.repeats, enough.clock.seconds, enough.compiled) == (7, 0.3, True)

@@ -27,11 +27,17 @@ class Timed(Clock):
 def test_trained_steps_are_those_of_the_whole_rollout(monkeypatch: pytest.MonkeyPatch) -> None:
     """8 environments x 4 steps in half a second, flown and learned from; epochs do not count twice."""
     done: list[str] = []
-    learner = SimpleNamespace(collect=lambda: done.append("collect"), update=lambda: done.append("update"))
+    learner = SimpleNamespace(
+        collect=lambda: done.append("collect"), update=lambda: done.append("update")
+    )
     monkeypatch.setattr(training, "begin", lambda *_: learner)
     found = trainer_rate(PLATFORM, GoToPose(), SETTINGS, Timed("cpu"))
     assert done == ["collect", "update"]
-    assert (found.value, found.unit, found.warm_up) == (pytest.approx(8 * 4 / 0.5 / 1e6), "M steps/s", 3.0)
+    assert (found.value, found.unit, found.warm_up) == (
+        pytest.approx(8 * 4 / 0.5 / 1e6),
+        "M steps/s",
+        3.0,
+    )
     assert found.name == "PPO, floating-platform, 8 x 4"
     assert found.note == "environments x steps; 6x5, 3 epochs, float32"
 
@@ -40,7 +46,10 @@ def test_one_training_as_the_command_does_it(monkeypatch: pytest.MonkeyPatch) ->
     made: list[TrainConfig] = []
 
     class Trainer:
-        solved, seconds, warm_up, steps = True, 1.5, 9.0, 4096
+        solved = True
+        seconds = 1.5
+        warm_up = 9.0
+        steps = 4096
 
         def __init__(self, configs: list[TrainConfig], craft: Any, run: Any) -> None:
             assert craft.name == configs[0].spacecraft == "free-flyer"
@@ -52,5 +61,10 @@ def test_one_training_as_the_command_does_it(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(training, "Trainer", Trainer)
     assert train_until_solved(SETTINGS, "cpu", "free-flyer", 5, 3) == Success(True, 1.5, 9.0, 4096)
     [config] = made
-    assert (config.task, config.seed, config.device, config.report_interval) == ("go-to-pose", 5, "cpu", 3)
+    assert (config.task, config.seed, config.device, config.report_interval) == (
+        "go-to-pose",
+        5,
+        "cpu",
+        3,
+    )
     assert (config.ppo, config.solved_share) == (SETTINGS, TrainConfig.solved_share)
