@@ -30,19 +30,20 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     """One spacecraft flying one task: NumPy in and out, float64 inside.
 
     Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end by
-    themselves: ``terminated`` when the task has failed, else ``truncated`` after ``timing.episode_steps``.
+    themselves: ``terminated`` when the task has failed or the mission is won, otherwise ``truncated`` after
+    ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
     Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether time
-    ran out within the task's tolerances.
+    ``info``: "reward_terms", "errors" and the "margins" of constraints by name; at the end of an episode also
+    "is_success", whether the mission was won, or time ran out within the task's tolerances.
 
     Args:
         task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
-        timing: control period, accuracy and length of an episode.
+        timing: control period, accuracy and length of an episode; None: the task's own.
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
         conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
@@ -66,7 +67,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
-        self.timing = Timing() if timing is None else checked("timing", timing, Timing)
+        self.timing = self.task.timing if timing is None else checked("timing", timing, Timing)
         self.observation_space = observation_space(self.task, dimension)
         self.action_space = action_space(self.craft)
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
@@ -130,9 +131,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = {
             "reward_terms": {name: float(term) for name, term in terms.items()},
             "errors": self._errors(),
+            "margins": {name: float(margin) for name, margin in outcome.margins.items()},
         }
         if terminated or truncated:
-            info["is_success"] = truncated and bool(outcome.reached)
+            info["is_success"] = bool(outcome.success)
         return self._observe(), float(reward), terminated, truncated, info
 
     @abstractmethod

@@ -64,8 +64,8 @@ class Chase(GoToPose):
         moving = random.moving(random.direction().scale(0.05), goal.attitude, random.spin(0.1))
         return start, replace(moving, p=random.direction().scale(0.5))
 
-    def next_goal(self, goal: Any, state: State, period: Field) -> Any:
-        return step_goal(goal, self.drift, period)
+    def later(self, goal: Any, time: Field) -> Any:
+        return step_goal(goal, self.drift, time)
 
 
 @dataclass(frozen=True)

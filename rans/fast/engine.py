@@ -31,7 +31,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import Task, load_task
-from rans.tasks.derived import layout
+from rans.tasks.derived import layout, reward_terms
 from rans.tasks.rewards import Transition
 
 
@@ -46,7 +46,7 @@ class Engine:
         craft: what flies: a spacecraft, or its name or TOML file.
         task: what it flies to: a task, or a name of `rans.tasks.TASKS`.
         num_envs: N.
-        timing: control period, accuracy and length of an episode.
+        timing: control period, accuracy and length of an episode; None: the task's own.
         seed: decides all starts and goals, with the episode's number. Several are those of as many members,
             who own the environments in equal, contiguous parts and count their episodes each from zero.
         device: torch device of the state.
@@ -87,7 +87,7 @@ class Engine:
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled)
         self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
-        self.timing = Timing() if timing is None else checked("timing", timing, Timing)
+        self.timing = task.timing if timing is None else checked("timing", timing, Timing)
         conditions = None if conditions is None else load_conditions(conditions)
         self.num_envs = num_envs
         self.dtype = dtype
@@ -136,8 +136,20 @@ class Engine:
     @cached_property
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
-        shut = (leaves(self.state)[0] * 0.0,) * len(self.craft.thrusters)
-        return tuple(self.task.reward(Transition(self.state, self.goal, shut, shut)))
+        zero = leaves(self.state)[0] * 0.0
+        shut = (zero,) * len(self.craft.thrusters)
+        transition = Transition(
+            self.state,
+            self.goal,
+            shut,
+            shut,
+            self.state,
+            self.timing.control_period,
+            self._world.forces,
+        )
+        done = self.task.done(self.state, self.goal)
+        violated = zero < 0.0 if self.task.constraints(self.state, self.goal) else None
+        return tuple(reward_terms(self.task, transition, done, violated))
 
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere, and observe (N, width).

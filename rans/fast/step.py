@@ -19,7 +19,7 @@ from rans.model.dynamics import NODES
 from rans.model.fields import Field, leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.timing import Timing
-from rans.tasks.derived import paid
+from rans.tasks.derived import goal_after, paid
 
 FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -34,15 +34,20 @@ class Step(NamedTuple):
     reward: Tensor
     """(N,): 0 where the state was lost."""
     terminated: Tensor
-    """(N,) bool: the task failed."""
+    """(N,) bool: the task ended the episode, as it failed or was won."""
     truncated: Tensor
-    """(N,) bool: time is up without failure."""
+    """(N,) bool: time is up, and the task did not end the episode."""
     final_observation: Tensor
     """(N, width) of the state arrived in, where an episode ended; what the other rows hold is undefined."""
     reached: Tensor
-    """(N,) bool: within the task's tolerances on arrival."""
+    """(N,) bool: within the task's tolerances at the end of the period and not failed; or the mission is won."""
     terms: Tensor
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
+
+    @property
+    def success(self) -> Tensor:
+        """(N,) bool: the episode ended as a success: won, or within the tolerances when time was up."""
+        return self.reached & (self.terminated | self.truncated)
 
 
 class Seen(NamedTuple):
@@ -168,7 +173,8 @@ class Backend:
 
         start, goal = world.scenario(clock, draws)
         new = world.begin(start, goal, clock, draws, body)
-        moved = world.task.next_goal(goal, start, world.timing.control_period)
+        anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
+        moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
         case = None
         if remember and new.case is not None:
             case = replace(
@@ -182,6 +188,7 @@ class Backend:
             past=map_leaves(buffer, new.past),
             reading=map_leaves(buffer, new.reading),
             commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
+            violated=None if new.violated is None else self.put(zeros, real),
         )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:

@@ -72,8 +72,8 @@ class DrakeMover:
         self._built_for = np.zeros(0)
         self._plant = self._plant_for(designed(craft), 1)
 
-    def __call__(self, state: Any, influences: Influences) -> Any:
-        """The state one control period later."""
+    def __call__(self, state: Any, influences: Influences) -> tuple[Any, ...]:
+        """States at the looks of one control period, the last one at its end."""
         rows = rows_from_states(state)
         body = influences.body
         disturbance = influences.disturbance
@@ -87,7 +87,7 @@ class DrakeMover:
                 _columns([fails.instant], len(many)),
                 Nozzles.of(self._craft, fails.body, len(many), *late),
             )
-        moved = self._plant_for(body, len(many)).advance(
+        moved = self._plant_for(body, len(many)).states_at_looks(
             many,
             command,
             self._timing.control_period,
@@ -95,8 +95,11 @@ class DrakeMover:
             Nozzles.of(self._craft, body, len(many), *late),
             earlier,
             failure,
+            self._timing.looks,
         )
-        return states_from_rows(moved.reshape(rows.shape), state).normalised()
+        return tuple(
+            states_from_rows(some.reshape(rows.shape), state).normalised() for some in moved
+        )
 
     def _plant_for(self, body: Body, count: int) -> Plant:
         flying = _columns(leaves((body.mass, body.inertia, body.centre)), count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, exp, sqrt, where
@@ -43,17 +43,38 @@ def speed(spin: tuple[Field, ...]) -> Field:
     return sqrt(sum(w * w for w in spin))
 
 
-class Transition(NamedTuple):
-    """What a reward may look at. Engines remember only what some reward of theirs reads (`rans.episode`)."""
+@dataclass(frozen=True)
+class Transition:
+    """One control period as a reward sees it.
+
+    The fields after ``previous`` may be left out where no reward reads them, as in tests of one term. Engines
+    always give them, and remember only what some reward reads (`rans.episode`).
+    """
 
     state: State
-    """Arrived in."""
+    """State at the end of the period."""
     goal: State
-    """Of the episode."""
+    """Goal at the end of the period, with the episode's data in its ``notes``."""
     command: tuple[Field, ...]
-    """That brought it here: one field per thruster, 0 (shut) to 1 (open), however they share their gas."""
+    """Command held during the period: one field per thruster, 0 (shut) to 1 (fully open)."""
     previous: tuple[Field, ...]
-    """The command before; all shut at the start of an episode."""
+    """Command of the period before; all shut at the start of an episode."""
+    before: State | None = None
+    """State at the start of the period, for rewards by the difference of a potential."""
+    period: float = 0.0
+    """Length of the period, s."""
+    forces: tuple[float, ...] = ()
+    """Full force of each thruster, N."""
+
+    @property
+    def impulse(self) -> Field:
+        """Impulse that the command asks for, N s: force times time, summed over the thrusters.
+
+        Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts what they give.
+        """
+        return reduce(add, (c * f for c, f in zip(self.command, self.forces, strict=True))) * (
+            self.period
+        )
 
 
 @dataclass(frozen=True)
@@ -75,7 +96,9 @@ class Prices:
 
     def prices(self, transition: Transition) -> dict[str, Field]:
         """The terms whose weight is not zero."""
-        state, _, command, previous = transition
+        state = transition.state
+        command = transition.command
+        previous = transition.previous
         terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
             terms["thrust"] = reduce(add, command) * -self.thrust_weight

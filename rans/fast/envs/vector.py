@@ -192,7 +192,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             **dict(zip(self._terms, step.terms, strict=True)),
             "final_obs": step.final_observation,
             "_final_obs": ended,
-            "final_info": {"is_success": step.reached & step.truncated},
+            "final_info": {"is_success": step.success},
             "_final_info": ended,
         }
         observation = step.observation

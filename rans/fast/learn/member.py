@@ -123,7 +123,7 @@ def statistics(
     NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
-    rate, truncated, ended, reached, *terms = numbers[len(STATISTICS) :]
+    rate, failed, ended, succeeded, *terms = numbers[len(STATISTICS) :]
     if not goes_on and not all(map(isfinite, numbers)):
         raise NonFiniteState(
             f"training produced a value that is not finite after {steps} steps "
@@ -137,8 +137,8 @@ def statistics(
         table |= {
             "rollout/ep_rew_mean": sum(terms) * length,
             "rollout/ep_len_mean": length,
-            "rollout/success_rate": reached / ended,
-            "rollout/failure_rate": 1 - truncated / ended,
+            "rollout/success_rate": succeeded / ended,
+            "rollout/failure_rate": failed / ended,
         }
     means = zip(engine.term_names, terms, strict=True)
     return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}

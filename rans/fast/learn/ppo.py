@@ -66,7 +66,7 @@ class Learner:
         self.n_epochs = first.n_epochs
         self._minibatches = first.n_envs * first.n_steps // first.batch_size
         self.rollout = Rollout(engine, network, first.n_steps)
-        self.coefficients = Coefficients.of(settings, self.rollout.reached)
+        self.coefficients = Coefficients.of(settings, self.rollout.failed)
         self.adam = Adam(network, self.coefficients.learning_rate)
         self.by_hand = Gradients.made(
             network, self.adam, self.coefficients, first.batch_size // self.processes.size
@@ -120,7 +120,8 @@ class Learner:
         engine = self.engine
         rollout = self.rollout
         rollout.terms.zero_()
-        rollout.reached.zero_()
+        rollout.succeeded.zero_()
+        rollout.failed.zero_()
         observation = engine.observe()
         for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
             privileged = self._privileged()
@@ -226,13 +227,8 @@ class Learner:
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
         self.network.update_statistics(batch.seen, self.processes)
-        kept = self.rollout.all
-        members = (self.members, -1)
-        ends = torch.stack(
-            [x.unflatten(1, members).sum(dim=(0, 2)) for x in (kept.truncated, kept.ended)]
-            + [self.rollout.reached],
-            dim=1,
-        )
+        ended = self.rollout.all.ended.unflatten(1, (self.members, -1)).sum(dim=(0, 2))
+        ends = torch.stack([self.rollout.failed, ended, self.rollout.succeeded], dim=1)
         said = self.processes.average(
             torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1)
         )

@@ -279,9 +279,9 @@ def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
 class Chase(GoToPose):
     """The goal moves on, as nothing pushes it."""
 
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+    def later(self, goal: Any, time: Any) -> Any:
         return step_goal(
-            replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, period
+            replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, time
         )
 
 
