@@ -35,7 +35,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
     Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms", "errors" and the "margins" of constraints by name; at the end of an episode also
+    ``info``: "reward_terms" and "errors" by name, with constraints also "margins"; at the end of an episode
     "is_success", whether the mission was won, or time ran out within the task's tolerances.
 
     Args:
@@ -131,8 +131,9 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = {
             "reward_terms": {name: float(term) for name, term in terms.items()},
             "errors": self._errors(),
-            "margins": {name: float(margin) for name, margin in outcome.margins.items()},
         }
+        if outcome.margins:
+            info["margins"] = {name: float(margin) for name, margin in outcome.margins.items()}
         if terminated or truncated:
             info["is_success"] = bool(outcome.success)
         return self._observe(), float(reward), terminated, truncated, info

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -143,10 +143,10 @@ class Flight:
 
     def violated_when(self) -> np.ndarray:
         """(T, N) whether a constraint's margin was negative in this period."""
-        shape = self.commands.shape[:2]
-        return reduce(
-            np.logical_or, (x < 0.0 for x in self.margins.values()), np.zeros(shape, bool)
-        )
+        violated = np.zeros(self.commands.shape[:2], dtype=bool)
+        for margin in self.margins.values():
+            violated |= margin < 0.0
+        return violated
 
     def violated(self) -> np.ndarray:
         """(N,) whether a constraint's margin was ever negative."""

@@ -151,7 +151,7 @@ def test_the_engine_and_environments_end_in_the_same_way() -> None:
         env: Any = gymnasium.make(
             "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM
         )
-        env.reset(seed=1)
+        _, info = env.reset(seed=1)
         for one, over in zip(expected, ends, strict=True):
             _, _, terminated, truncated, info = env.step(np.zeros(len(SHUT), int))
             assert (terminated, truncated) == (over, False)

@@ -120,6 +120,10 @@ class Plant:
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
 
+    def set_max_step(self, step: float) -> None:
+        """Integrate in steps of at most so many seconds from now on."""
+        self._simulator.get_mutable_integrator().set_maximum_step_size(step)
+
     def wrenches(self, commands: np.ndarray) -> np.ndarray:
         """Force and torque about the centre of mass that commands (N, thrusters), 0 to 1, give, in B.
 
