@@ -82,7 +82,7 @@ def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
 
 
 def _with_numbers(task: Task) -> Task:
-    """The task with ones in the place of settings that lie in a device's memory."""
+    """The task with ones in the place of settings that are in memory, or symbols."""
     return map_settings(lambda _, x: x if isinstance(x, int | float) else np.ones(1), task)
 
 
