@@ -22,7 +22,8 @@ from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
-from rans.tasks.derived import example, paid
+from rans.tasks.derived import example
+from rans.tasks.rewards import paid
 from rans.tasks.sight import Dimension
 
 
@@ -47,6 +48,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
         conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
+        plain: taken as `rans.fast.SpacecraftVectorEnv` takes it, and changes nothing: one spacecraft always
+            flies by its equations as they are written, on plain numbers.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -64,6 +67,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         timing: Timing | None = None,
         render_mode: str | None = None,
         conditions: str | Path | Conditions | None = None,
+        plain: bool = True,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)

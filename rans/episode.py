@@ -25,8 +25,8 @@ from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task, observation
-from rans.tasks.derived import goal_after, reward_terms, watches_switching
+from rans.tasks.base import Task, goal_after, observation, reward_terms
+from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
 
 Command = tuple[Field, ...]

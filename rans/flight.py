@@ -21,7 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
 from rans.tasks import Task, load_task
-from rans.tasks.derived import reward_terms
+from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
 
 
@@ -159,7 +159,7 @@ class Flight:
         was no longer finite.
         """
         lost = ~np.asarray(finite(*leaves(self.states)))
-        failed = (self.task.failed(self.states, self.goals) | lost).any(axis=0)
+        failed: Any = np.any(self.task.failed(self.states, self.goals) | lost, axis=0)
         return failed | self.violated() if self.task.violation_ends else failed
 
 

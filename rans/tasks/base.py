@@ -12,11 +12,11 @@ from typing import ClassVar
 
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
-from rans.model.fields import Field
+from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.shown import Settings
-from rans.tasks.rewards import Prices, Transition
+from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
@@ -169,6 +169,26 @@ class SingleTask(Prices, Task):
             for one in fields(self)
             if one.name.endswith("_tolerance")
         }
+
+
+def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
+    """Goal and what it remembers a time (s) later, when the state is reached."""
+    old = getattr(task, "next_goal", None)  # of plug-ins written for an earlier version
+    if old is not None:
+        return old(goal, state, time)
+    return task.remember(task.later(goal, time), state)
+
+
+def reward_terms(
+    task: Task, transition: Transition, done: Field | None, violated: Field | None
+) -> dict[str, Field]:
+    """Terms of a task's reward by name, with those for winning and for violated constraints."""
+    terms = dict(task.reward(transition))
+    if done is not None and is_used(task.done_weight):
+        terms["done"] = where(done, 1.0, 0.0) * task.done_weight
+    if violated is not None and is_used(task.violation_weight):
+        terms["violation"] = where(violated, 1.0, 0.0) * -task.violation_weight
+    return terms
 
 
 def sight(task: Task, state: State, goal: State) -> Sight:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import Any
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, absolute, exp, sqrt, where
+from rans.model.fields import Field, absolute, exp, finite, sqrt, where
 
 _SQUARINGS = 4
 """So often numbers up to 256 may be squared in single precision."""
@@ -66,6 +67,10 @@ class Transition:
     forces: tuple[float, ...] = ()
     """Full force of each thruster, N."""
 
+    def __iter__(self) -> Iterator[Any]:
+        """The first four fields, so that a reward may unpack state, goal, command and previous."""
+        return iter((self.state, self.goal, self.command, self.previous))
+
     @property
     def impulse(self) -> Field:
         """Impulse that the command asks for, N s: force times time, summed over the thrusters.
@@ -115,3 +120,14 @@ class Prices:
 def is_used(setting: Any) -> bool:
     """Whether this setting matters; one that a curriculum moves does, whatever it is now."""
     return not isinstance(setting, int | float) or setting != 0
+
+
+def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
+    """Rewards by name, and their sum: zeros where an episode failed and left no number.
+
+    A state that is lost has no reward, and a trainer could make nothing of NaN. In an episode that goes on
+    NaN stays: there the task's reward is wrong, which a training tells.
+    """
+    total = sum(terms.values())
+    known = finite(total) | ~terminated
+    return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)

@@ -21,12 +21,18 @@ SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 
 
-def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None = None,
+) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
     Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
-    fit the engine.
+    fit the engine. By default they are plain if the engine is.
     """
+    plain = engine.plain if plain is None else plain
     for one in settings:
         check_sizes(engine, one, len(settings))
     given = Architecture.of(engine, settings[0])
@@ -35,11 +41,11 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
         *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
         strict=True,
     )
-    network = Network.stacked(given, tables, engine.device, engine.dtype)
+    network = Network.stacked(given, tables, engine.device, engine.dtype, plain)
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
-    return Learner(engine, network, settings, generators)
+    return Learner(engine, network, settings, generators, plain)
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
