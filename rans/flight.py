@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from rans.episode import Mover, World, step
+from rans.episode import Episode, Mover, Outcome, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -22,6 +23,7 @@ from rans.model.timing import Timing
 from rans.scenario import Scenario
 from rans.tasks import Task, load_task
 from rans.tasks.rewards import Transition
+from rans.verdict import FlightAccumulator
 
 
 class Controller(Protocol):
@@ -115,10 +117,45 @@ class Flight:
         terms = self.task.reward(Transition(after, goals, tuple(command), tuple(previous)))
         return {name: np.broadcast_to(term, command.shape[1:]) for name, term in terms.items()}
 
+    @cached_property
+    def verdict(self) -> FlightAccumulator:
+        """Verdict on the N episodes, arrays (N,): which settled and when, were solved, and failed."""
+        steps = len(self.commands)
+        timing = replace(self.timing, episode_steps=steps)
+        setting = Setup(self.craft, self.task, timing)
+        with np.errstate(invalid="ignore"):
+            verdict = FlightAccumulator.begin(setting, self._episode(0))
+            for outcome in self._outcomes():
+                verdict = verdict.after(setting, outcome)
+        return map_leaves(np.asarray, verdict)
+
     def failed(self) -> np.ndarray:
-        """(N,) whether the task ever declared the episode failed, or its state was no longer finite."""
-        lost = ~np.asarray(finite(*leaves(self.states)))
-        return (self.task.failed(self.states, self.goals) | lost).any(axis=0)
+        """(N,) whether the task declared the episode failed after a step, or its state was not finite."""
+        return np.asarray(self.verdict.failed)
+
+    def _episode(self, instant: int) -> Episode:
+        """All N episodes at an instant."""
+
+        def now(x: Any) -> Any:
+            return x[instant] if np.ndim(x) == 2 else x
+
+        clock = np.full(self.commands.shape[1], instant)
+        return Episode(map_leaves(now, self.states), map_leaves(now, self.goals), clock=clock)
+
+    def _outcomes(self) -> Iterator[Outcome]:
+        """Outcome of every step of all N episodes, without rewards."""
+        for k, commands in enumerate(self.commands):
+            episode = self._episode(k + 1)
+            lost = ~np.asarray(finite(*leaves(episode.state)))
+            terminated = self.task.failed(episode.state, episode.goal) | lost
+            yield Outcome(
+                episode=episode,
+                command=tuple(commands.T),
+                terms={},
+                terminated=terminated,
+                truncated=~terminated if k + 1 == len(self.commands) else terminated & False,
+                reached=self.task.reached(episode.state, episode.goal),
+            )
 
 
 def fly(

@@ -13,12 +13,12 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
 from rans.fast.step import field_dtype
-from rans.fast.verdicts import last_fifth
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
 from rans.tasks import Task
+from rans.verdict import last_fifth
 
 EPISODES = 1024
 
