@@ -240,9 +240,14 @@ class FlightAccumulator:
         return self.going & self.inside
 
     @property
+    def held(self) -> Field:
+        """Whether flights that have ended held their goals."""
+        return self.going & ~self.missed
+
+    @property
     def solved(self) -> Field:
         """Whether flights that have ended solved their task."""
-        return self.going & ~self.missed
+        return self.held
 
     @property
     def failed(self) -> Field:
