@@ -19,11 +19,11 @@ from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.evidence import sha256
 from rans.evaluation.fly.contestants import agent_folder, judged_separately
-from rans.fast.verdicts import Failure
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, table
+from rans.verdict import Failure
 from validation.markdown import Table
 
 _COMMAND = "python -m validation.assurances"

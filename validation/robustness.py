@@ -21,7 +21,6 @@ from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
-from rans.fast.verdicts import last_fifth
 from rans.files import number, read_json
 from rans.flight import Setup, fly
 from rans.model.conditions import (
@@ -34,6 +33,7 @@ from rans.model.conditions import (
 )
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.verdict import last_fifth
 from validation.batch import Found, Rows, loaded, study
 from validation.markdown import Table
 
@@ -120,7 +120,7 @@ def flown_by_agent(
     """What is said of an agent in one world, from the outcomes of whole flights."""
     world = setup._replace(conditions=conditions.or_none)
     found = Flights(network, world, device).fly(0, episodes, seed)
-    held = share(np.arange(found.flights) >= found.failed)
+    held = share(np.arange(found.flights) >= found.unsolved)
     return {
         "held": {key: 100.0 * x for key, x in asdict(held).items()},
         "settling time": found.settling_step() * setup.timing.control_period,

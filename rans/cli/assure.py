@@ -151,9 +151,9 @@ class Assure:
 
 def _show(assurance: Assurance, file: Path) -> None:
     from rans.evaluation.assure.replay import has_drake
-    from rans.fast.verdicts import Failure
     from rans.show.assure_counts import counts, verdict
     from rans.show.assure_page import findings, page
+    from rans.verdict import Failure
 
     found = assurance.to_json()
     write_json(file, found)

@@ -22,11 +22,11 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure
 from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
+from rans.verdict import Failure
 
 
 @dataclass

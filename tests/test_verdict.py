@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.fast.verdicts import QUANTITIES, Failure, Sums, Tally, Verdicts, last_fifth
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.timing import Timing
+from rans.verdict import Failure, FlightAccumulator, last_fifth
 from tests.fast.engines import PLATFORM
 
 STEPS = 10
@@ -36,26 +36,33 @@ class History:
         self.reward = generator.normal(size=(STEPS + 1, COUNT))
         self.command = generator.random((STEPS + 1, 8, COUNT))
 
-    def tally(self) -> Tally:
-        task = SimpleNamespace(reached=lambda *_: self.inside[0])
+    def verdict(self) -> FlightAccumulator:
+        task = SimpleNamespace(
+            reached=lambda *_: self.inside[0],
+            done=lambda *_: None,
+            constraints=lambda *_: {},
+        )
         world: Any = SimpleNamespace(
             craft=PLATFORM, task=task, timing=Timing(control_period=0.2, episode_steps=STEPS)
         )
         zero = np.zeros(COUNT)
         clock = np.zeros(COUNT, np.int32)
-        tally = Tally.of(world, SimpleNamespace(clock=clock, state=None, goal=None))  # type: ignore[arg-type]
+        start: Any = SimpleNamespace(clock=clock, state=None, goal=None)
+        verdict = FlightAccumulator.begin(world, start, effort=True)
         for k in range(1, STEPS + 1):
             place = np.where(self.lost[k], np.nan, 0.0)
             state = PlanarState(Vec2(place, zero), Heading(zero), Vec2(zero, zero), zero)
             outcome: Any = SimpleNamespace(
                 episode=SimpleNamespace(state=state, clock=clock + k),
                 terminated=self.lost[k] | self.failed[k],
+                done=None,
+                margins={},
                 reached=self.inside[k],
                 reward=np.where(self.lost[k], np.nan, self.reward[k]),
                 command=tuple(self.command[k]),
             )
-            tally = tally.after(world, outcome)
-        return tally
+            verdict = verdict.after(world, outcome)
+        return verdict
 
     def judged(self, i: int) -> tuple[int, float]:
         """Failure, and settling instant if it is inside at the end."""
@@ -78,18 +85,23 @@ class History:
 def test_every_flight_is_judged_as_by_hand() -> None:
     history = History()
     with np.errstate(invalid="ignore"):
-        tally = history.tally()
+        verdict = history.verdict()
     expected = [history.judged(i) for i in range(COUNT)]
-    np.testing.assert_array_equal(tally.failure(), [kind for kind, _ in expected])
-    assert set(np.unique(tally.failure())) == {0, *Failure}
-    settled = np.where(tally.going & tally.inside, tally.settled, np.inf)
+    np.testing.assert_array_equal(verdict.failure(), [kind for kind, _ in expected])
+    assert set(np.unique(verdict.failure())) == {0, *Failure}
+    settled = np.where(verdict.settles, verdict.settled, np.inf)
     np.testing.assert_array_equal(settled, [instant for _, instant in expected])
+    np.testing.assert_array_equal(verdict.solved, [kind == 0 for kind, _ in expected])
+    ended = (Failure.NOT_FINITE, Failure.TERMINATED)
+    np.testing.assert_array_equal(verdict.failed, [kind in ended for kind, _ in expected])
 
 
 def test_sums_go_on_until_a_flight_ends() -> None:
     history = History()
     with np.errstate(invalid="ignore"):
-        tally = history.tally()
+        verdict = history.verdict()
+    effort = verdict.effort
+    assert effort is not None
     gained, impulse, opened = np.zeros((3, COUNT))
     for i in range(COUNT):
         for k in range(1, STEPS + 1):
@@ -103,9 +115,9 @@ def test_sums_go_on_until_a_flight_ends() -> None:
                 break
     # Ten numbers of order one, added in the same order.
     for found, expected in (
-        (tally.gained, gained),
-        (tally.impulse, impulse),
-        (tally.opened, opened),
+        (effort.gained, gained),
+        (effort.impulse, impulse),
+        (effort.opened, opened),
     ):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
 
@@ -115,53 +127,3 @@ def test_the_last_fifth_is_that_of_the_metrics(steps: int, last: int) -> None:
     from rans.evaluation.measure import metrics
 
     assert last_fifth(steps) == last == len(metrics.last_fifth(np.zeros(steps + 1)))
-
-
-def test_sums_have_the_mean_and_its_error() -> None:
-    values = np.array([1.0, 4.0, 7.0, 8.0])
-    sums = Sums.of(values[:1]) + Sums.of(values[1:])
-    assert sums.mean == 5.0
-    # Deviations -4, -1, 2, 3: variance 30 / 3, over four flights.
-    assert sums.error == pytest.approx(math.sqrt(10 / 4), rel=1e-12)
-    assert math.isnan(Sums().mean)
-    assert math.isnan(Sums.of(values[:1]).error)
-
-
-def verdicts(numbers: list[int], kinds: list[int], settled: list[int], listed: int = 3) -> Verdicts:
-    """Four flights of two steps, of which those with these numbers failed."""
-    failure = np.zeros(4, np.int64)
-    failure[: len(kinds)] = kinds
-    all_ = np.array([*numbers, *range(100, 104 - len(numbers))])
-    at = np.array([*settled, *[0] * (4 - len(settled))])
-    world: Any = SimpleNamespace(timing=SimpleNamespace(episode_steps=2), craft=PLATFORM)
-    return Verdicts.of(world, all_, (failure, at < 3, at), [np.ones(4)] * 3, listed, "by hand")
-
-
-def test_verdicts_add_up() -> None:
-    both = verdicts([9, 5], [2, 3], [3, 1]) + verdicts([1, 7], [3, 5], [3, 2]) + Verdicts.none(2, 3)
-    assert (both.flights, both.failed, both.settled) == (8, 4, 6)
-    assert {kind.name: count for kind, count in both.failures.items()} == {
-        "NOT_FINITE": 0,
-        "TERMINATED": 1,
-        "LEFT": 2,
-        "UNSETTLED": 0,
-        "LATE": 1,
-    }
-    # Numbers rise, and the fourth is beyond what is listed.
-    assert both.numbers.tolist() == [1, 5, 7]
-    assert both.kinds.tolist() == [3, 3, 5]
-    assert both.settled_at.tolist() == [4, 1, 1]
-    assert both.sums["return"].mean == 1.0
-    assert set(both.sums) == set(QUANTITIES)
-    assert both.ways == {"by hand"}
-
-
-def test_the_instant_by_which_a_share_is_settled() -> None:
-    found = verdicts([9], [2], [3, 1, 1, 2])
-    assert [found.settling_step(share) for share in (0.25, 0.5, 0.75, 0.76)] == [
-        1.0,
-        1.0,
-        2.0,
-        math.inf,
-    ]
-    assert Verdicts.none(2).settling_step() == math.inf
