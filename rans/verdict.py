@@ -81,6 +81,17 @@ _MEANINGS = {
 }
 
 
+def kinds_of_failure(task: Task) -> tuple[Failure, ...]:
+    """Ways in which flights of a task can fail: only missions go unfinished, only others must hold."""
+    own = type(task)
+    lasts = own.done is Task.done
+    possible = [Failure.NOT_FINITE, Failure.TERMINATED]
+    possible += [Failure.LEFT, Failure.UNSETTLED, Failure.LATE] if lasts else [Failure.UNFINISHED]
+    if own.constraints is not Task.constraints:
+        possible.append(Failure.VIOLATED)
+    return tuple(sorted(possible))
+
+
 def last_fifth(steps: int) -> int:
     """Number of steps in the last fifth of a flight of so many steps: a fifth rounded down, at least one."""
     return max(1, steps // 5)

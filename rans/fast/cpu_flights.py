@@ -17,9 +17,6 @@ from rans.fast.straight import Memory, Straight
 from rans.model.random import seed_words
 from rans.model.trace import Symbol
 
-_TRIED = 128
-"""Flights that tell how far products of bytes are off."""
-
 
 class CpuFlights:
     """A world's flights of one policy; several threads may fly at once.
@@ -49,8 +46,6 @@ class CpuFlights:
             carried, [program.failure, program.settles, program.settled, *program.totals]
         )
         self._answers = CpuNetwork(network)
-        self.fly(0, _TRIED, 0, 0)
-        self._answers.settle()
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:

@@ -150,7 +150,13 @@ class FlightStatistics:
             len(failure),
             steps,
             np.bincount(settled[settles], minlength=steps + 1),
-            dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
+            dict(
+                zip(
+                    Failure,
+                    np.bincount(failure, minlength=len(Failure) + 1)[1:].tolist(),
+                    strict=True,
+                )
+            ),
             numbers[places].astype(np.int64),
             failure[places].astype(np.uint8),
             {name: Sums.of(x * scale) for name, x, scale in values},

@@ -136,8 +136,10 @@ class Campaign:
             self.flights = before["flights"]
             self.seconds = before["seconds"]
             self.ways = set(before["ways"])
-            self.events = {kind: before["failures"][kind.name] for kind in Failure}
-            self.listed = sorted((n, kind) for kind in Failure for n in before["listed"][kind.name])
+            self.events = {kind: before["failures"].get(kind.name, 0) for kind in Failure}
+            self.listed = sorted(
+                (n, kind) for kind in Failure for n in before["listed"].get(kind.name, ())
+            )
         except (KeyError, TypeError) as error:
             raise ConfigError(
                 f"what was flown before is damaged: it lacks {error}; begin anew with --restart."
