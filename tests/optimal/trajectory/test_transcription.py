@@ -209,7 +209,7 @@ def test_least_time_without_torque_is_bang_bang_along_each_axis() -> None:
 
 def test_a_craft_that_cannot_turn_is_not_asked_to() -> None:
     with pytest.raises(
-        ConfigError, match="GoToPose asks for attitude and spin, and .* cannot turn"
+        ConfigError, match=r"GoToPose asks for attitude and spin, and .* cannot turn"
     ):
         Transcription(deputy(), TASK, MinimumTime(20))
 
