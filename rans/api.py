@@ -285,6 +285,7 @@ def train(
     total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
     ppo: PPOSettings | None = None,
+    plain: bool = False,
     run: str | Path | None = None,
     report: Callable[[dict[str, Any]], object] | None = None,
 ) -> LoadedRun:
@@ -302,6 +303,7 @@ def train(
         total_timesteps: environment steps after which training ends, solved or not; None: as usual.
         conditions: what episodes do not promise; None: a perfect world, or the agent's.
         ppo: settings of the training; None: those known to work.
+        plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
         run: a new folder for what it leaves; None: one under runs/.
         report: called with every row of metrics, such as ``print``.
 
@@ -316,6 +318,7 @@ def train(
     config = _config(
         task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps
     )
+    config = replace(config, plain=plain or config.plain)
     craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):

@@ -22,7 +22,8 @@ from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
-from rans.tasks.derived import example, paid
+from rans.tasks.derived import example
+from rans.tasks.rewards import paid
 from rans.tasks.sight import Dimension
 
 
@@ -30,22 +31,25 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     """One spacecraft flying one task: NumPy in and out, float64 inside.
 
     Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end by
-    themselves: ``terminated`` when the task has failed, else ``truncated`` after ``timing.episode_steps``.
+    themselves: ``terminated`` when the task has failed or the mission is won, otherwise ``truncated`` after
+    ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
     Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether time
-    ran out within the task's tolerances.
+    ``info``: "reward_terms" and "errors" by name, with constraints also "margins"; at the end of an episode
+    "is_success", whether the mission was won, or time ran out within the task's tolerances.
 
     Args:
         task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
-        timing: control period, accuracy and length of an episode.
+        timing: control period, accuracy and length of an episode; None: the task's own.
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
         conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
+        plain: taken as `rans.fast.SpacecraftVectorEnv` takes it, and changes nothing: one spacecraft always
+            flies by its equations as they are written, on plain numbers.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -63,10 +67,11 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         timing: Timing | None = None,
         render_mode: str | None = None,
         conditions: str | Path | Conditions | None = None,
+        plain: bool = True,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
-        self.timing = Timing() if timing is None else checked("timing", timing, Timing)
+        self.timing = self.task.timing if timing is None else checked("timing", timing, Timing)
         self.observation_space = observation_space(self.task, dimension)
         self.action_space = action_space(self.craft)
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
@@ -131,8 +136,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             "reward_terms": {name: float(term) for name, term in terms.items()},
             "errors": self._errors(),
         }
+        if outcome.margins:
+            info["margins"] = {name: float(margin) for name, margin in outcome.margins.items()}
         if terminated or truncated:
-            info["is_success"] = truncated and bool(outcome.reached)
+            info["is_success"] = bool(outcome.success)
         return self._observe(), float(reward), terminated, truncated, info
 
     @abstractmethod

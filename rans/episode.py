@@ -7,24 +7,25 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, reduce
+from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, Influences, draw, examples
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES, held
+from rans.model.dynamics import NODES, states_at_looks
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.memory import Memory
 from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task, observation
+from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
 
@@ -52,6 +53,8 @@ class Episode:
     this environment came before. Their count wraps around."""
     commands: tuple[Command, ...] = ()
     """The last ones, the newest first: as many as are still felt, or as the task's reward looks at."""
+    violated: Field | None = None
+    """1 where a margin of the task's constraints was negative before, else 0; None: that ends episodes."""
 
     def memory(self) -> list[Field]:
         """Every field that varies, in the order of definition."""
@@ -68,12 +71,19 @@ class Outcome:
     """What valves were told to do."""
     terms: dict[str, Field]
     """Reward by name."""
-    terminated: Field
-    """The task failed, or a number of the state is no longer finite."""
+    failed: Field
+    """The task failed, a constraint was violated that ends episodes, or the state is no longer finite."""
+    done: Field | None
+    """The mission was won, before any failure; None: the task lasts until time is up."""
     truncated: Field
-    """Time is up, and the task did not fail in the same step."""
+    """Time is up, and nothing else ended the episode in the same step."""
     reached: Field
-    """Every error is within the task's tolerance."""
+    """Whether every error is within the task's tolerance; of a mission that can be won, whether it was.
+
+    False where the episode failed, or a constraint was violated.
+    """
+    margins: dict[str, Field]
+    """The least of each margin of `Task.constraints` over the looks of the period, until the episode ended."""
 
     @property
     def reward(self) -> Field:
@@ -81,9 +91,19 @@ class Outcome:
         return sum(self.terms.values())
 
     @property
+    def terminated(self) -> Field:
+        """Whether the task ended the episode: it failed, or was won."""
+        return self.failed if self.done is None else self.failed | self.done
+
+    @property
     def ended(self) -> Field:
         """Whether this was the episode's last step."""
         return self.terminated | self.truncated
+
+    @property
+    def success(self) -> Field:
+        """Whether the episode ended as a success: won, or, where it cannot be, reached when time was up."""
+        return self.reached & self.ended
 
 
 @dataclass(frozen=True)
@@ -107,11 +127,11 @@ class World:
             torque = self.conditions.steady_torque
         object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
 
-    def move(self, state: Any, influences: Influences) -> Any:
-        """The state one control period later, by our equations."""
+    def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
+        """States at the looks of one control period, by our equations; the last one is at its end."""
         body = influences.body
         command = influences.commands[0]
-        return held(
+        return states_at_looks(
             state,
             self.craft,
             body,
@@ -157,6 +177,7 @@ class World:
                 past=(start,) * self._memory.states,
                 clock=clock,
                 commands=(shut,) * self.remembered,
+                violated=self._never(start, goal, clock),
             ),
             draws,
         )
@@ -166,11 +187,22 @@ class World:
         return replace(new, reading=self.read(new, draws))
 
     @cached_property
+    def forces(self) -> tuple[float, ...]:
+        """Full force of each thruster, N."""
+        return tuple(thruster.force for thruster in self.craft.thrusters)
+
+    @cached_property
     def remembered(self) -> int:
         """How many commands an episode remembers."""
         return max(
             self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft))
         )
+
+    def _never(self, start: Any, goal: Any, clock: Field) -> Field | None:
+        """What `Episode.violated` is at first."""
+        if self.task.violation_ends or not self.task.constraints(start, goal):
+            return None
+        return clock * 0.0
 
     @cached_property
     def _memory(self) -> Memory:
@@ -234,8 +266,8 @@ class World:
         )
 
 
-Mover = Callable[[Any, Influences], Any]
-"""The state one control period later: `World.move`, or Drake."""
+Mover = Callable[[Any, Influences], tuple[Any, ...]]
+"""States at the looks of one control period, the last one at its end: `World.move`, or Drake."""
 
 
 def step(
@@ -253,10 +285,19 @@ def step(
     period = world.timing.control_period
     if episode.case is not None and episode.case.hold is not None:
         command = episode.case.hold.obeyed(command, episode.commands, period)
-    state = (move or world.move)(episode.state, world.influences(episode, command, draws))
-    goal = task.next_goal(episode.goal, state, period)
+
+    # Motion, and what is asked at every look.
+    states = (move or world.move)(episode.state, world.influences(episode, command, draws))
+    state = states[-1]
+    looked = _look(task, episode, states, period / world.timing.looks)
+    goal = looked.goal
+    failed = task.failed(state, goal) | ~finite(*leaves(state))
+    if looked.violated is not None and task.violation_ends:
+        failed = failed | looked.violated
+    done = None if looked.done is None else looked.done & ~failed
+
+    # The episode at the end of the period.
     clock = episode.clock + 1
-    terminated = task.failed(state, goal) | ~finite(*leaves(state))
     arrived = replace(
         episode,
         state=state,
@@ -267,15 +308,80 @@ def step(
     )
     if episode.reading is not None:
         arrived = replace(arrived, reading=world.read(arrived, draws, episode.reading))
-    previous = episode.commands[0] if episode.commands else command
+    if episode.violated is not None:
+        arrived = replace(arrived, violated=where(looked.violated, 1.0, episode.violated))
+
+    # Reward and ends.
+    transition = Transition(
+        state,
+        goal,
+        command,
+        episode.commands[0] if episode.commands else command,
+        episode.state,
+        period,
+        world.forces,
+    )
+    reached = task.reached(state, goal) if done is None else done
+    if arrived.violated is not None:
+        reached = reached & (arrived.violated < 0.5)
+    time_is_up = world.timing.step(clock) >= world.timing.episode_steps
     return Outcome(
         episode=arrived,
         command=command,
-        terms=task.reward(Transition(state, goal, command, previous)),
-        terminated=terminated,
-        truncated=(world.timing.step(clock) >= world.timing.episode_steps) & ~terminated,
-        reached=task.reached(state, goal),
+        terms=reward_terms(task, transition, done, looked.violated),
+        failed=failed,
+        done=done,
+        truncated=time_is_up & ~(failed if done is None else failed | done),
+        reached=reached & ~failed,
+        margins=looked.margins,
     )
+
+
+class _Looked(NamedTuple):
+    """What the looks of one control period told."""
+
+    goal: Any
+    """At the end of the period."""
+    margins: dict[str, Field]
+    """The least of each, until the episode was over."""
+    violated: Field | None
+    """Whether any was negative until then; None: the task has no constraints."""
+    done: Field | None
+    """Whether the mission was won before anything was violated that ends it; None: it cannot be won."""
+
+
+def _look(task: Task, episode: Episode, states: tuple[Any, ...], apart: float) -> _Looked:
+    """Ask the task at every look of a control period, ``apart`` (s) from each other."""
+    goal = episode.goal
+    least: dict[str, Field] = {}
+    violated: Field | None = None
+    done: Field | None = None
+    for state in states:
+        goal = goal_after(task, goal, state, apart)
+        margins = task.constraints(state, goal)
+        won = task.done(state, goal)
+        over = done
+        if violated is not None and task.violation_ends:
+            over = violated if over is None else over | violated
+        if margins:
+            now = reduce(operator.or_, (margin < 0.0 for margin in margins.values()))
+            if over is None:
+                least = margins if not least else _least(least, margins)
+                violated = now if violated is None else violated | now
+            else:
+                # After the end of the episode nothing counts.
+                smaller = _least(least, margins)
+                least = {name: where(over, least[name], smaller[name]) for name in margins}
+                violated = violated | (now & ~over)
+        if won is not None:
+            if violated is not None and task.violation_ends:
+                won = won & ~violated
+            done = won if done is None else done | won
+    return _Looked(goal, least, violated, done)
+
+
+def _least(one: dict[str, Field], other: dict[str, Field]) -> dict[str, Field]:
+    return {name: where(other[name] < one[name], other[name], one[name]) for name in one}
 
 
 def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:

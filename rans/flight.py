@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -21,6 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
 from rans.tasks import Task, load_task
+from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
 
 
@@ -88,6 +89,13 @@ class Flight:
     """Name of the controller."""
     engine: str = "fast"
     """"fast" (our equations) or "drake" (the reference)."""
+    margins: dict[str, np.ndarray] = field(default_factory=dict)
+    """(T, N) by name: the least of each constraint's margin in every period; infinite once a mission is won."""
+    done: np.ndarray | None = None
+    """(N,) bool, whether the mission was won; None: it cannot be, and lasts until time is up."""
+    lengths: np.ndarray | None = None
+    """(N,) int, control periods until the mission was won, otherwise T. From then on a flight stands still
+    with shut thrusters. None: T for all."""
 
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period
@@ -112,13 +120,47 @@ class Flight:
         goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
         previous = np.insert(command[:, :-1], 0, 0.0, axis=1)
-        terms = self.task.reward(Transition(after, goals, tuple(command), tuple(previous)))
-        return {name: np.broadcast_to(term, command.shape[1:]) for name, term in terms.items()}
+        steps = np.arange(len(self.commands))[:, None]
+        done = None
+        if self.done is not None:
+            done = self.done & (steps == np.asarray(self.lengths) - 1)
+        transition = Transition(
+            after,
+            goals,
+            tuple(command),
+            tuple(previous),
+            map_leaves(lambda x: x[:-1], self.states),
+            self.timing.control_period,
+            tuple(thruster.force for thruster in self.craft.thrusters),
+        )
+        violated = self.violated_when() if self.margins else None
+        terms = reward_terms(self.task, transition, done, violated)
+        going = True if self.lengths is None else steps < self.lengths
+        return {
+            name: np.where(going, np.broadcast_to(term, command.shape[1:]), 0.0)
+            for name, term in terms.items()
+        }
+
+    def violated_when(self) -> np.ndarray:
+        """(T, N) whether a constraint's margin was negative in this period."""
+        violated = np.zeros(self.commands.shape[:2], dtype=bool)
+        for margin in self.margins.values():
+            violated |= margin < 0.0
+        return violated
+
+    def violated(self) -> np.ndarray:
+        """(N,) whether a constraint's margin was ever negative."""
+        return self.violated_when().any(axis=0)
 
     def failed(self) -> np.ndarray:
-        """(N,) whether the task ever declared the episode failed, or its state was no longer finite."""
+        """(N,) whether the episode failed.
+
+        The task ever declared it so, a constraint was violated that ends episodes, or a number of the state
+        was no longer finite.
+        """
         lost = ~np.asarray(finite(*leaves(self.states)))
-        return (self.task.failed(self.states, self.goals) | lost).any(axis=0)
+        failed: Any = np.any(self.task.failed(self.states, self.goals) | lost, axis=0)
+        return failed | self.violated() if self.task.violation_ends else failed
 
 
 def fly(
@@ -141,6 +183,7 @@ def fly(
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
     state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
+    One whose mission is won stands still from then on.
     Warns of spins for which our equations had too few substeps.
 
     The controller sees all N episodes at once; their starts are of float64 arrays (N,), as
@@ -167,8 +210,11 @@ def fly(
     states = [starts.start]
     goals = [starts.goal]
     commands = []
+    margins = []
     alive = np.ones(count, dtype=bool)
-    for _ in range(timing.episode_steps):
+    won = None
+    lengths = None
+    for step_number in range(timing.episode_steps):
         seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
         told = np.asarray(
             controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64
@@ -180,8 +226,28 @@ def fly(
                 f"craft than {craft.name}?"
             )
         outcome = step(world, now, tuple(told.T), draws, move)
-        now = outcome.episode
         command = np.stack(outcome.command, axis=1)
+        period_margins = outcome.margins
+        if outcome.done is not None:
+            if won is None or lengths is None:
+                won = np.zeros(count, dtype=bool)
+                lengths = np.full(count, timing.episode_steps)
+            # What is won stands still.
+            before = now
+            command = np.where(won[:, None], 0.0, command)
+            period_margins = {k: np.where(won, np.inf, x) for k, x in outcome.margins.items()}
+            arrived = outcome.episode
+            now = replace(
+                arrived,
+                state=map_leaves(partial(np.where, won), before.state, arrived.state),
+                goal=map_leaves(partial(np.where, won), before.goal, arrived.goal),
+            )
+            newly = outcome.done & ~won
+            lengths[newly] = step_number + 1
+            won = won | newly
+        else:
+            now = outcome.episode
+        margins.append({name: np.broadcast_to(x, count) for name, x in period_margins.items()})
         alive = alive & finite(*leaves(now.state))
         where_alive = partial(np.where, alive)
         states.append(map_leaves(where_alive, now.state, nowhere))
@@ -198,6 +264,9 @@ def fly(
         np.stack(commands),
         controller.name,
         engine,
+        {name: np.stack([one[name] for one in margins]) for name in margins[0]},
+        won,
+        lengths,
     )
 
 

@@ -136,12 +136,6 @@ def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFix
     assert float(printed) == float(told[1])
 
 
-def test_the_readme_is_a_screen_and_a_half() -> None:
-    """And a table."""
-    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
-    assert len([line for line in lines if not line.startswith("<!--")]) <= 90
-
-
 def test_the_glossary_has_the_words_of_the_tables() -> None:
     """Of every metric of two tasks, bounds left out, and of every way to fail an assurance."""
     first = " ".join(row[0] + row[1] for row in rows(ROOT / "docs" / "glossary.md", "word"))

@@ -61,6 +61,9 @@ class Evaluate:
     side, with exit code 1 if they disagree."""
     trajectories: bool = False
     """Write all states and commands into episodes.npz too."""
+    plain: bool = False
+    """Fly more than 65,536 episodes by torch's operations as well, as they are written, without a generated
+    program or kernel (docs/plain.md); fewer always fly by plain numbers."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -126,7 +129,9 @@ class Evaluate:
 
         assert isinstance(run.controller, Agent)
         device = "cuda" if torch.cuda.is_available() else "cpu"
-        flights = Flights(run.controller.network, run.judged, device, listed=_LISTED)
+        flights = Flights(
+            run.controller.network, run.judged, device, listed=_LISTED, plain=self.plain
+        )
         with progress() as bars:
             step = partial(bars.advance, bars.add_task("fast engine", total=self.episodes))
             verdicts = flights.fly(0, self.episodes, self.seed, step)

@@ -69,6 +69,9 @@ class Train:
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
+    plain: bool = False
+    """Compute everything as it is written, without a generated program or kernel, so that a breakpoint in a
+    task's code stops; many times slower, and equal but for rounding (docs/plain.md)."""
     terms: bool = False
     """Tell the return by the terms of the reward too."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
@@ -83,7 +86,8 @@ class Train:
         from rans.fast.learn.trainer import Trainer
 
         if self.resume is not None:
-            if replace(self, resume=None, view=False, terms=False, log=(), trust=False) != Train():
+            allowed = {"view": False, "terms": False, "log": (), "trust": False, "plain": False}
+            if replace(self, resume=None, **allowed) != Train():
                 file = self.resume / "config.json"
                 raise ConfigError(
                     "--resume takes everything from the run folder; give nothing else. To "
@@ -92,6 +96,7 @@ class Train:
                 )
             run = RunFolder(self.resume)
             config = run.config()
+            config = replace(config, plain=self.plain or config.plain)
             trainer = Trainer([config], run.spacecraft(), run, join(config.device))
             trainer.resume()
             return trainer
@@ -129,6 +134,8 @@ class Train:
                 table[name] = given
         if self.conditions is not None:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
+        if self.plain:
+            table["plain"] = True
         for change in self.set:
             _change(table, change)
         config = from_table(table)

@@ -48,6 +48,7 @@ class Flights:
         products: of the network on a GPU, by their names in XLA: of bfloat16, which changes one command in a
             thousand, or of two or three of them for each number (docs/decisions/016-flight-kernel.md).
         generated: whether flights are generated programs, where they can be; else torch or NumPy steps them.
+        plain: whether torch steps them as the equations are written (docs/plain.md).
 
     Raises:
         ConfigError: there is no such device here.
@@ -61,9 +62,10 @@ class Flights:
         listed: int = LISTED,
         products: Products = "bf16x3",
         generated: bool = True,
+        plain: bool = False,
     ) -> None:
         craft, task, timing, conditions = self._setup = setup
-        self._backend = backend = Backend.of(device, torch.float32, None)
+        self._backend = backend = Backend.of(device, torch.float32, None, plain)
         self.device = backend.device
         self.listed = listed
         self.world = World(craft, task, timing, backend.nodes, conditions)
@@ -71,7 +73,7 @@ class Flights:
             network.architecture,
             {name: x.to(self.device, torch.float32) for name, x in network.tensors.items()},
         )
-        self._whole = self._made(products) if generated else None
+        self._whole = self._made(products) if generated and not plain else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
         """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""

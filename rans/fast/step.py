@@ -19,7 +19,8 @@ from rans.model.dynamics import NODES
 from rans.model.fields import Field, leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.timing import Timing
-from rans.tasks.derived import paid
+from rans.tasks.base import goal_after
+from rans.tasks.rewards import paid
 
 FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -34,15 +35,20 @@ class Step(NamedTuple):
     reward: Tensor
     """(N,): 0 where the state was lost."""
     terminated: Tensor
-    """(N,) bool: the task failed."""
+    """(N,) bool: the task ended the episode, as it failed or was won."""
     truncated: Tensor
-    """(N,) bool: time is up without failure."""
+    """(N,) bool: time is up, and the task did not end the episode."""
     final_observation: Tensor
     """(N, width) of the state arrived in, where an episode ended; what the other rows hold is undefined."""
     reached: Tensor
-    """(N,) bool: within the task's tolerances on arrival."""
+    """(N,) bool: within the task's tolerances at the end of the period and not failed; or the mission is won."""
     terms: Tensor
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
+
+    @property
+    def success(self) -> Tensor:
+        """(N,) bool: the episode ended as a success: won, or within the tolerances when time was up."""
+        return self.reached & (self.terminated | self.truncated)
 
 
 class Seen(NamedTuple):
@@ -58,24 +64,35 @@ class Seen(NamedTuple):
     """Of the state arrived in."""
 
 
-def step_and_restart(world: World, episode: Episode, command: Command, draws: Draws) -> Seen:
-    """`rans.episode.step` and, where an episode ended, `rans.episode.restart`."""
+def step_and_restart(
+    world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
+) -> Seen:
+    """`rans.episode.step` and, where an episode ended, `rans.episode.restart`.
+
+    What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
+    begins none as long as none ended.
+    """
     remembers = episode.case is not None
     outcome = step(world, world.recalled(episode, draws), command, draws)
-    after = restart(world, outcome, draws)
+    begins = not plain or bool(outcome.ended.any())
+    after = restart(world, outcome, draws) if begins else outcome.episode
     seen = world.observe(after, draws)
     final = world.observe(outcome.episode, draws)
     return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
 
 
-def step_tensors(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-    """One step on tensors, writing the episode's buffers in place; this is what is compiled."""
+def step_tensors(
+    world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
+) -> Step:
+    """One step on tensors, writing the episode's buffers in place: what is compiled, or runs as written."""
     command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
-    seen = step_and_restart(world, episode, command, draws)
-    results = _results(
-        seen, torch.stack, lambda x: x
-    )  # first: final observations may show what is in memory
-    for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
+    seen = step_and_restart(world, episode, command, draws, plain)
+    # First: final observations may show what is in memory.
+    results = _results(seen, torch.stack, lambda x: x)
+    values = seen.after.memory()
+    if plain:  # without a new episode some values are other buffers: commands move up by one
+        values = [value.clone() for value in values]
+    for buffer, value in zip(episode.memory(), values, strict=True):
         buffer.copy_(value)
     return results
 
@@ -105,10 +122,14 @@ def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
 
 
 def field_dtype(
-    device: torch.device, dtype: torch.dtype = torch.float32, compiled: bool | None = None
+    device: torch.device,
+    dtype: torch.dtype = torch.float32,
+    compiled: bool | None = None,
+    plain: bool = False,
 ) -> Any:
-    """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU, else torch's."""
-    return dtype if compiled or device.type == "cuda" else _NUMPY_DTYPES[dtype]
+    """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU that is not plain, else torch's."""
+    on_torch = compiled or plain or device.type == "cuda"
+    return dtype if on_torch else _NUMPY_DTYPES[dtype]
 
 
 @dataclass(frozen=True)
@@ -120,7 +141,13 @@ class Backend:
     """Their floating dtype, see `field_dtype`."""
 
     @classmethod
-    def of(cls, device: str | torch.device, dtype: torch.dtype, compiled: bool | None) -> Backend:
+    def of(
+        cls,
+        device: str | torch.device,
+        dtype: torch.dtype,
+        compiled: bool | None,
+        plain: bool = False,
+    ) -> Backend:
         """Of fields of this dtype, see `field_dtype`.
 
         Raises:
@@ -129,7 +156,8 @@ class Backend:
         if dtype not in _NUMPY_DTYPES:
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
         check_device(device)
-        return cls(torch.device(device), field_dtype(torch.device(device), dtype, compiled))
+        device = torch.device(device)
+        return cls(device, field_dtype(device, dtype, compiled, plain))
 
     @property
     def on_numpy(self) -> bool:
@@ -168,7 +196,8 @@ class Backend:
 
         start, goal = world.scenario(clock, draws)
         new = world.begin(start, goal, clock, draws, body)
-        moved = world.task.next_goal(goal, start, world.timing.control_period)
+        anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
+        moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
         case = None
         if remember and new.case is not None:
             case = replace(
@@ -182,6 +211,7 @@ class Backend:
             past=map_leaves(buffer, new.past),
             reading=map_leaves(buffer, new.reading),
             commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
+            violated=None if new.violated is None else self.put(zeros, real),
         )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:

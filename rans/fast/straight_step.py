@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -144,8 +145,12 @@ class ArrayStep:
         )
 
 
-def stepping(backend: Backend, compiled: bool) -> Callable[[World, Episode, Tensor, Draws], Step]:
+def stepping(
+    backend: Backend, compiled: bool, plain: bool = False
+) -> Callable[[World, Episode, Tensor, Draws], Step]:
     """What steps the episodes of one engine."""
+    if plain:
+        return partial(step_tensors, plain=True)
     if compiled:  # and only then: importing torch's compilers takes seconds
         # Linear programmes, which the compiler cannot trace; their answer is the same in every step.
         torch.compiler.assume_constant_result(sets_among)

@@ -163,7 +163,7 @@ def at_once(
         yield share * period, wrench(craft, part, body), None, longest
 
 
-def held(
+def states_at_looks(
     state: AnyState,
     craft: Spacecraft,
     body: Body,
@@ -173,8 +173,10 @@ def held(
     nodes: int = NODES,
     disturbance: Wrench | None = None,
     pieces: Iterable[Piece] | None = None,
-) -> AnyState:
-    """The state after a command was held for one control period, heading or quaternion normalised.
+) -> tuple[AnyState, ...]:
+    """States at the looks of a control period in which a command is held (`rans.model.timing.Timing.looks`).
+
+    The last one is the state at the end of the period. Headings and quaternions are normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``pieces`` are instead
     what late valves and failing thrusters make of it (`rans.model.case.Influences.pieces`). Each takes the
@@ -182,17 +184,69 @@ def held(
     """
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period
-    for duration, first, last, longest in (
-        at_once(craft, body, command, period) if pieces is None else pieces
-    ):
-        longest = min(
-            duration if type(duration) is float else longest, period
-        )  # a float, not one of NumPy
-        steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-        # Half as long a step needs one node less at the angles that `NODES` is for.
-        few = nodes - (2.0 * longest * substeps <= period * steps)
-        state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
-    return state.normalised()
+    if pieces is None:
+        pieces = at_once(craft, body, command, period)
+    states = []
+    for part in cut(pieces, period, timing.looks):
+        for duration, first, last, longest in part:
+            # A float, not one of NumPy.
+            longest = min(duration if type(duration) is float else longest, period)
+            steps = max(1, math.ceil(longest / period * substeps - 1e-9))
+            # Half as long a step needs one node less at the angles that `NODES` is for.
+            few = nodes - (2.0 * longest * substeps <= period * steps)
+            state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
+        states.append(state.normalised())
+    return tuple(states)
+
+
+def held(*arguments: Any, **options: Any) -> Any:
+    """State at the end of a control period in which a command is held; arguments as `states_at_looks`."""
+    return states_at_looks(*arguments, **options)[-1]
+
+
+def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable[Piece]]:
+    """Pieces of a control period (s), divided among equal parts of it, in their order.
+
+    A piece that lasts beyond the end of a part goes on in the next one. Where durations are fields, each part
+    holds a share of every piece, which may last no time.
+    """
+    if parts == 1:
+        yield pieces
+        return
+    pieces = list(pieces)
+    for k in range(parts):
+        low = period * k / parts
+        high = period * (k + 1) / parts
+        part = []
+        begin: Field = 0.0
+        for duration, first, last, longest in pieces:
+            end = begin + duration
+            enters = _clamped(begin, low, high)
+            exits = _clamped(end, low, high)
+            if not (isinstance(begin, float) and isinstance(end, float) and enters == exits):
+                first_share = (enters - begin) / at_least(duration, 1e-30)
+                last_share = (exits - begin) / at_least(duration, 1e-30)
+                part.append(
+                    (
+                        exits - enters,
+                        first if last is None else _between(first, last, first_share),
+                        None if last is None else _between(first, last, last_share),
+                        min(longest, high - low),
+                    )
+                )
+            begin = end
+        yield part
+
+
+def _clamped(time: Field, low: float, high: float) -> Field:
+    """A time within bounds; a float where it is one."""
+    if isinstance(time, float):
+        return min(max(time, low), high)
+    return high - at_least(high - at_least(time, low), 0.0)
+
+
+def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
+    return map_leaves(lambda a, b: a + (b - a) * share, first, last)
 
 
 def advance(

@@ -10,6 +10,8 @@ from rans.model.fields import Field
 
 MOST_SUBSTEPS = 10_000
 """A hundred times what any craft needs: more is a slip, and takes for ever."""
+MOST_LOOKS = 1_000
+"""At so many instants every craft is looked at often enough; each costs as much as a step."""
 MOST_STEPS = 2**20 - 1
 """Of an episode. The engine counts them in the low bits of a 32-bit word, and episodes in the others."""
 
@@ -19,7 +21,7 @@ class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
     >>> rans.Timing(control_period=0.1, episode_steps=250)
-    Timing(control_period=0.1, substeps=None, episode_steps=250)
+    Timing(control_period=0.1, substeps=None, episode_steps=250, looks=1)
 
     Raises:
         ConfigError: a value is not a positive number, a count is not whole, or above `MOST_STEPS`.
@@ -33,6 +35,9 @@ class Timing:
     after 25 s in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
+    looks: int = 1
+    """Instants of a control period, evenly spaced, the last one at its end, at which a task's constraints,
+    success and memory are asked (`rans.tasks.base.Task`)."""
 
     def __post_init__(self) -> None:
         period = self.control_period
@@ -42,7 +47,7 @@ class Timing:
             or not 0 < period < math.inf
         ):
             raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
-        for key in ("substeps", "episode_steps"):
+        for key in ("substeps", "episode_steps", "looks"):
             value = getattr(self, key)
             if value is None and key == "substeps":
                 continue
@@ -50,6 +55,8 @@ class Timing:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {brief(value)}.")
         if self.substeps is not None and self.substeps > MOST_SUBSTEPS:
             raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
+        if self.looks > MOST_LOOKS:
+            raise ConfigError(f"looks must be <= {MOST_LOOKS:,}, got {self.looks:,}.")
         if self.episode_steps > MOST_STEPS:
             raise ConfigError(
                 f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}."

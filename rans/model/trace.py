@@ -236,12 +236,6 @@ def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[S
             stack.extend((arg, False) for arg in reversed(symbol.args))
 
 
-def depends(roots: Iterable[Operand], inputs: Iterable[Symbol]) -> bool:
-    """Whether any of the inputs has a part in any of the roots."""
-    made_of = set(ordered(root for root in roots if isinstance(root, Symbol)))
-    return not made_of.isdisjoint(inputs)
-
-
 def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> list[Symbol]:
     """The roots as they are when some symbols have other values, simplified again."""
     roots = list(roots)

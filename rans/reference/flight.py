@@ -10,6 +10,7 @@ import numpy as np
 from rans.environment import Environment
 from rans.episode import Mover
 from rans.flight import Controller, Flight, fly
+from rans.model.accuracy import spin_up
 from rans.model.body import Body
 from rans.model.case import Influences
 from rans.model.conditions import Conditions
@@ -26,6 +27,13 @@ from rans.reference.plant import Plant
 from rans.scenario import Scenario
 from rans.tasks.base import Task
 
+_SHORTEST = 0.01
+"""Integration step of Drake, s, that no craft needs to be shorter."""
+_TURN = 0.05
+"""Angle turned in a longer step, rad: the error of a Runge-Kutta step of order five is then below 1e-9."""
+_STRONGER = 3.0
+"""How much faster a drawn or broken craft may spin up than the designed one."""
+
 
 def fly_in_drake(
     craft: Spacecraft,
@@ -36,9 +44,12 @@ def fly_in_drake(
     body: Body | None = None,
     conditions: Conditions | None = None,
     draws: Draws | None = None,
-    max_step: float = 0.01,
+    max_step: float | None = None,
 ) -> Flight:
-    """As `rans.flight.fly`, moved by Drake; substeps do not concern it, but its own step (s) does."""
+    """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake.
+
+    Substeps do not concern Drake, but its own longest step (s) does; None: see `DrakeMover`.
+    """
     return fly(
         craft,
         task,
@@ -58,22 +69,31 @@ class DrakeMover:
 
     Where mass properties change, which is once an episode, it builds another plant, which takes milliseconds.
 
+    Args:
+        craft: what flies.
+        timing: control period and looks.
+        drift: how a free point moves.
+        max_step: Drake's longest integration step, s. None: a twentieth of the control period, shortened to
+            `_TURN` of the fastest spin that the period can end with, but at least 0.01 s: a craft that hardly
+            turns flies an orbit in steps of half a second.
+
     Raises:
         ConfigError: see `Plant`.
     """
 
     def __init__(
-        self, craft: Spacecraft, timing: Timing, drift: Drift = FREE, max_step: float = 0.01
+        self, craft: Spacecraft, timing: Timing, drift: Drift = FREE, max_step: float | None = None
     ) -> None:
         self._craft = craft
         self._timing = timing
         self._drift = drift
         self._max_step = max_step
         self._built_for = np.zeros(0)
+        self._spin_up = spin_up(craft)
         self._plant = self._plant_for(designed(craft), 1)
 
-    def __call__(self, state: Any, influences: Influences) -> Any:
-        """The state one control period later."""
+    def __call__(self, state: Any, influences: Influences) -> tuple[Any, ...]:
+        """States at the looks of one control period, the last one at its end."""
         rows = rows_from_states(state)
         body = influences.body
         disturbance = influences.disturbance
@@ -87,7 +107,10 @@ class DrakeMover:
                 _columns([fails.instant], len(many)),
                 Nozzles.of(self._craft, fails.body, len(many), *late),
             )
-        moved = self._plant_for(body, len(many)).advance(
+        plant = self._plant_for(body, len(many))
+        if self._max_step is None:
+            plant.set_max_step(self._step_for(state))
+        moved = plant.states_at_looks(
             many,
             command,
             self._timing.control_period,
@@ -95,13 +118,24 @@ class DrakeMover:
             Nozzles.of(self._craft, body, len(many), *late),
             earlier,
             failure,
+            self._timing.looks,
         )
-        return states_from_rows(moved.reshape(rows.shape), state).normalised()
+        return tuple(
+            states_from_rows(some.reshape(rows.shape), state).normalised() for some in moved
+        )
+
+    def _step_for(self, state: Any) -> float:
+        """Longest integration step, s, for one control period from this state."""
+        period = self._timing.control_period
+        spins = np.square(np.stack(np.broadcast_arrays(*state.spin()))).sum(axis=0)
+        fastest = float(np.sqrt(np.nan_to_num(spins).max())) + _STRONGER * self._spin_up * period
+        return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:
         flying = _columns(leaves((body.mass, body.inertia, body.centre)), count)
         if not np.array_equal(flying, self._built_for):
-            self._plant = Plant(self._craft, count, self._max_step, body, self._drift)
+            step = _SHORTEST if self._max_step is None else self._max_step
+            self._plant = Plant(self._craft, count, step, body, self._drift)
             self._built_for = flying
         return self._plant
 

@@ -16,6 +16,7 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -119,6 +120,10 @@ class Plant:
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
 
+    def set_max_step(self, step: float) -> None:
+        """Integrate in steps of at most so many seconds from now on."""
+        self._simulator.get_mutable_integrator().set_maximum_step_size(step)
+
     def wrenches(self, commands: np.ndarray) -> np.ndarray:
         """Force and torque about the centre of mass that commands (N, thrusters), 0 to 1, give, in B.
 
@@ -170,7 +175,11 @@ class Plant:
             rows[:, 3:] = np.einsum("nji,nj->ni", self._rotations(), rows[:, 3:])
         return rows
 
-    def advance(
+    def advance(self, *arguments: Any, **options: Any) -> np.ndarray:
+        """States (N, 6 or 13) after the commands were held for a duration; arguments of `states_at_looks`."""
+        return self.states_at_looks(*arguments, **options)[-1]
+
+    def states_at_looks(
         self,
         states: np.ndarray,
         commands: np.ndarray,
@@ -179,8 +188,9 @@ class Plant:
         nozzles: Nozzles | None = None,
         earlier: Sequence[np.ndarray] = (),
         failure: Failure | None = None,
+        looks: int = 1,
     ) -> np.ndarray:
-        """States after the commands were held for a duration.
+        """States (looks, N, 6 or 13) while the commands are held, the last ones after the duration.
 
         Args:
             states: (N, 6 or 13), see the module.
@@ -191,6 +201,7 @@ class Plant:
             nozzles: what becomes of commands in this period; None: as the body says, and at once.
             earlier: commands of the periods before that may still be felt, the last one first.
             failure: thrusters that fail in this period; None: the nozzles stay as they are.
+            looks: how many instants to return, evenly spaced.
         """
         nozzles = nozzles or self._nozzles
         self._set(states, commands)
@@ -198,10 +209,15 @@ class Plant:
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         told = [commands, *earlier]
+        seen = []
         for end, thrust, rate in nozzles.segments(self.craft.actuators, told, duration, failure):
             self._open(thrust, rate)
+            while len(seen) < looks - 1 and (instant := duration * (len(seen) + 1) / looks) <= end:
+                self._simulator.AdvanceTo(instant)
+                seen.append(self._get())
             self._simulator.AdvanceTo(end)
-        return self._get()
+        seen.append(self._get())
+        return np.stack(seen)
 
     def rollout(
         self, starts: np.ndarray, commands: np.ndarray, control_period: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -11,10 +12,11 @@ from typing import ClassVar
 
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
-from rans.model.fields import Field
+from rans.model.fields import Field, where
 from rans.model.random import Random
+from rans.model.timing import Timing
 from rans.shown import Settings
-from rans.tasks.rewards import Prices, Transition
+from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
@@ -29,6 +31,17 @@ class Task(Settings, ABC):
 
     The same object serves the plane and space, and every engine. It never truncates: time is the engine's.
     """
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "next_goal" in vars(cls):
+            warnings.warn(
+                f"{cls.__name__}.next_goal is deprecated and will not be called by the next version: "
+                "write later(goal, time) for how the goal moves, and remember(goal, state) for what it "
+                "notes of the spacecraft.",
+                DeprecationWarning,
+                stacklevel=2,
+            )
 
     symmetric: ClassVar[bool] = True
     """Whether agents had better learn for one side of the spacecraft what serves all that look the same
@@ -63,12 +76,40 @@ class Task(Settings, ABC):
         """How a free point moves where the task is set: by default it flies free."""
         return FREE
 
-    def next_goal(self, goal: State, state: State, period: Field) -> State:
-        """The goal one control period (s) later, when the state is arrived in: by default it stands still.
+    def later(self, goal: State, time: Field) -> State:
+        """Goal after a time (s): by default it stands still.
 
-        See `rans.model.drift.step_goal` for a goal that drifts as free points do.
+        It is a flow: it depends on the goal and its ``notes`` alone, whatever the spacecraft does, so that
+        optimal control may ask for any time. `rans.model.drift.step_goal` moves a goal as free points move.
         """
         return goal
+
+    def remember(self, goal: State, state: State) -> State:
+        """Goal whose ``notes`` remember what has happened, such as points seen: by default nothing.
+
+        Asked at every instant that `rans.model.timing.Timing.looks` says, after `later`.
+        """
+        return goal
+
+    def constraints(self, state: State, goal: State) -> dict[str, Field]:
+        """Margins by name that must never be negative, such as a distance to a wall (m): by default none.
+
+        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.looks` says.
+        """
+        return {}
+
+    def done(self, state: State, goal: State) -> Field | None:
+        """Whether the mission is over and won, which ends the episode; None: it lasts until time is up."""
+        return None
+
+    violation_ends: bool = True
+    """Whether a negative margin of `constraints` ends the episode as a failure."""
+    violation_weight: float = 0.0
+    """Reward lost in a control period with a negative margin."""
+    done_weight: float = 0.0
+    """Reward for the control period in which the mission is won."""
+    timing: ClassVar[Timing] = Timing()
+    """Control period and length of an episode where nobody says otherwise."""
 
     @abstractmethod
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
@@ -128,6 +169,26 @@ class SingleTask(Prices, Task):
             for one in fields(self)
             if one.name.endswith("_tolerance")
         }
+
+
+def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
+    """Goal and what it remembers a time (s) later, when the state is reached."""
+    old = getattr(task, "next_goal", None)  # of plug-ins written for an earlier version
+    if old is not None:
+        return old(goal, state, time)
+    return task.remember(task.later(goal, time), state)
+
+
+def reward_terms(
+    task: Task, transition: Transition, done: Field | None, violated: Field | None
+) -> dict[str, Field]:
+    """Terms of a task's reward by name, with those for winning and for violated constraints."""
+    terms = dict(task.reward(transition))
+    if done is not None and is_used(task.done_weight):
+        terms["done"] = where(done, 1.0, 0.0) * task.done_weight
+    if violated is not None and is_used(task.violation_weight):
+        terms["violation"] = where(violated, 1.0, 0.0) * -task.violation_weight
+    return terms
 
 
 def sight(task: Task, state: State, goal: State) -> Sight:

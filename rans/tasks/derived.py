@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +12,10 @@ from rans.errors import ConfigError
 from rans.files import first_line
 from rans.model.drift import step_goal
 from rans.model.dynamics import State
-from rans.model.fields import Field, finite, where
+from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
-from rans.model.trace import UNTRACEABLE, Symbol, depends
-from rans.tasks.base import Task, sight
+from rans.tasks.base import Task, goal_after, sight
 from rans.tasks.rewards import Transition
 from rans.tasks.settings import map_settings
 from rans.tasks.sight import Column, Dimension, Layout, Sight
@@ -55,10 +56,13 @@ def _failure(task: Task, dimension: Dimension) -> Exception | None:
             if {len(one.p.columns()) for one in (state, goal)} != {dimension}:
                 raise TypeError("its sample gives states of the other dimension")
             step_goal(state, task.drift, 0.2)
-            goal = task.next_goal(goal, state, 0.2)
+            goal = goal_after(task, goal, state, 0.2)
             sight(task, state, goal).columns()
-            sum(task.reward(Transition(state, goal, shut, shut)).values())
+            transition = Transition(state, goal, shut, shut, state, 0.2, (1.0,) * len(shut))
+            sum(task.reward(transition).values())
             _ = task.failed(state, goal) | task.reached(state, goal)
+            _ = task.constraints(state, goal)
+            _ = task.done(state, goal)
     except Exception as error:  # somebody else's code raises anything
         return error
     return None
@@ -71,30 +75,18 @@ def example(task: Task, dimension: Dimension) -> Sight:
         ConfigError: see `check_dimension`.
     """
     check_dimension(task, dimension)
-    try:
-        return sight(*symbolic(task, dimension))
-    except UNTRACEABLE:  # only torch or NumPy can follow this task
-        return sight(task, *example_state(task, dimension))
+    task = _with_numbers(task)
+    return sight(task, *example_state(task, dimension))
 
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
-    """Start and goal of one episode, of numbers."""
+    """Start and goal of one episode, of arrays of one number."""
     return task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
 
 
-def symbolic(task: Task, dimension: Dimension) -> tuple[Task, State, State]:
-    """The task with symbols for its settings in memory, and start and goal of an episode of symbols.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields.
-    """
-
-    def fixed(name: str, value: Field) -> Field:
-        return value if isinstance(value, int | float) else Symbol.input(name)
-
-    task = map_settings(fixed, task)
-    low, high, episode = (Symbol.input(name, "int") for name in ("low", "high", "episode"))
-    return task, *task.sample(Random(dimension, low, high, episode, None))
+def _with_numbers(task: Task) -> Task:
+    """The task with ones in the place of settings that are in memory, or symbols."""
+    return map_settings(lambda _, x: x if isinstance(x, int | float) else np.ones(1), task)
 
 
 def layout(task: Task, dimension: Dimension) -> Layout:
@@ -121,31 +113,42 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     )
 
 
-def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
-    """Rewards by name, and their sum: zeros where an episode failed and left no number.
-
-    A state that is lost has no reward, and a trainer could make nothing of NaN. In an episode that goes on
-    NaN stays: there the task's reward is wrong, which a training tells.
-    """
-    total = sum(terms.values())
-    known = finite(total) | ~terminated
-    return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)
-
-
 def goal_stands_still(task: Task) -> bool:
-    """Whether the goal stays where an episode begins: the task has no `Task.next_goal` of its own."""
-    return type(task).next_goal is Task.next_goal
+    """Whether the goal stays where an episode begins: the task does not move it, nor note anything."""
+    kind = type(task)
+    return (
+        kind.later is Task.later
+        and kind.remember is Task.remember
+        and not hasattr(kind, "next_goal")
+    )
+
+
+class _Noted(tuple[Field, ...]):
+    """A command that notes whether anybody reads it."""
+
+    read = False
+
+    def __iter__(self) -> Iterator[Field]:
+        self.read = True
+        return super().__iter__()
+
+    def __getitem__(self, place: Any) -> Any:
+        self.read = True
+        return super().__getitem__(place)
 
 
 def watches_switching(task: Task, craft: Spacecraft) -> bool:
-    """Whether the reward looks at the previous command, found by running it on symbols."""
-    thrusters = range(len(craft.thrusters))
-    command, previous = (
-        tuple(Symbol.input(f"{name} {i}") for i in thrusters) for name in ("command", "previous")
-    )
+    """Whether the reward reads the previous command, found by running it once on arrays of one number.
+
+    A reward that cannot be computed of them, as only torch can follow it, may read anything.
+    """
+    shut = (np.zeros(1),) * len(craft.thrusters)
+    previous = _Noted(shut)
+    task = _with_numbers(task)
     try:
-        task, state, goal = symbolic(task, craft.dimension)
-        terms = task.reward(Transition(state, goal, command, previous))
-    except UNTRACEABLE:  # only torch or NumPy can follow this task, which may look at anything
+        with np.errstate(all="ignore"):
+            state, goal = example_state(task, craft.dimension)
+            task.reward(Transition(state, goal, shut, previous, state, 0.2, (1.0,) * len(shut)))
+    except Exception:  # somebody else's code raises anything
         return True
-    return depends(terms.values(), previous)
+    return previous.read

@@ -44,7 +44,9 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))
         terms = named.reward(
-            Transition(state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),))
+            Transition(
+                state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),), state, 1.0, (1.0,)
+            )
         )
     except UNTRACEABLE:
         return {}

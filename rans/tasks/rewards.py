@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, absolute, exp, sqrt, where
+from rans.model.fields import Field, absolute, exp, finite, sqrt, where
 
 _SQUARINGS = 4
 """So often numbers up to 256 may be squared in single precision."""
@@ -43,17 +44,42 @@ def speed(spin: tuple[Field, ...]) -> Field:
     return sqrt(sum(w * w for w in spin))
 
 
-class Transition(NamedTuple):
-    """What a reward may look at. Engines remember only what some reward of theirs reads (`rans.episode`)."""
+@dataclass(frozen=True)
+class Transition:
+    """One control period as a reward sees it.
+
+    The fields after ``previous`` may be left out where no reward reads them, as in tests of one term. Engines
+    always give them, and remember only what some reward reads (`rans.episode`).
+    """
 
     state: State
-    """Arrived in."""
+    """State at the end of the period."""
     goal: State
-    """Of the episode."""
+    """Goal at the end of the period, with the episode's data in its ``notes``."""
     command: tuple[Field, ...]
-    """That brought it here: one field per thruster, 0 (shut) to 1 (open), however they share their gas."""
+    """Command held during the period: one field per thruster, 0 (shut) to 1 (fully open)."""
     previous: tuple[Field, ...]
-    """The command before; all shut at the start of an episode."""
+    """Command of the period before; all shut at the start of an episode."""
+    before: State | None = None
+    """State at the start of the period, for rewards by the difference of a potential."""
+    period: float = 0.0
+    """Length of the period, s."""
+    forces: tuple[float, ...] = ()
+    """Full force of each thruster, N."""
+
+    def __iter__(self) -> Iterator[Any]:
+        """The first four fields, so that a reward may unpack state, goal, command and previous."""
+        return iter((self.state, self.goal, self.command, self.previous))
+
+    @property
+    def impulse(self) -> Field:
+        """Impulse that the command asks for, N s: force times time, summed over the thrusters.
+
+        Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts what they give.
+        """
+        return reduce(add, (c * f for c, f in zip(self.command, self.forces, strict=True))) * (
+            self.period
+        )
 
 
 @dataclass(frozen=True)
@@ -75,7 +101,9 @@ class Prices:
 
     def prices(self, transition: Transition) -> dict[str, Field]:
         """The terms whose weight is not zero."""
-        state, _, command, previous = transition
+        state = transition.state
+        command = transition.command
+        previous = transition.previous
         terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
             terms["thrust"] = reduce(add, command) * -self.thrust_weight
@@ -92,3 +120,14 @@ class Prices:
 def is_used(setting: Any) -> bool:
     """Whether this setting matters; one that a curriculum moves does, whatever it is now."""
     return not isinstance(setting, int | float) or setting != 0
+
+
+def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
+    """Rewards by name, and their sum: zeros where an episode failed and left no number.
+
+    A state that is lost has no reward, and a trainer could make nothing of NaN. In an episode that goes on
+    NaN stays: there the task's reward is wrong, which a training tells.
+    """
+    total = sum(terms.values())
+    known = finite(total) | ~terminated
+    return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)

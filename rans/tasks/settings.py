@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from rans.errors import ConfigError
+from rans.model.trace import Symbol
 
 Tree = TypeVar("Tree")
 """A task, or any nested dataclasses and tuples of numbers."""
@@ -94,5 +95,5 @@ def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], ch
 
 def _is_number(value: Any) -> bool:
     return hasattr(value, "shape") or (
-        isinstance(value, int | float) and not isinstance(value, bool)
+        isinstance(value, int | float | Symbol) and not isinstance(value, bool)
     )

@@ -13,8 +13,15 @@ from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.reference.flight import fly_in_drake, replay, rows_from_states, states_from_rows
+from rans.reference.flight import (
+    DrakeMover,
+    fly_in_drake,
+    replay,
+    rows_from_states,
+    states_from_rows,
+)
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, observation_width
 from tests.crafts import nasty_planar, nasty_spatial, random_states
@@ -144,3 +151,39 @@ def test_rows_and_states_are_two_forms_of_the_same(dimension: Any) -> None:
     assert rows.shape == (7, 6 if dimension == 2 else 13)
     assert np.array_equal(rows[:, 0], states.p.x)
     assert np.array_equal(leaves(states_from_rows(rows, states)), leaves(states))
+
+
+def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps() -> None:
+    """Its steps of half a second are as good as a fifth of them: both are far below a micrometre."""
+
+    @dataclass(frozen=True)
+    class Orbit(GoToPose):
+        @property
+        def drift(self) -> Drift:
+            return ClohessyWiltshire(0.001027)
+
+    craft = load_spacecraft("floating-platform")
+    weak = replace(
+        craft, thrusters=tuple(replace(one, force=1e-4 * one.force) for one in craft.thrusters)
+    )
+    starts = scenarios(Orbit(), weak, seed=1, count=2)
+    timing = Timing(10.0, 1, 10)
+    flown = []
+    for max_step in (None, 0.1):
+        flight = fly_in_drake(weak, Orbit(), _Random(), starts, timing, max_step=max_step)
+        flown.append(np.stack(leaves(flight.states)))
+    np.testing.assert_allclose(flown[0], flown[1], rtol=0, atol=1e-9)
+    mover = DrakeMover(weak, timing, Orbit().drift)
+    assert mover._step_for(starts.start) == 0.5
+
+
+class _Random:
+    """Opens thrusters at random, the same in every flight."""
+
+    name = "random"
+
+    def reset(self, count: int) -> None:
+        self._rng = np.random.default_rng(3)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        return self._rng.integers(0, 2, (len(observation), 8)).astype(float)

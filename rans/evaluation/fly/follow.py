@@ -16,7 +16,6 @@ from rans.evaluation.measure.metrics import Sample
 from rans.flight import Controller, Flight, Setup
 from rans.model.drift import Drift
 from rans.model.dynamics import State
-from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS, Timing
@@ -60,9 +59,9 @@ class Guided(Task):
         start: Any = random.at_rest(first + offset, random.attitude())
         goal: Any = random.at_rest(random.origin(), random.no_rotation())
         begun = replace(goal, notes=(np.zeros(len(start.p.x), dtype=int),))
-        return start, self.next_goal(begun, start, 0.0)
+        return start, self.remember(begun, start)
 
-    def next_goal(self, goal: Any, state: State, period: Field) -> Any:
+    def remember(self, goal: Any, state: State) -> Any:
         """The planner's command where the spacecraft is."""
         position = np.stack(state.p.columns(), axis=1)
         progress, _, command = self.planner.plan(position, goal.notes[0].astype(int))

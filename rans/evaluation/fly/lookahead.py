@@ -17,8 +17,8 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.tasks import GoToPosePriced
-from rans.tasks.derived import paid
 from rans.tasks.goal_set import arrived
+from rans.tasks.rewards import paid
 
 PREFIX = "lookahead"
 """Before an agent's text, with a colon: the same agent, looking ahead."""

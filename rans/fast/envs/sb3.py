@@ -62,7 +62,7 @@ class SB3VecEnv(VecEnv):
         if len(ended):
             final = _float32(step.final_observation)
             truncated = step.truncated.cpu().numpy()
-            success = (step.truncated & step.reached).cpu().numpy()
+            success = step.success.cpu().numpy()
             for i in ended:
                 infos[i] = {
                     "terminal_observation": final[i],

@@ -60,6 +60,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         task: settings; None: the defaults.
         timing: see `Engine`, as device, dtype and compiled.
         conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
+        plain: whether steps are computed as they are written, so that a breakpoint in the task stops, see
+            `Engine`.
         autoreset_mode: or NEXT_STEP, where the step after an end begins the next episode and its action
             counts for nothing; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` does. Both
             copy the state once more a step.
@@ -91,6 +93,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         render_mode: str | None = None,
         conditions: str | Path | Conditions | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        plain: bool = False,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
@@ -105,6 +108,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             dtype=dtype,
             compiled=compiled,
             conditions=conditions,
+            plain=plain,
         )
         self.engine = self._made()
         self._actions = Actions(self.engine)
@@ -192,7 +196,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             **dict(zip(self._terms, step.terms, strict=True)),
             "final_obs": step.final_observation,
             "_final_obs": ended,
-            "final_info": {"is_success": step.reached & step.truncated},
+            "final_info": {"is_success": step.success},
             "_final_info": ended,
         }
         observation = step.observation

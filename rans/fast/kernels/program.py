@@ -13,7 +13,7 @@ from rans.fast.step import step_and_restart
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.model.trace import Symbol, ordered, substituted
-from rans.tasks.derived import paid
+from rans.tasks.rewards import paid
 from rans.tasks.settings import map_settings
 
 Type = Literal["real", "float", "double", "int", "signed char"]

@@ -20,10 +20,11 @@ _PIECE = 32
 class Adam:
     """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
 
-    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights.
+    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights. A
+    ``plain`` one compiles nothing.
     """
 
-    def __init__(self, network: Network, rate: Tensor) -> None:
+    def __init__(self, network: Network, rate: Tensor, plain: bool = False) -> None:
         tensors = {name: network.tensors[name] for name in network.learnt}
         members = network.members
         lead = () if network.members == 1 else (network.members,)
@@ -53,7 +54,7 @@ class Adam:
         self._leaves = [weight.detach().requires_grad_() for weight in weights]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
         self.steps = rate.new_zeros(())
-        self._step = fused(_step, rate.device)
+        self._step = fused(_step, rate.device, plain)
 
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).

@@ -291,6 +291,9 @@ class TrainConfig:
     compiled: bool | None = None
     """Whether torch's compiler makes a GPU's kernels before training begins, or never; null: once so much is
     left to train that it pays for the 5 to 35 s that it takes."""
+    plain: bool = False
+    """Whether everything is computed as it is written: torch's operations one by one, no generated program or
+    kernel, autograd's gradients. A breakpoint in a task then stops (docs/plain.md); many times slower."""
     threads: int = 1
     """Torch's on a CPU. One is nearly as fast as two for small networks, many times faster when anything else
     runs, and the weights' last bits depend on the number."""
@@ -317,6 +320,11 @@ class TrainConfig:
         )
         _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
+        if self.plain and self.compiled:
+            raise ConfigError(
+                "plain computes everything as it is written, and compiled has torch's compiler make "
+                "kernels: set one of them."
+            )
         check_ramps(self.settings, self.curriculum)
 
 

@@ -98,7 +98,9 @@ class FailedStarts:
                 config.conditions.or_none,
             )
             alone = Network(network.architecture, network.member(number))
-            flights = Flights(alone, setup, self._engine.device, listed=_FOLLOWED)
+            flights = Flights(
+                alone, setup, self._engine.device, listed=_FOLLOWED, plain=config.plain
+            )
             verdicts = flights.fly(first, count, FAILURES_SEED)
             self.found[number] = {"failures/share": verdicts.failed / count}
             if len(verdicts.numbers):

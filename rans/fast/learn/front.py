@@ -36,6 +36,8 @@ class PPO:
         seed: of weights and actions.
         threads: torch's on a CPU, for the whole process; None leaves them as they are. One is nearly as
             fast as two for small networks, and many times faster when anything else runs.
+        plain: whether everything is computed as it is written, with autograd's gradients, so that a breakpoint
+            stops (docs/plain.md); None: if the engine is plain.
         **settings: of `PPOSettings`, except ``n_envs``; by default a minibatch is a quarter of a rollout.
 
     Raises:
@@ -43,7 +45,13 @@ class PPO:
     """
 
     def __init__(
-        self, env: Engine | SB3VecEnv, *, seed: int = 0, threads: int | None = 1, **settings: Any
+        self,
+        env: Engine | SB3VecEnv,
+        *,
+        seed: int = 0,
+        threads: int | None = 1,
+        plain: bool | None = None,
+        **settings: Any,
     ) -> None:
         self.engine = _engine_of(env)
         if threads is not None:
@@ -58,7 +66,7 @@ class PPO:
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
         quarter = rollout // 4 if count % 4 == 0 else rollout
         self.settings = PPOSettings(**{"n_envs": count, "batch_size": quarter} | settings)
-        self.learner = begin(self.engine, [self.settings], [seed])
+        self.learner = begin(self.engine, [self.settings], [seed], plain)
         self.num_timesteps = 0
         self.network = self.learner.network
         """Actor and critic."""

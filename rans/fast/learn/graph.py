@@ -32,17 +32,19 @@ def as_written() -> Iterator[None]:
         _compiles = before
 
 
-def fused(function: Callable[P, R], device: torch.device) -> Callable[P, R]:
-    """The same function compiled for a GPU; on a CPU, itself: there compiling takes longer than training."""
-    return function if device.type != "cuda" else _Fused(function)
+def fused(function: Callable[P, R], device: torch.device, plain: bool = False) -> Callable[P, R]:
+    """The same function compiled for a GPU; itself if ``plain``, and on a CPU: there compiling takes longer."""
+    return function if plain or device.type != "cuda" else _Fused(function)
 
 
-def graphed(function: Callable[[], Tensor], device: torch.device) -> Callable[[], Tensor]:
-    """The same function, replayed from a CUDA graph after one or two ordinary calls; on a CPU, itself.
+def graphed(
+    function: Callable[[], Tensor], device: torch.device, plain: bool = False
+) -> Callable[[], Tensor]:
+    """The same function, replayed from a CUDA graph after one or two calls; itself if plain, and on a CPU.
 
     It works on memory of the device that never moves, and without waiting for the device.
     """
-    return function if device.type != "cuda" else _Graphed(function)
+    return function if plain or device.type != "cuda" else _Graphed(function)
 
 
 class _Fused(Generic[P, R]):

@@ -21,12 +21,18 @@ SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 
 
-def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None = None,
+) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
     Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
-    fit the engine.
+    fit the engine. By default they are plain if the engine is.
     """
+    plain = engine.plain if plain is None else plain
     for one in settings:
         check_sizes(engine, one, len(settings))
     given = Architecture.of(engine, settings[0])
@@ -35,11 +41,11 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
         *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
         strict=True,
     )
-    network = Network.stacked(given, tables, engine.device, engine.dtype)
+    network = Network.stacked(given, tables, engine.device, engine.dtype, plain)
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
-    return Learner(engine, network, settings, generators)
+    return Learner(engine, network, settings, generators, plain)
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
@@ -123,7 +129,7 @@ def statistics(
     NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
-    rate, truncated, ended, reached, *terms = numbers[len(STATISTICS) :]
+    rate, failed, ended, succeeded, *terms = numbers[len(STATISTICS) :]
     if not goes_on and not all(map(isfinite, numbers)):
         raise NonFiniteState(
             f"training produced a value that is not finite after {steps} steps "
@@ -137,8 +143,8 @@ def statistics(
         table |= {
             "rollout/ep_rew_mean": sum(terms) * length,
             "rollout/ep_len_mean": length,
-            "rollout/success_rate": reached / ended,
-            "rollout/failure_rate": 1 - truncated / ended,
+            "rollout/success_rate": succeeded / ended,
+            "rollout/failure_rate": failed / ended,
         }
     means = zip(engine.term_names, terms, strict=True)
     return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}

@@ -65,8 +65,9 @@ class Network(Remembering):
         tables: Sequence[Mapping[str, Tensor]],
         device: torch.device,
         dtype: torch.dtype,
+        plain: bool = False,
     ) -> Network:
-        """A copy of K members' weights and statistics."""
+        """A copy of K members' weights and statistics, which runs as it is written if ``plain``."""
         lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
         return cls(
             architecture,
@@ -75,7 +76,7 @@ class Network(Remembering):
                 for name in tables[0]
             },
             len(tables),
-            programs=True,
+            programs=not plain,
         )
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:

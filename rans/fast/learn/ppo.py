@@ -46,6 +46,7 @@ class Learner:
 
     Settings and generators are one a member, as are equal, contiguous parts of the engine's environments.
     The generators are of actions on a CPU; on a GPU one stream feeds all. The network is changed in place.
+    A ``plain`` one runs as it is written: nothing is compiled or recorded, and gradients are autograd's.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class Learner:
         network: Network,
         settings: Sequence[PPOSettings],
         generators: Sequence[torch.Generator],
+        plain: bool = False,
     ) -> None:
         first = settings[0]
         device = engine.device
@@ -66,23 +68,26 @@ class Learner:
         self.n_epochs = first.n_epochs
         self._minibatches = first.n_envs * first.n_steps // first.batch_size
         self.rollout = Rollout(engine, network, first.n_steps)
-        self.coefficients = Coefficients.of(settings, self.rollout.reached)
-        self.adam = Adam(network, self.coefficients.learning_rate)
-        self.by_hand = Gradients.made(
-            network, self.adam, self.coefficients, first.batch_size // self.processes.size
-        )
+        self.coefficients = Coefficients.of(settings, self.rollout.failed)
+        self.adam = Adam(network, self.coefficients.learning_rate, plain)
+        self.by_hand = None
+        if not plain:
+            self.by_hand = Gradients.made(
+                network, self.adam, self.coefficients, first.batch_size // self.processes.size
+            )
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
-        self._act = fused(act, device)
-        self._remember = fused(remember, device)
-        self._gae = fused(gae, device)
-        self._show = fused(shown, device)
-        self._losses = fused(losses, device)
+        self._act = fused(act, device, plain)
+        self._remember = fused(remember, device, plain)
+        self._gae = fused(gae, device, plain)
+        self._show = fused(shown, device, plain)
+        self._losses = fused(losses, device, plain)
         self._value = fused(
-            lambda seen, memory, told: network.evaluate(seen, memory, told).value, device
+            lambda seen, memory, told: network.evaluate(seen, memory, told).value, device, plain
         )
-        self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
+        self.collect = graphed(self._collect, device, plain)
+        self.update = graphed(self._update, device, plain)
 
     def slow_down(self, remaining: float) -> None:
         """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
@@ -120,7 +125,8 @@ class Learner:
         engine = self.engine
         rollout = self.rollout
         rollout.terms.zero_()
-        rollout.reached.zero_()
+        rollout.succeeded.zero_()
+        rollout.failed.zero_()
         observation = engine.observe()
         for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
             privileged = self._privileged()
@@ -226,13 +232,8 @@ class Learner:
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
         self.network.update_statistics(batch.seen, self.processes)
-        kept = self.rollout.all
-        members = (self.members, -1)
-        ends = torch.stack(
-            [x.unflatten(1, members).sum(dim=(0, 2)) for x in (kept.truncated, kept.ended)]
-            + [self.rollout.reached],
-            dim=1,
-        )
+        ended = self.rollout.all.ended.unflatten(1, (self.members, -1)).sum(dim=(0, 2))
+        ends = torch.stack([self.rollout.failed, ended, self.rollout.succeeded], dim=1)
         said = self.processes.average(
             torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1)
         )

@@ -91,9 +91,11 @@ class Rollout:
         """Last observation of an episode that time cut off, and what the network remembered then. An episode
         is no shorter than a rollout, so there is one a rollout at most."""
         self.terms = new(members, len(engine.term_names))
-        self.reached = new(members)
-        """Mean over a member's environments of each reward term, summed over the steps; number of a member's
-        episodes cut off by time within the task's tolerances."""
+        """Mean over a member's environments of each reward term, summed over the steps."""
+        self.succeeded = new(members)
+        """Number of a member's episodes that ended as a success."""
+        self.failed = new(members)
+        """Number of a member's episodes that the task ended as a failure."""
 
 
 def remember(
@@ -106,7 +108,7 @@ def remember(
 ) -> None:
     """Write into its slot of the rollout what was seen in one step, done, told the critic, and what followed.
 
-    The rollout's `memory`, `cut`, `terms` and `reached` are changed in place.
+    The rollout's `memory`, `cut`, and sums are changed in place.
     """
     memory = rollout.memory
     cut = rollout.cut
@@ -131,9 +133,11 @@ def remember(
     if memory is not None and cut_memory is not None and acted.memory is not None:
         cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
-    members = (len(rollout.reached), -1)
+    members = (len(rollout.succeeded), -1)
     rollout.terms.add_(step.terms.unflatten(1, members).mean(dim=2).T)
-    rollout.reached.add_((step.truncated & step.reached).unflatten(0, members).sum(dim=1))
+    rollout.succeeded.add_(step.success.unflatten(0, members).sum(dim=1))
+    lost = step.terminated & ~step.reached
+    rollout.failed.add_(lost.unflatten(0, members).sum(dim=1))
 
 
 def gae(

@@ -28,7 +28,8 @@ class Selection:
 
     The members' weights may change between flights. Tasks, one a member, are those of training without its
     curriculum; their evaluation starts are used.
-    Conditions are those of training too; what counts as success is the true state.
+    Conditions are those of training too; what counts as success is the true state. A ``plain`` one flies as
+    it is written.
     """
 
     def __init__(
@@ -39,13 +40,14 @@ class Selection:
         timing: Timing,
         device: torch.device,
         conditions: Conditions | None = None,
+        plain: bool = False,
     ) -> None:
         members = len(tasks)
         judged = [task.parts() for task in tasks]
 
         def engine(name: str) -> Engine:
             fixed = [each[name].for_evaluation() for each in judged]
-            task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
+            task = Curriculum(fixed, (), field_dtype(device, plain=plain), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
             return Engine(
                 craft,
@@ -55,11 +57,13 @@ class Selection:
                 seed=seeds,
                 device=device,
                 conditions=conditions,
+                plain=plain,
             )
 
         self._network = network
         self._engines = {name: engine(name) for name in judged[0]}
-        self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)
+        self._act = fused(likeliest, device, plain)
+        self._flight = graphed(self._fly, device, plain)
 
     def judge(self) -> list[dict[str, float]]:
         """What every member has learnt.

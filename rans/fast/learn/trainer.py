@@ -76,7 +76,9 @@ class Trainer:
         each = processes.share("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
         seeds = [config.seed for config in configs]
-        self.curriculum = Curriculum(tasks, first.curriculum, field_dtype(device), device, each)
+        self.curriculum = Curriculum(
+            tasks, first.curriculum, field_dtype(device, plain=first.plain), device, each
+        )
         timing = replace(
             first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
         )
@@ -90,11 +92,18 @@ class Trainer:
             processes=processes,
             conditions=first.conditions.or_none,
             remember=first.ppo.privileged_critic or first.failures.share > 0.0,
+            plain=first.plain,
         )
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
         self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(
-            self.learner.network, craft, tasks, first.timing, device, first.conditions.or_none
+            self.learner.network,
+            craft,
+            tasks,
+            first.timing,
+            device,
+            first.conditions.or_none,
+            first.plain,
         )
         self._said: list[dict[str, float]] = []
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
@@ -203,7 +212,8 @@ class Trainer:
 
     def _compiling_pays(self) -> bool:
         """Whether much is left on a GPU: all steps, or, where training ends once solved, as much as was."""
-        if self.engine.device.type != "cuda" or self.config.compiled is not None:
+        fixed = self.config.plain or self.config.compiled is not None
+        if self.engine.device.type != "cuda" or fixed:
             return False
         took = self.seconds - self._begun[1]
         left = (self.config.total_timesteps - self.steps) / self.rate

@@ -14,7 +14,7 @@ from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights, goal_after
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights, goal_ahead
 from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -131,7 +131,7 @@ class VelocityToGain(ModelBased):
         first = np.zeros((self._craft.dimension, here.shape[1]))
         open_ = np.ones(here.shape[1], dtype=bool)
         for periods in self._arrivals(left):
-            there = goal_after(self._task, goal, state, periods * self._timing.control_period)
+            there = goal_ahead(self._task, goal, state, periods * self._timing.control_period)
             whole = self._motion(periods)
             missing = np.array([*leaves(there.p), *leaves(there.v)]) - whole.offset[:, None]
             missing = missing - whole.matrix @ here

@@ -17,7 +17,7 @@ from rans.optimal.control.regulator import (
     ModelBased,
     Regulator,
     Weights,
-    goal_after,
+    goal_ahead,
 )
 from rans.optimal.trajectory.allocation import inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
@@ -93,7 +93,7 @@ class LQR(ModelBased):
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """The regulator's force and torque on B, (N, 3 or 6), N and N m."""
-        later = goal_after(self._task, goal, state, self._timing.control_period)
+        later = goal_ahead(self._task, goal, state, self._timing.control_period)
         regulator = self._regulator
         # Force: feedback and feed-forward in W, expressed in B's axes at the start of the period.
         position, velocity = (np.array(leaves(gap)) for gap in (state.p - goal.p, state.v - goal.v))

@@ -38,7 +38,7 @@ from rans.optimal.control.regulator import (
     ModelBased,
     Regulator,
     Weights,
-    goal_after,
+    goal_ahead,
 )
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.guess import rotation_vector
@@ -157,14 +157,14 @@ class MPC(ModelBased):
         """(fields of the goal but for its notes, horizon + 1, N): now and after every period of the plan."""
         period = self._timing.control_period
         ahead = [
-            leaves(replace(goal_after(self._task, goal, state, k * period), notes=()))
+            leaves(replace(goal_ahead(self._task, goal, state, k * period), notes=()))
             for k in range(1, self._settings.horizon + 1)
         ]
         return np.moveaxis(np.array([leaves(replace(goal, notes=())), *ahead]), 0, 1)
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
         """Commands (N, thrusters) that keep the craft at its goal in its drift, with the attitude it has."""
-        later = goal_after(self._task, goal, state, self._timing.control_period)
+        later = goal_ahead(self._task, goal, state, self._timing.control_period)
         push = self._regulator.holding(state, goal, later)
         force = state.attitude.to(self._identity).rotate(type(state.p)(*(self._craft.mass * push)))
         wrench = np.zeros((push.shape[1], self._craft.degrees_of_freedom))

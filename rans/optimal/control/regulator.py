@@ -19,7 +19,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.trajectory.allocation import Allocation, check_attitude, inertia
 from rans.tasks import Task, load_task
-from rans.tasks.derived import goal_stands_still
+from rans.tasks.base import goal_after
 from rans.tasks.settings import check_settings
 
 
@@ -111,7 +111,7 @@ class Deadband:
         instants = [(state, goal)]
         for time in (0.5 * look_ahead, look_ahead):
             coasted = advance(state, shut, body, time, disturbance=acting, drift=task.drift)
-            instants.append((coasted, goal_after(task, goal, state, time)))
+            instants.append((coasted, goal_ahead(task, goal, state, time)))
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
         ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
         inside = [
@@ -123,9 +123,13 @@ class Deadband:
         return np.logical_and.reduce(inside)
 
 
-def goal_after(task: Task, goal: Any, state: Any, time: float) -> Any:
-    """Where the goal of a task will be after a time, s, as far as can be known when the craft is in a state."""
-    return goal if goal_stands_still(task) else task.next_goal(goal, state, time)
+def goal_ahead(task: Task, goal: Any, state: Any, time: float) -> Any:
+    """Where the goal of a task will be after a time, s: what `Task.later` says.
+
+    Plug-ins of earlier versions, which have ``next_goal`` instead, are asked for it with the state of now.
+    """
+    old = hasattr(task, "next_goal")
+    return goal_after(task, goal, state, time) if old else task.later(goal, time)
 
 
 def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any) -> np.ndarray:
@@ -151,7 +155,7 @@ def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any)
 class ModelBased:
     """A controller that knows the equations of what it flies, and is told the state: base of the simple ones.
 
-    Spacecraft and task are given by name, TOML file or as such.
+    Spacecraft and task are given by name, TOML file or as such; without a timing, the task's own serves.
 
     Raises:
         ConfigError: there is no such spacecraft or task, or the task asks a craft to turn that cannot.
@@ -164,7 +168,7 @@ class ModelBased:
     ) -> None:
         self._craft = load_spacecraft(craft)
         self._task = load_task(task)
-        self._timing = Timing() if timing is None else checked("timing", timing, Timing)
+        self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, ModelBased, goal_after
+from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
@@ -150,7 +150,7 @@ class MPPI(ModelBased):
         for k, pattern in enumerate(np.moveaxis(flat, 1, 0), 1):
             applied = wrench(self._craft, tuple(pattern.T))
             state = advance(state, applied, self._body, self._period, drift=drift)
-            there = goal_after(self._task, goal, state, k * self._period)
+            there = goal_ahead(self._task, goal, state, k * self._period)
             left = left + self._value.time_left(state, there) / PERIODS
             spent = spent + self._period * (self._patterns.shares(pattern > 0.5) @ self._forces)
         return (left + self._price * spent).reshape(plans.shape[:2])

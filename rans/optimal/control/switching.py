@@ -15,7 +15,7 @@ from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.control.regulator import Deadband, ModelBased, goal_after, holding
+from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenarios
@@ -157,7 +157,7 @@ class Switching(ModelBased):
         end = advance(state, shut, body, time, drift=drift)
         middle = advance(state, shut, body, 0.5 * time, drift=drift).attitude
         pull = _pull(self._motion, self._task, self._period, state, goal)
-        return _Gap.between(end, goal_after(self._task, goal, state, time), middle, pull)
+        return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull)
 
     def _scales(self, count: int) -> np.ndarray:
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
@@ -243,7 +243,7 @@ class _Gap:
 
 def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any) -> np.ndarray:
     """Accelerations, (N,) m/s^2, that it takes to stay at goals in a task's drift for a period, s."""
-    later = goal_after(task, goal, state, period)
+    later = goal_ahead(task, goal, state, period)
     held = "position" in task.tolerances()
     return np.linalg.norm(holding(motion, held, state, goal, later), axis=0)
 

@@ -41,7 +41,7 @@ def check_goal(task: Task) -> None:
     if not goal_stands_still(task):
         raise ConfigError(
             f"optimal trajectories are for goals that stand still, and {type(task).__name__} "
-            "moves its goal (`next_goal`)."
+            "moves its goal (`later`, `remember`)."
         )
 
 

@@ -30,8 +30,8 @@ class Orbit(GoToPose):
 class Chase(Orbit):
     """The goal moves too."""
 
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return step_goal(goal, self.drift, period)
+    def later(self, goal: Any, time: Any) -> Any:
+        return step_goal(goal, self.drift, time)
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,7 @@ def test_what_an_iteration_says() -> None:
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
     assert (
         0
-        < float(rollout.reached)
+        < float(rollout.succeeded)
         < float(rollout.all.truncated.sum())
         < float(rollout.all.ended.sum())
     )
@@ -211,7 +211,7 @@ def test_what_an_iteration_says() -> None:
     for name, mean in zip(terms, rollout.terms[0] / 8, strict=True):
         assert told[f"return/{name}"] == pytest.approx(20 * float(mean), rel=1e-5)
     ended = float(rollout.all.ended.sum())
-    assert told["rollout/success_rate"] == pytest.approx(float(rollout.reached) / ended)
+    assert told["rollout/success_rate"] == pytest.approx(float(rollout.succeeded) / ended)
     assert told["rollout/failure_rate"] == pytest.approx(
         1 - float(rollout.all.truncated.sum()) / ended
     )

@@ -144,7 +144,7 @@ def test_what_a_rollout_remembers() -> None:
     torch.testing.assert_close(
         rollout.terms[0], terms, rtol=1e-6, atol=0
     )  # float32 in another order
-    assert rollout.reached == reached > 0
+    assert rollout.succeeded == reached > 0
     torch.testing.assert_close(batch.target, batch.advantage + kept.value)
 
 
@@ -162,13 +162,14 @@ def test_what_three_steps_leave_behind() -> None:
     rollout.all = rollout.all._replace(memory=torch.zeros(3, 4, 1))
     rollout.steps = [Slot._make(None if x is None else x[t] for x in rollout.all) for t in range(3)]
     rollout.terms = torch.zeros(2, 2)
-    rollout.reached = torch.zeros(2)
+    rollout.succeeded = torch.zeros(2)
+    rollout.failed = torch.zeros(2)
     width = rollout.cut.shape[1]
     numbers = torch.arange(4.0)
     for t in range(3):
         truncated = torch.tensor([t == 1, False, t == 2, False])
         terminated = torch.tensor([False, t == 1, False, False])
-        reached = torch.tensor([True, True, t == 2, False])
+        reached = torch.tensor([True, t != 1, t == 2, False])
         acted = Acted(
             torch.full((4, 8), t + 0.5),
             numbers + t,
@@ -197,7 +198,8 @@ def test_what_three_steps_leave_behind() -> None:
     assert rollout.cut_memory[:, 0].tolist() == [20, -1, 32, -1]
     # Of each member's two environments: means of the terms, summed; 0 and 2 were cut off at the goal.
     assert rollout.terms.tolist() == [[1.5, 1.5], [7.5, 7.5]]
-    assert rollout.reached.tolist() == [1, 1]
+    assert rollout.succeeded.tolist() == [1, 1]
+    assert rollout.failed.tolist() == [1, 0]
 
 
 @both_crafts

@@ -81,8 +81,8 @@ class Place(GoToPosition):
 class Chase(Place):
     """The goal moves as free points do."""
 
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return step_goal(goal, self.drift, period)
+    def later(self, goal: Any, time: Any) -> Any:
+        return step_goal(goal, self.drift, time)
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,8 @@ class Place(GoToPosition):
     def drift(self) -> Drift:
         return self.pulled
 
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return step_goal(goal, self.drift, period) if self.chased else goal
+    def later(self, goal: Any, time: Any) -> Any:
+        return step_goal(goal, self.drift, time) if self.chased else goal
 
 
 FAR = Place(spawn_distance=(100.0, 150.0), fail_distance=1e6)

@@ -32,8 +32,8 @@ NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) *
 class Chase(GoToPose):
     """Its goal moves."""
 
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return replace(goal, p=goal.p + goal.v.scale(period))
+    def later(self, goal: Any, time: Any) -> Any:
+        return replace(goal, p=goal.p + goal.v.scale(time))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,295 @@
+"""Plain mode: everything is computed as it is written, and gives what the fast ways give."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import pytest
+import torch
+from torch import Tensor
+
+import rans
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.flights import Flights
+from rans.fast.learn.config import Failures, PPOSettings, TrainConfig
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.model.fields import Field, leaves
+from rans.model.timing import Timing
+from rans.model.trace import Symbol
+from rans.tasks import GoToPose, MultiTask, Task
+from rans.tasks.rewards import Transition
+from tests.model.cases import FLYER, PLATFORM
+
+SHORT = Timing(episode_steps=40)
+PACKAGE = Path(rans.__file__).parent
+STEP_FILES = 16
+"""Of ours, that one step of an environment touches in plain mode."""
+LEARNER_FILES = 13
+"""Of ours, that one iteration of PPO touches beside those of its steps and resets."""
+
+
+@dataclass(frozen=True)
+class Witness(GoToPose):
+    """Notes what its functions are given."""
+
+    symbols: ClassVar[list[str]] = []
+    """Functions that were given a symbol."""
+    rewarded: ClassVar[list[Transition]] = []
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        self.rewarded.append(transition)
+        return self._noted("reward", transition, super().reward(transition))
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        return self._noted("failed", (state, goal), super().failed(state, goal))
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        return self._noted("errors", (state, goal), super().errors(state, goal))
+
+    def sight(self, state: Any, goal: Any) -> Any:
+        return self._noted("sight", (state, goal), super().sight(state, goal))
+
+    def sample(self, random: Any) -> Any:
+        found = super().sample(random)
+        return self._noted("sample", found, found)
+
+    def _noted(self, name: str, given: Any, result: Any) -> Any:
+        if any(isinstance(x, Symbol) for x in leaves(tuple(given))):
+            self.symbols.append(name)
+        return result
+
+
+@pytest.fixture
+def witness() -> Witness:
+    Witness.symbols.clear()
+    Witness.rewarded.clear()
+    return Witness()
+
+
+def test_the_fast_way_gives_symbols_to_a_reward(witness: Witness) -> None:
+    """So that the witness is one who can see them."""
+    Engine(PLATFORM, witness, 4).step(torch.zeros(4, 8))
+    assert "reward" in witness.symbols
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+@pytest.mark.parametrize("conditions", [None, "lab"])
+def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
+    witness: Witness, craft: Any, conditions: str | None
+) -> None:
+    engine = Engine(craft, witness, 4, SHORT, plain=True, conditions=conditions)
+    for _ in range(2 * SHORT.episode_steps):
+        witness.rewarded.clear()
+        engine.step(torch.zeros(4, len(craft.thrusters)))
+        (transition,) = witness.rewarded
+        given = leaves(tuple(transition))
+        moving = leaves(transition.state)
+        assert all(isinstance(x, Tensor) and x.shape == (4,) for x in moving)
+        assert all(isinstance(x, Tensor | float) for x in given)
+    assert not witness.symbols
+
+
+def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path) -> None:
+    """With its selection and its search for failures."""
+    trainer = _trainer(tmp_path, witness, failures=Failures(0.25, begin=0.5, looks=1, flights=64))
+    trainer.train(lambda _: None)
+    assert trainer.failures.state()["looks"] == 1
+    assert not witness.symbols
+
+
+@pytest.mark.parametrize(
+    ("craft", "task", "conditions"),
+    [
+        (PLATFORM, GoToPose(switching_weight=0.01), None),
+        (PLATFORM, MultiTask(), None),
+        (FLYER, GoToPose(), None),
+        (PLATFORM, GoToPose(), "harsh"),
+        (FLYER, GoToPose(), "faults"),
+    ],
+)
+def test_hundreds_of_steps_equal_the_fast_ones_but_for_rounding(
+    craft: Any, task: Task, conditions: str | None
+) -> None:
+    count = 32
+    plain, fast = (
+        Engine(craft, task, count, SHORT, seed=3, conditions=conditions, plain=plain)
+        for plain in (True, False)
+    )
+    generator = torch.Generator().manual_seed(5)
+    ends = 0
+    for engine in (plain, fast):
+        engine.stagger(torch.Generator().manual_seed(7))
+    torch.testing.assert_close(plain.observe(), fast.observe(), rtol=0, atol=2e-5)
+    for _ in range(300):
+        command = torch.rand(count, len(craft.thrusters), generator=generator).round()
+        ours, theirs = (engine.step(command) for engine in (plain, fast))
+        over = theirs.terminated | theirs.truncated
+        ends += int(over.sum())
+        for name in ("terminated", "truncated", "reached"):
+            assert torch.equal(getattr(ours, name), getattr(theirs, name))
+        for name in ("observation", "reward", "terms"):
+            torch.testing.assert_close(
+                getattr(ours, name), getattr(theirs, name), rtol=1e-4, atol=1e-4
+            )
+        torch.testing.assert_close(
+            ours.final_observation[over], theirs.final_observation[over], rtol=1e-4, atol=1e-4
+        )
+    assert ends > count
+    torch.testing.assert_close(plain.observe(), fast.observe(), rtol=1e-4, atol=1e-4)
+
+
+def test_a_state_saved_by_one_way_is_gone_on_from_by_the_other() -> None:
+    plain, fast = (Engine(PLATFORM, "go-to-pose", 4, plain=plain) for plain in (True, False))
+    for _ in range(3):
+        fast.step(torch.ones(4, 8))
+    plain.load_state(fast.save_state())
+    torch.testing.assert_close(
+        plain.step(torch.ones(4, 8)).observation,
+        fast.step(torch.ones(4, 8)).observation,
+        rtol=0,
+        atol=1e-5,
+    )
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"ent_coef": 0.01},
+        {"symmetric": False, "zoom": 100.0},
+        {"memory": "history", "history": 2},
+        {"privileged_critic": True},
+    ],
+    ids=str,
+)
+def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[str, Any]) -> None:
+    plain, fast = (
+        rans.PPO(Engine(PLATFORM, "go-to-pose", 64, plain=plain), n_steps=16, **settings)
+        for plain in (True, False)
+    )
+    begun = {name: x.detach().clone() for name, x in plain.network.tensors.items()}
+    assert plain.learner.by_hand is None
+    for _ in range(3):
+        plain.learn(1024)
+        fast.learn(1024)
+        assert plain.log.keys() == fast.log.keys()
+        for name, value in fast.log.items():
+            if name == "train/entropy_loss" and "ent_coef" not in settings:
+                continue  # which autograd's way does not compute where it has no weight
+            assert plain.log[name] == pytest.approx(value, rel=2e-3, abs=2e-4), name
+    for name, value in fast.network.tensors.items():
+        torch.testing.assert_close(plain.network.tensors[name], value, rtol=0, atol=2e-4)
+    moved = [(begun[name] - x).abs().max().item() for name, x in plain.network.tensors.items()]
+    assert max(moved) > 0.01  # so that 2e-4 says something
+
+
+def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
+    engine = Engine(PLATFORM, "go-to-pose", 8)
+    assert rans.PPO(engine, plain=True, n_steps=16).learner.by_hand is None
+    assert rans.PPO(engine, n_steps=16).learner.by_hand is not None
+
+
+def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
+    run = rans.load_agent("go-to-pose-2d")
+    network: Any = run.controller
+    plain, fast = (
+        Flights(network.network, run.judged, plain=plain).fly(0, 256, 1) for plain in (True, False)
+    )
+    assert plain.settled == fast.settled
+    assert plain.failed == fast.failed
+    assert plain.ways == {"stepping, cpu"}
+
+
+def test_environments_hand_the_flag_to_their_engine(witness: Witness) -> None:
+    envs: Any = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=2, plain=True)
+    assert envs.unwrapped.engine.plain
+    assert rans.SB3VecEnv(Engine(PLATFORM, "go-to-pose", 2, plain=True)).engine.plain
+    env = gymnasium.make("rans/GoToPose2D-v0", task=GoToPose(), plain=True)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+
+
+def test_plain_and_compiled_exclude_each_other() -> None:
+    with pytest.raises(ConfigError, match="give one of them"):
+        Engine(PLATFORM, "go-to-pose", 2, plain=True, compiled=True)
+    with pytest.raises(ConfigError, match="set one of them"):
+        TrainConfig("go-to-pose", GoToPose(), PLATFORM.name, plain=True, compiled=True)
+
+
+def test_the_command_trains_plainly_and_its_config_says_so(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
+    given = ["--total-timesteps", "128", "--device", "cpu", "--plain", "--output", str(run)]
+    assert main(["train", "go-to-pose", *small, *given]) == 0
+    assert json.loads((run / "config.json").read_text())["plain"] is True
+
+
+# What a newcomer reads.
+
+
+def test_a_step_touches_few_files() -> None:
+    engine = Engine(PLATFORM, "go-to-pose", 8, plain=True)
+    command = torch.zeros(8, 8)
+    engine.step(command)
+    assert len(found := touched(lambda: engine.step(command))) <= STEP_FILES, sorted(found)
+
+
+def test_an_iteration_touches_few_files_beside_those_of_its_steps() -> None:
+    engine = Engine(PLATFORM, "go-to-pose", 8, plain=True)
+    model = rans.PPO(engine, n_steps=16)
+    model.learn(128)
+    steps = touched(lambda: [engine.step(torch.zeros(8, 8)) for _ in range(126)])
+    found = touched(lambda: model.learn(128)).keys() - steps.keys()
+    assert len(found) <= LEARNER_FILES, sorted(found)
+
+
+def test_what_is_printed_and_generated_is_not_touched() -> None:
+    engine = Engine(PLATFORM, "go-to-pose", 8, plain=True)
+    model = rans.PPO(engine, n_steps=16)
+    found = touched(lambda: model.learn(256))
+    fast = touched(lambda: rans.PPO(Engine(PLATFORM, "go-to-pose", 8), n_steps=16).learn(256))
+    generated = {"model/trace.py", "fast/straight.py", "fast/vectors.py", "fast/products.py"}
+    assert generated & fast.keys()
+    assert not generated & found.keys()
+
+
+def touched(action: Callable[[], object]) -> Counter[str]:
+    """How many functions of each of our files an action calls."""
+    found = Counter[str]()
+
+    def note(frame: Any, event: str, arg: Any) -> None:
+        if (file := Path(frame.f_code.co_filename)).is_relative_to(PACKAGE):
+            found[str(file.relative_to(PACKAGE))] += 1
+
+    before = sys.gettrace()
+    sys.settrace(note)
+    try:
+        action()
+    finally:
+        sys.settrace(before)
+    return found
+
+
+def _trainer(folder: Path, task: Task, **others: Any) -> Trainer:
+    config = TrainConfig(
+        "tests.fast.test_plain:Witness",
+        task,
+        PLATFORM.name,
+        PPOSettings(n_envs=8, n_steps=16, batch_size=64),
+        timing=SHORT,
+        total_timesteps=512,
+        report_interval=2,
+        plain=True,
+        **others,
+    )
+    return Trainer([replace(config)], PLATFORM, RunFolder(folder / "run"))

@@ -1,0 +1,217 @@
+"""How a mission ends: won, lost by a violated constraint, or by time; and what happens between two commands.
+
+A craft that nothing pushes flies along x at a known speed, so that every instant is worked out by hand.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+from rans.episode import World, step
+from rans.fast.engine import Engine
+from rans.flight import fly
+from rans.model.dynamics import State
+from rans.model.fields import Field, Vec2, where
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.reference.flight import DrakeMover, fly_in_drake
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+
+PLATFORM = load_spacecraft("floating-platform")
+SHUT = (0.0,) * len(PLATFORM.thrusters)
+
+
+@dataclass(frozen=True)
+class Pass(GoToPose):
+    """Fly from x = -1 m along x: won within 0.1 m of the origin; a wall stands at ``wall``."""
+
+    speed: float = 0.8
+    wall: float = 0.3
+    lead: float = 0.0
+    done_weight: float = 5.0
+    violation_weight: float = 3.0
+    violation_ends: bool = True
+
+    def __post_init__(self) -> None:
+        """Walls may be anywhere."""
+
+    def sample(self, random: Any) -> tuple[State, State]:
+        start, goal = super().sample(random)
+        zero = start.w * 0.0
+        start = replace(
+            start, p=Vec2(zero - 1.0 + self.lead, zero), v=Vec2(zero + self.speed, zero)
+        )
+        return replace(start, w=zero), replace(goal, notes=(zero, zero))
+
+    def later(self, goal: Any, time: Field) -> Any:
+        """The first note counts seconds."""
+        return replace(goal, notes=(goal.notes[0] + time, goal.notes[1]))
+
+    def remember(self, goal: Any, state: State) -> Any:
+        """The second note is the farthest way ever come."""
+        farthest = where(state.p.x > goal.notes[1], state.p.x, goal.notes[1])
+        return replace(goal, notes=(goal.notes[0], farthest))
+
+    def constraints(self, state: State, goal: State) -> dict[str, Field]:
+        return {"wall": self.wall - state.p.x}
+
+    def done(self, state: State, goal: State) -> Field:
+        return state.p.norm() < 0.1
+
+
+def outcomes(task: Pass, looks: int, periods: int, move: Any = None) -> list[Any]:
+    """What periods of 1 s with shut thrusters give."""
+    world = World(PLATFORM, task, Timing(1.0, 1, 10, looks))
+    one = scenarios(task, PLATFORM, seed=1, count=1)
+    now = world.begin(one.start, one.goal)
+    found = []
+    for _ in range(periods):
+        found.append(step(world, now, SHUT, None, move))
+        now = found[-1].episode
+    return found
+
+
+def drake(looks: int) -> DrakeMover:
+    return DrakeMover(PLATFORM, Timing(1.0, 1, 10, looks))
+
+
+@pytest.mark.parametrize("mover", [None, drake], ids=["ours", "drake"])
+def test_a_contact_between_two_commands_counts(mover: Any) -> None:
+    """At 0.8 m/s it is at x = -0.2 m after 1 s and at 0.6 m after 2 s; at the origin after 1.25 s."""
+    blind = outcomes(Pass(wall=9.0), 1, 2, mover and mover(1))
+    assert [bool(one.done) for one in blind] == [False, False]
+    seeing = outcomes(Pass(wall=9.0), 4, 2, mover and mover(4))
+    assert [bool(one.done) for one in seeing] == [False, True]
+    last = seeing[-1]
+    assert [bool(x) for x in (last.terminated, last.success, last.failed)] == [True, True, False]
+    assert float(last.terms["done"][0]) == 5.0
+    # Looks at x = 0, 0.2, 0.4, 0.6 m: what follows the contact is no violation of anything.
+    wall = outcomes(Pass(wall=0.3), 4, 2, mover and mover(4))[-1]
+    assert bool(wall.success)
+    assert float(wall.margins["wall"][0]) == pytest.approx(0.3, abs=1e-9)
+    assert float(wall.terms["violation"][0]) == 0.0
+
+
+def test_a_violation_before_the_contact_ends_the_episode_as_a_failure() -> None:
+    """A wall at x = -0.1 m is passed before the origin."""
+    first, second = outcomes(Pass(wall=-0.1), 8, 2)
+    assert not bool(first.terminated)
+    assert float(first.margins["wall"][0]) == pytest.approx(0.1, abs=1e-9)
+    assert [bool(x) for x in (second.failed, second.done, second.success)] == [True, False, False]
+    assert float(second.terms["violation"][0]) == -3.0
+    # The first look behind the wall is after 1.25 s, at the origin; the episode ended there.
+    assert float(second.margins["wall"][0]) == pytest.approx(-0.1, abs=1e-9)
+
+
+def test_a_violation_that_does_not_end_the_episode_is_remembered() -> None:
+    """Won in the third period, after a wall was passed in the second: no success."""
+    task = Pass(wall=-0.5, speed=0.4, violation_ends=False)
+    found = outcomes(task, 2, 3)
+    assert [bool(one.failed) for one in found] == [False, False, False]
+    assert [float(one.episode.violated[0]) for one in found] == [0.0, 1.0, 1.0]
+    last = found[-1]
+    assert [bool(x) for x in (last.done, last.terminated, last.success)] == [True, True, False]
+    assert bool(outcomes(replace(task, wall=9.0), 2, 3)[-1].success)
+
+
+def test_goals_flow_and_remember_at_every_look() -> None:
+    """After 2 s in eight looks; the farthest way is that of the last look."""
+    goal = outcomes(Pass(wall=9.0, lead=1.0), 4, 2)[-1].episode.goal
+    assert float(goal.notes[0][0]) == pytest.approx(2.0, abs=1e-12)
+    assert float(goal.notes[1][0]) == pytest.approx(1.6, abs=1e-12)
+
+
+def test_the_engine_and_environments_end_in_the_same_way() -> None:
+    """Whether by programs in single precision or by equations in double."""
+    timing = Timing(1.0, 1, 4, 4)
+    for task, ends in (
+        (Pass(wall=9.0), (False, True)),
+        (Pass(wall=-0.1), (False, True)),
+        (Pass(wall=-0.1, violation_ends=False), (False, True)),
+    ):
+        expected = outcomes(task, 4, 2)
+        for dtype in (torch.float32, torch.float64):
+            engine = Engine(PLATFORM, task, 3, timing, seed=1, dtype=dtype)
+            for one, over in zip(expected, ends, strict=True):
+                result = engine.step(torch.zeros(3, len(SHUT)))
+                assert result.terminated.tolist() == [over] * 3
+                assert result.success.tolist() == [bool(one.success)] * 3
+                named = dict(zip(engine.term_names, result.terms[:, 0].tolist(), strict=True))
+                assert named == pytest.approx(
+                    {k: float(np.squeeze(v)) for k, v in one.terms.items()}, abs=1e-5
+                )
+        env: Any = gymnasium.make(
+            "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM
+        )
+        _, info = env.reset(seed=1)
+        for one, over in zip(expected, ends, strict=True):
+            _, _, terminated, truncated, info = env.step(np.zeros(len(SHUT), int))
+            assert (terminated, truncated) == (over, False)
+            assert info["margins"]["wall"] == pytest.approx(float(one.margins["wall"][0]))
+        assert info["is_success"] == bool(expected[-1].success)
+
+
+def test_looks_do_not_change_the_motion() -> None:
+    """Turning, pushed, pulsed and late: the end of the period is the same however often one looks."""
+    pilot: Any = type("Open", (), {})()
+    pilot.name = "open"
+    pilot.reset = lambda count: None
+    rng = np.random.default_rng(3)
+    commands = iter(rng.integers(0, 2, (60, 4, 8)).astype(float))
+    flown = []
+    for looks, flying in ((1, fly), (3, fly), (3, fly_in_drake)):
+        rng = np.random.default_rng(3)
+        commands = iter(rng.integers(0, 2, (20, 4, 8)).astype(float))
+        pilot.act = lambda *_, commands=commands: next(commands)
+        task = GoToPose()
+        starts = scenarios(task, PLATFORM, seed=4, count=4)
+        timing = Timing(0.2, 4, 20, looks)
+        flown.append(flying(PLATFORM, task, pilot, starts, timing).states.p.x)
+    np.testing.assert_allclose(flown[1], flown[0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(flown[2], flown[0], rtol=0, atol=1e-9)
+
+
+def test_a_plug_in_of_an_earlier_version_still_moves_its_goal() -> None:
+    with pytest.warns(DeprecationWarning, match="Old.next_goal .* later"):
+
+        @dataclass(frozen=True)
+        class Old(GoToPose):
+            def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+                return replace(goal, p=state.p)
+
+    with warnings.catch_warnings(action="error"):
+        engine = Engine(PLATFORM, Old(), 2, dtype=torch.float64)
+        engine.step(torch.zeros(2, len(SHUT)))
+        assert np.array_equal(engine.goal.p.x, engine.state.p.x)
+
+
+@pytest.mark.parametrize("flying", [fly, fly_in_drake])
+def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
+    """At the origin after 1.25 s, so in the second period, at x = 0.6 m; what it passes later is nothing."""
+    pilot: Any = type("Shut", (), {"name": "shut"})()
+    pilot.reset = lambda count: None
+    pilot.act = lambda state, goal, observation: np.zeros((len(observation), len(SHUT)))
+    timing = Timing(1.0, 1, 5, 4)
+    task = Pass(wall=0.3)
+    starts = scenarios(task, PLATFORM, seed=1, count=3)
+    flight = flying(PLATFORM, task, pilot, starts, timing)
+    assert flight.done.tolist() == [True] * 3
+    assert flight.lengths.tolist() == [2] * 3
+    np.testing.assert_allclose(flight.states.p.x[:, 0], [-1.0, -0.2, 0.6, 0.6, 0.6, 0.6], atol=1e-9)
+    assert not flight.violated().any()
+    assert not flight.failed().any()
+    np.testing.assert_allclose(flight.margins["wall"][:2, 0], [0.5, 0.3], atol=1e-9)
+    assert flight.rewards()["done"].sum(axis=0).tolist() == [5.0] * 3
+    assert flight.rewards()["position"][2:].max() == 0.0
+    lost = flying(PLATFORM, replace(task, wall=-0.1), pilot, starts, timing)
+    assert not lost.done.any()
+    assert lost.failed().all()
+    assert lost.lengths.tolist() == [5] * 3
