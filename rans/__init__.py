@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight, fly
+    from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
@@ -87,6 +88,7 @@ _LAZY = {
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
+    "VelocityToGain": "rans.optimal.control.guidance",
 }
 """Where the names are whose modules take long to load."""
 
@@ -130,6 +132,7 @@ __all__ = [
     "MPC",
     "ObserverMPC",
     "MPPI",
+    "VelocityToGain",
     "Lookahead",
     "ArrivalCost",
     "Pilot",

@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from rans.model.actuators import Throttle
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -45,6 +46,26 @@ def nasty_spatial() -> Spacecraft:
         for sign in (1.0, -1.0)
     )
     return Spacecraft("nasty-spatial", 3, 8.1, _nasty_tensor(), thrusters, (0.04, -0.09, 0.06))
+
+
+def deputy() -> Spacecraft:
+    """The deputy of AFRL's docking environment (Ravaioli et al., 2022): 12 kg, 1 N of throttle each way along
+    every axis, through the centre of mass."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    thrusters = tuple(Thruster((0.0, 0.0, 0.0), _triple(axis), 1.0) for axis in axes)
+    return Spacecraft(
+        "deputy", 3, 12.0, ((0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.3)), thrusters,
+        actuators=Throttle(),
+    )  # fmt: skip
+
+
+def point() -> Spacecraft:
+    """A point mass in the plane: 4 kg, three on/off thrusters of 1 N at 120 degrees through its centre."""
+    angles = (math.pi / 2 + k * math.tau / 3 for k in range(3))
+    thrusters = tuple(
+        Thruster((0.0, 0.0, 0.0), (math.cos(angle), math.sin(angle), 0.0), 1.0) for angle in angles
+    )
+    return Spacecraft("point", 2, 4.0, _rotated((0.2, 0.2, 0.2), Rotation.identity()), thrusters)
 
 
 def _nasty_tensor() -> Tensor:

@@ -66,6 +66,7 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
+        from rans.optimal.trajectory.allocation import check_attitude
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
 
@@ -77,6 +78,7 @@ class Optimal:
         )
         starts = scenarios(task, craft, self.seed, self.episodes)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
+        check_attitude(craft, task)
         check_goal(task)  # before anything is written
         folder = ready_folder(self.output or Path("runs") / name)
         answers = self._with_progress(

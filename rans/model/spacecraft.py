@@ -222,7 +222,7 @@ def check(craft: Spacecraft) -> None:
             index,
             checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
         )
-    if not controls_every_direction(craft):
+    if not is_steerable(craft):
         warnings.warn(
             f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn it in "
             f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
@@ -311,15 +311,42 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
         )
 
 
+def can_turn(craft: Spacecraft) -> bool:
+    """Whether any thruster gives a torque about the centre of mass.
+
+    A craft whose thrusters all act through its centre of mass moves as a point does: it can be pushed, but
+    its angular velocity stays as it is. Torques below a billionth of what the same force would give on the
+    longest arm are rounding.
+    """
+    arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
+    largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()
+    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    return bool(np.abs(torques).max() > 1e-9 * largest)
+
+
+def is_steerable(craft: Spacecraft) -> bool:
+    """Whether the thrusters push the craft in every direction and, if any turns it, turn it about every axis.
+
+    Holds for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose forces
+    positively span the plane or space.
+    """
+    wrenches = np.array(craft.wrench_map).T
+    return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
+
+
 def controls_every_direction(craft: Spacecraft) -> bool:
-    """Whether the thrusters' wrenches positively span all degrees of freedom.
+    """Whether the thrusters' wrenches positively span all degrees of freedom."""
+    return _positively_spans(np.array(craft.wrench_map).T)
+
+
+def _positively_spans(columns: np.ndarray) -> bool:
+    """Whether sums of columns (n, m) with factors >= 0 give every vector of n components.
 
     They do if and only if they span the space and zero is a combination of them with strictly
     positive factors (Davis, "Theory of positive linear dependence", 1954).
     """
-    columns = np.array(craft.wrench_map).T
     columns = columns / np.linalg.norm(columns, axis=0)
-    if np.linalg.matrix_rank(columns, tol=1e-9) < craft.degrees_of_freedom:
+    if np.linalg.matrix_rank(columns, tol=1e-9) < len(columns):
         return False
     ones = np.ones(columns.shape[1])
     # The nearest factors to one that give zero: most craft need not wait for SciPy, 0.3 s.

@@ -57,6 +57,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mpc": "rans.optimal.control.mpc:MPC",
         "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
         "mppi": "rans.optimal.control.sampling:MPPI",
+        "guidance": "rans.optimal.control.guidance:VelocityToGain",
     },
     _checked,
 )

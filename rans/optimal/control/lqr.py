@@ -12,8 +12,14 @@ from rans.errors import checked
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
-from rans.optimal.trajectory.allocation import SigmaDelta, inertia
+from rans.optimal.control.regulator import (
+    Deadband,
+    ModelBased,
+    Regulator,
+    Weights,
+    goal_ahead,
+)
+from rans.optimal.trajectory.allocation import inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
@@ -30,12 +36,15 @@ class LQR(ModelBased):
     >>> rans.LQR("floating-platform", "go-to-pose")
     <LQR: GoToPose for floating-platform>
 
-    Position in W and attitude in B are taken for double integrators, one per axis, which they are for small
-    angles and spins; the gain of each is the discrete-time optimum for the control period. Where the task has
-    no tolerance for the position or the attitude, only the velocity or the spin is brought to the goal's.
+    Position in W moves as the task's drift says, attitude in B as a double integrator per axis, which it is
+    for small angles and spins; the gains are the discrete-time optimum for the control period, and what the
+    drift does at the goal, or the goal's own motion, is made up for. Where the task has no tolerance for the
+    position or the attitude, only the velocity or the spin is brought to the goal's. Thrusters that are
+    throttled or pulsed are given shares of their thrust instead of rounded commands.
 
     Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+        ConfigError: the thrusters cannot push the spacecraft in every direction, or cannot turn it as the task
+            asks.
     """
 
     name = "LQR"
@@ -56,7 +65,7 @@ class LQR(ModelBased):
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, self._task, self._timing, weights)
-        self._rounding = SigmaDelta(craft, self._regulator.carried(craft))
+        self._rounding = rounding(craft, self._regulator.carried(craft))
 
     @classmethod
     def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
@@ -78,15 +87,22 @@ class LQR(ModelBased):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
-        rest = self._deadband.holds(self._craft, self._task, state, goal)
+        period = self._timing.control_period
+        rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
         return self._rounding.round(self.wrench(state, goal), rest)
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """The regulator's force and torque on B, (N, 3 or 6), N and N m."""
-        stiffness, damping = self._regulator.translation.gain * self._craft.mass
-        force = (goal.p - state.p).scale(stiffness) + (goal.v - state.v).scale(damping)
-        stiffness, damping = self._regulator.rotation.gain
-        turn = rotation_vector(state.attitude.to(goal.attitude))
-        spin_up = stiffness * turn + damping * (np.array(goal.spin()) - np.array(state.spin()))
+        later = goal_ahead(self._task, goal, state, self._timing.control_period)
+        regulator = self._regulator
+        # Force: feedback and feed-forward in W, expressed in B's axes at the start of the period.
+        position, velocity = (np.array(leaves(gap)) for gap in (state.p - goal.p, state.v - goal.v))
+        push = regulator.translation.acceleration(position, velocity)
+        push = push + regulator.holding(state, goal, later)
+        force = type(state.p)(*(self._craft.mass * push))
         to_body = state.attitude.to(self._identity)
+        # Torque: feedback in B.
+        turn = -rotation_vector(state.attitude.to(goal.attitude))
+        spin = np.array(state.spin()) - np.array(goal.spin())
+        spin_up = regulator.rotation.acceleration(turn, spin)
         return np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up]).T

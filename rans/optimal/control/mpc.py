@@ -16,6 +16,7 @@ import numpy as np
 
 from rans.errors import checked, whole
 from rans.model.body import Body
+from rans.model.drift import Drift
 from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
 from rans.model.fields import (
     Field,
@@ -32,8 +33,14 @@ from rans.model.fields import (
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
-from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
+from rans.optimal.control.regulator import (
+    Deadband,
+    ModelBased,
+    Regulator,
+    Weights,
+    goal_ahead,
+)
+from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
@@ -75,10 +82,12 @@ class MPC(ModelBased):
     iteration: Diehl, Bock and Schlöder, SIAM J. Control Optim. 43, 2005): the plan of the step before,
     shifted by one period, is flown from the current state by the engines' equations; these are linearised
     along it; and a quadratic program (PIQP) gives the next plan. Deviations cost what they cost the LQR,
-    whose cost-to-go ends the horizon.
+    whose cost-to-go ends the horizon. The motion is that of the task's drift, and errors are those from where
+    the goal will be; thrust costs by how much it differs from what holds the craft at its goal.
 
     Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+        ConfigError: the thrusters cannot push the spacecraft in every direction, or cannot turn it as the task
+            asks.
     """
 
     name = "MPC"
@@ -103,12 +112,13 @@ class MPC(ModelBased):
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, Settings)
         self._wrenches = np.array(craft.wrench_map)
-        regulator = Regulator.of(craft, task, timing, weights)
-        self._rounding = SigmaDelta(craft, regulator.carried(craft))
-        step = _step(
-            craft, timing.control_period, scenario(task, craft.dimension, seed=0, episode=0).goal
-        )
-        self._program = _Program(craft, regulator, step, settings.horizon)
+        self._allocation = Allocation(craft)
+        self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+        self._regulator = Regulator.of(craft, task, timing, weights)
+        self._rounding = rounding(craft, self._regulator.carried(craft))
+        like = scenario(task, craft.dimension, seed=0, episode=0).goal
+        step = _step(craft, timing.control_period, replace(like, notes=()), task.drift)
+        self._program = _Program(craft, self._regulator, step, settings.horizon)
         self._plans = np.zeros((0, len(craft.thrusters), settings.horizon))
         self.failures = 0
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
@@ -121,16 +131,20 @@ class MPC(ModelBased):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
-        rest = self._deadband.holds(self._craft, self._task, state, goal)
+        period = self._timing.control_period
+        rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
         return self._rounding.round(self._planned(state, goal, rest), rest)
 
     def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
         """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing."""
         errors = shortest(state, goal)
-        goals = np.array(leaves(goal))
+        goals = self._goals(state, goal)
+        holding = self._holding(state, goal)
         self._plans[rest] = 0.0
         for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
-            better = self._program.improved(self._plans[k], errors[:, k], goals[:, k])
+            better = self._program.improved(
+                self._plans[k], errors[:, k], goals[:, :, k], holding[k]
+            )
             self.failures += better is None
             self._plans[k] = self._plans[k] if better is None else better
         first = self._plans[..., 0]  # then one period later; what follows the end is a coast
@@ -139,12 +153,31 @@ class MPC(ModelBased):
         )
         return first @ self._wrenches
 
+    def _goals(self, state: Any, goal: Any) -> np.ndarray:
+        """(fields of the goal but for its notes, horizon + 1, N): now and after every period of the plan."""
+        period = self._timing.control_period
+        ahead = [
+            leaves(replace(goal_ahead(self._task, goal, state, k * period), notes=()))
+            for k in range(1, self._settings.horizon + 1)
+        ]
+        return np.moveaxis(np.array([leaves(replace(goal, notes=())), *ahead]), 0, 1)
+
+    def _holding(self, state: Any, goal: Any) -> np.ndarray:
+        """Commands (N, thrusters) that keep the craft at its goal in its drift, with the attitude it has."""
+        later = goal_ahead(self._task, goal, state, self._timing.control_period)
+        push = self._regulator.holding(state, goal, later)
+        force = state.attitude.to(self._identity).rotate(type(state.p)(*(self._craft.mass * push)))
+        wrench = np.zeros((push.shape[1], self._craft.degrees_of_freedom))
+        wrench[:, : self._craft.dimension] = np.array(leaves(force)).T
+        return self._allocation.commands(wrench) if wrench.any() else 0.0 * self._plans[..., 0]
+
 
 class _Program:
     """The quadratic program: commands u_0 .. u_T-1 and errors e_1 .. e_T, linear in each other.
 
-    Minimises the sum of e' Q e and u' R u, subject to 0 <= u <= 1 (their sum too, where thrust is
-    shared) and e_k+1 = f(e_k, u_k) linearised along the plan.
+    Minimises the sum of e' Q e and (u - h)' R (u - h), where the commands h hold the craft at its goal,
+    subject to 0 <= u <= 1 (their sum too, where thrust is shared) and e_k+1 = f(e_k, u_k) linearised along
+    the plan.
     """
 
     def __init__(
@@ -160,6 +193,7 @@ class _Program:
         sums = ca.kron(ca.DM.eye(rows), ca.DM.ones(1, self._nozzles))  # of the commands of a period
         self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
         limits = ca.vertcat(self._linearised.sparsity_out(1), self._sharing.sparsity())
+        self._effort = float(curvature[0, 0])
         self._solver = ca.conic(
             "plan",
             "piqp",
@@ -168,36 +202,49 @@ class _Program:
         )
         self._fixed = {
             "h": curvature,
-            "g": np.zeros(commands + errors),
             "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
             "ubx": np.repeat([1.0, np.inf], [commands, errors]),
         }
 
-    def improved(self, plan: np.ndarray, error: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
-        """The best plan (thrusters, horizon) of the linearised problem; None if PIQP finds none."""
-        flown, matrix = self._linearised(error, plan, goal)
+    def improved(
+        self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, holding: np.ndarray
+    ) -> np.ndarray | None:
+        """The best plan (thrusters, horizon) of the linearised problem; None if PIQP finds none.
+
+        Args:
+            plan: along which the motion is linearised.
+            error: now, (6 or 12,).
+            goals: now and after every period, (fields of a goal, horizon + 1).
+            holding: commands that hold the craft at its goal, (thrusters,).
+        """
+        flown, matrix = self._linearised(error, plan, goals)
+        slope = np.zeros(self._fixed["lbx"].shape)
+        slope[: plan.size] = np.tile(-self._effort * holding, self._count)
         joined = matrix @ ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
         sums = self._sharing.size1()
         low, high = (ca.vertcat(joined, bound * ca.DM.ones(sums)) for bound in (-ca.inf, 1.0))
-        answer = self._solver(**self._fixed, a=ca.vertcat(matrix, self._sharing), lba=low, uba=high)
+        answer = self._solver(
+            **self._fixed, g=slope, a=ca.vertcat(matrix, self._sharing), lba=low, uba=high
+        )
         if not self._solver.stats()["success"]:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
         return np.clip(commands, 0.0, 1.0)  # the interior point method leaves bounds a little
 
     def _linearisation(self, step: ca.Function) -> ca.Function:
-        """(first error, plan, goal) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
+        """(first error, plan, goals) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
         error = ca.MX.sym("error", self._size)
-        goal = ca.MX.sym("goal", step.size1_in(2))
+        goals = ca.MX.sym("goals", step.size1_in(2), self._count + 1)
+        now, later = goals[:, :-1], goals[:, 1:]
         plan = ca.MX.sym("plan", self._nozzles, self._count)
-        flown = step.mapaccum(self._count)(error, plan, goal)
+        flown = step.mapaccum(self._count)(error, plan, now, later)
         before = ca.horzcat(error, flown[:, :-1])
-        x, u, g = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xug"))
-        after = step(x, u, g)
+        x, u, g, h = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xugh"))
+        after = step(x, u, g, h)
         gradient = ca.Function(
-            "gradient", [x, u, g], [ca.jacobian(after, x), ca.jacobian(after, u)]
+            "gradient", [x, u, g, h], [ca.jacobian(after, x), ca.jacobian(after, u)]
         )
-        by_error, by_command = gradient.map(self._count)(before, plan, goal)
+        by_error, by_command = gradient.map(self._count)(before, plan, now, later)
         _, *others = ca.horzsplit(by_error, self._size)
         from_before = ca.diagcat(
             ca.MX(self._size, 0), *others, ca.MX(0, self._size)
@@ -206,7 +253,7 @@ class _Program:
             -ca.diagcat(*ca.horzsplit(by_command, self._nozzles)),
             ca.MX.eye(from_before.size1()) - from_before,
         )
-        return ca.Function("linearised", [error, plan, goal], [flown, matrix])
+        return ca.Function("linearised", [error, plan, goals], [flown, matrix])
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
         """Full thrust along an axis costs 1, as it does for the regulator."""
@@ -214,23 +261,27 @@ class _Program:
         force, _ = allocation.authority()
         full = allocation.commands(np.eye(craft.degrees_of_freedom)[:1] * force)
         effort = 1.0 / float((full * full).sum())
-        straight = np.diag(
-            [1.0] * craft.dimension + [0.0] * (craft.degrees_of_freedom - craft.dimension)
-        )
-        axes = (
-            (regulator.translation, straight),
-            (regulator.rotation, np.eye(len(straight)) - straight),
-        )
-        # of (deviation, speed) per axis, over the entries of an error
-        stage = ca.sparsify(ca.DM(sum(np.kron(np.diag(axis.price), along) for axis, along in axes)))
-        last = ca.sparsify(ca.DM(sum(np.kron(axis.cost_to_go, along) for axis, along in axes)))
+        # Of an error's entries: positions, angles, velocities and spins, in this order.
+        size = craft.degrees_of_freedom
+        entries = np.arange(2 * size).reshape(2, size)
+        stage = np.zeros((2 * size, 2 * size))
+        last = np.zeros((2 * size, 2 * size))
+        for gains, kept in (
+            (regulator.translation, entries[:, : craft.dimension]),
+            (regulator.rotation, entries[:, craft.dimension :]),
+        ):
+            own = np.ix_(kept.ravel(), kept.ravel())
+            stage[own] = np.diag(np.repeat(gains.price, kept.shape[1]))
+            last[own] = gains.cost_to_go
+        stage = ca.sparsify(ca.DM(stage))
+        last = ca.sparsify(ca.DM(last))
         return 2.0 * ca.diagcat(
             effort * ca.DM.eye(self._nozzles * self._count), *[stage] * (self._count - 1), last
         )
 
 
-def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
-    """The engines' motion over one control period: (error, command, goal) to the error after it.
+def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Function:
+    """The engines' motion over one control period: (error, command, goal, goal after it) to the error after it.
 
     Where thrust is shared the sum of the commands stays within 1, where sharing is linear. One integration
     step is off by 0.2 mm after the 4 s of a plan.
@@ -238,11 +289,14 @@ def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     linear = replace(craft, thrust_sharing="none")
     body = Body.of(craft)
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)
+    later = map_leaves(lambda _: ca.SX.sym("l"), like)
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
     u = [ca.SX.sym("u") for _ in craft.thrusters]
-    after = advance(around(goal, e), wrench(linear, u), body, period)
-    columns = [ca.vertcat(*x) for x in (e, u, leaves(goal), coordinates(after, goal))]
-    return ca.Function("step", columns[:3], columns[3:])
+    after = advance(around(goal, e), wrench(linear, u), body, period, drift=drift)
+    columns = [
+        ca.vertcat(*x) for x in (e, u, leaves(goal), leaves(later), coordinates(after, later))
+    ]
+    return ca.Function("step", columns[:4], columns[4:])
 
 
 def shortest(state: State, goal: State) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.errors import ConfigError, checked
 from rans.model.body import Body
+from rans.model.drift import FREE, Drift
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
@@ -46,8 +47,11 @@ class Observer:
     look like a force while they push.
     """
 
-    def __init__(self, craft: Spacecraft, timing: Timing, trust: Trust) -> None:
+    def __init__(
+        self, craft: Spacecraft, timing: Timing, trust: Trust, drift: Drift = FREE
+    ) -> None:
         self._craft = craft
+        self._drift = drift
         self._period = timing.control_period
         self._trust = trust
         self._body = Body.of(craft)
@@ -74,7 +78,7 @@ class Observer:
         """Predict what follows from commands (N, thrusters) in this state."""
         applied = wrench(self._craft, tuple(commands.T))
         self._expected = advance(
-            state, applied, self._body, self._period, disturbance=self.acting()
+            state, applied, self._body, self._period, disturbance=self.acting(), drift=self._drift
         )
 
     def acting(self) -> Wrench:
@@ -109,11 +113,11 @@ class ObserverMPC(MPC):
     >>> rans.ObserverMPC("floating-platform", "go-to-pose", trust=Trust(share=0.05))
     <MPC + observer: GoToPose for floating-platform>
 
-    It plans for a craft on which nothing else acts, and takes the estimate off the wrench it wants (Ohnishi's
-    disturbance observer). It is told nothing but readings: no condition, no true body.
+    It plans for a craft on which nothing but the task's drift acts, and takes the estimate off the wrench it
+    wants (Ohnishi's disturbance observer). It is told nothing but readings: no condition, no true body.
 
     Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+        ConfigError: see `MPC`.
     """
 
     name = "MPC + observer"
@@ -129,7 +133,9 @@ class ObserverMPC(MPC):
         trust: Trust = _TRUST,
     ) -> None:
         super().__init__(craft, task, timing, weights, deadband, settings)
-        self._observer = Observer(self._craft, self._timing, checked("trust", trust, Trust))
+        self._observer = Observer(
+            self._craft, self._timing, checked("trust", trust, Trust), self._task.drift
+        )
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -139,7 +145,14 @@ class ObserverMPC(MPC):
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         self._observer.see(state)
-        rest = self._deadband.holds(self._craft, self._task, state, goal, self._observer.acting())
+        rest = self._deadband.holds(
+            self._craft,
+            self._task,
+            state,
+            goal,
+            self._observer.acting(),
+            self._timing.control_period,
+        )
         wanted = self._planned(state, goal, rest) - self._observer.in_body(state)
         commands = self._rounding.round(wanted, rest)
         self._observer.expect(state, commands)

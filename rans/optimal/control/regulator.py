@@ -1,4 +1,4 @@
-"""What the LQR and the MPC want in common: quantities to hold, what deviations cost, when to rest."""
+"""Parts that the controllers without training share: gains, prices of deviations, dead bands, goals ahead."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ import numpy as np
 from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, wrench
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.trajectory.allocation import Allocation, inertia
+from rans.optimal.control.linear_motion import LinearMotion
+from rans.optimal.trajectory.allocation import Allocation, check_attitude, inertia
 from rans.tasks import Task, load_task
+from rans.tasks.base import goal_after
 from rans.tasks.settings import check_settings
 
 
@@ -89,34 +91,74 @@ class Deadband:
                 raise ConfigError(f"deadband: {field.name} must be finite and >= 0, got {value!r}.")
 
     def holds(
-        self, craft: Spacecraft, task: Task, state: Any, goal: Any, acting: Wrench | None = None
+        self,
+        craft: Spacecraft,
+        task: Task,
+        state: Any,
+        goal: Any,
+        acting: Wrench | None = None,
+        period: float = 0.0,
     ) -> np.ndarray:
         """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,).
 
-        What acts on the craft besides its thrusters, in W, drives it while it rests.
+        The craft coasts as the task's drift says, and its goal moves. What acts on the craft besides its
+        thrusters, in W, drives it while it rests. Coasts are followed for a control period (s) at least. Where
+        no thruster turns the craft, a spin that the task does not ask for is no reason not to rest.
         """
         shut = wrench(craft, (0.0,) * len(craft.thrusters))
         body = Body.of(craft)
-        later = [
-            advance(state, shut, body, 0.5 * n * self.look_ahead, disturbance=acting)
-            for n in (1, 2)
-        ]
+        look_ahead = max(self.look_ahead, period)
+        instants = [(state, goal)]
+        for time in (0.5 * look_ahead, look_ahead):
+            coasted = advance(state, shut, body, time, disturbance=acting, drift=task.drift)
+            instants.append((coasted, goal_ahead(task, goal, state, time)))
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
+        ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
         inside = [
             error < bounds.get(name, self.spin)
-            for instant in (state, *later)
-            for name, error in task.errors(instant, goal).items()
+            for there, aim in instants
+            for name, error in task.errors(there, aim).items()
+            if name not in ignored
         ]
         return np.logical_and.reduce(inside)
+
+
+def goal_ahead(task: Task, goal: Any, state: Any, time: float) -> Any:
+    """Where the goal of a task will be after a time, s: what `Task.later` says.
+
+    Plug-ins of earlier versions, which have ``next_goal`` instead, are asked for it with the state of now.
+    """
+    old = hasattr(task, "next_goal")
+    return goal_after(task, goal, state, time) if old else task.later(goal, time)
+
+
+def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any) -> np.ndarray:
+    """Acceleration in W, (d, N) m/s^2, that keeps craft at their goals for the time of a motion.
+
+    Args:
+        motion: of free points.
+        held: whether the task has a place to stay at; otherwise craft move as their goals do where they are.
+        state: of the craft.
+        goal: now.
+        later: the goal after that time.
+    """
+    place = goal if held else state
+    size = np.shape(state.p.columns()[0])
+    return motion.holding(
+        *(
+            np.array([np.broadcast_to(x, size) for x in vector.columns()])
+            for vector in (place.p, goal.v, later.v)
+        )
+    )
 
 
 class ModelBased:
     """A controller that knows the equations of what it flies, and is told the state: base of the simple ones.
 
-    Spacecraft and task are given by name, TOML file or as such.
+    Spacecraft and task are given by name, TOML file or as such; without a timing, the task's own serves.
 
     Raises:
-        ConfigError: there is no such spacecraft or task.
+        ConfigError: there is no such spacecraft or task, or the task asks a craft to turn that cannot.
     """
 
     name: str
@@ -126,7 +168,8 @@ class ModelBased:
     ) -> None:
         self._craft = load_spacecraft(craft)
         self._task = load_task(task)
-        self._timing = Timing() if timing is None else checked("timing", timing, Timing)
+        self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
+        check_attitude(self._craft, self._task)
 
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"
@@ -182,15 +225,67 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Regulator:
-    """The two kinds of axes of a spacecraft with a task."""
+class Gains:
+    """The discrete-time LQR of d axes together: of their deviations, then of their rates.
 
-    translation: Axis
-    rotation: Axis
+    Numbers are those of `Axis` where the axes move alone; where a drift couples them, as that of Clohessy and
+    Wiltshire does, they solve the Riccati equation of the coupled motion, at the same prices.
+    """
+
+    price: np.ndarray
+    """(2,) of a deviation and a rate squared, along every axis."""
+    cost_to_go: np.ndarray
+    """(2 d, 2 d)"""
+    gain: np.ndarray
+    """(d, 2 d) accelerations of deviations and rates, which they bring to zero."""
+
+    @classmethod
+    def of_axes(cls, axis: Axis, count: int) -> Gains:
+        """So many equal axes that move alone."""
+        unit = np.eye(count)
+        return cls(axis.price, np.kron(axis.cost_to_go, unit), np.kron(axis.gain[None], unit))
+
+    @classmethod
+    def coupled(cls, axis: Axis, motion: LinearMotion, acceleration: float) -> Gains:
+        """Axes at the prices of one of them that move together."""
+        from scipy.linalg import solve_discrete_are
+
+        count = motion.effect.shape[1]
+        kept = slice(0 if axis.price[0] > 0 else count, 2 * count)
+        matrix = motion.matrix[kept, kept]
+        effect = motion.effect[kept]
+        effort = np.eye(count) / acceleration**2
+        p = solve_discrete_are(matrix, effect, np.diag(np.repeat(axis.price, count)[kept]), effort)
+        cost_to_go = np.zeros((2 * count, 2 * count))
+        cost_to_go[kept, kept] = p
+        gain = np.zeros((count, 2 * count))
+        gain[:, kept] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ matrix)
+        return cls(axis.price, cost_to_go, gain)
+
+    @classmethod
+    def none(cls, count: int) -> Gains:
+        """Of axes that nothing can move: deviations cost nothing and have no effect."""
+        return cls(np.zeros(2), np.zeros((2 * count, 2 * count)), np.zeros((count, 2 * count)))
+
+    def acceleration(self, deviations: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """(d, N) along the axes, against deviations and rates of (d, N)."""
+        return -self.gain @ np.vstack([deviations, rates])
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """Gains of a spacecraft's translation, in W, and of its rotation, in B, for one task."""
+
+    translation: Gains
+    rotation: Gains
+    motion: LinearMotion
+    """Of a free point in a control period."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, timing: Timing, weights: Weights) -> Regulator:
         """Holds the position and the attitude where the task has a tolerance for them.
+
+        Translation is that of the task's drift. Rotation has no gains where no thruster turns the craft.
 
         Raises:
             ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
@@ -201,14 +296,30 @@ class Regulator:
         turn = torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
         held = task.tolerances()
         period = timing.control_period
-        return cls(
+        motion = LinearMotion.of(task.drift, craft.dimension, period)
+        axis = (
             Axis.held(period, push, weights.position)
             if "position" in held
-            else Axis.free(period, push, weights.velocity),
-            Axis.held(period, turn, weights.attitude)
-            if "attitude" in held
-            else Axis.free(period, turn, weights.spin),
+            else Axis.free(period, push, weights.velocity)
         )
+        angles = craft.degrees_of_freedom - craft.dimension
+        if not can_turn(craft):
+            rotation = Gains.none(angles)
+        elif "attitude" in held:
+            rotation = Gains.of_axes(Axis.held(period, turn, weights.attitude), angles)
+        else:
+            rotation = Gains.of_axes(Axis.free(period, turn, weights.spin), angles)
+        return cls(
+            Gains.of_axes(axis, craft.dimension)
+            if task.drift.straight
+            else Gains.coupled(axis, motion, push),
+            rotation,
+            motion,
+        )
+
+    def holding(self, state: Any, goal: Any, later: Any) -> np.ndarray:
+        """Acceleration in W, (d, N) m/s^2, that keeps craft at their goals for one period, see `holding`."""
+        return holding(self.motion, self.translation.price[0] > 0, state, goal, later)
 
     def carried(self, craft: Spacecraft) -> np.ndarray:
         """Components of a wrench along which `SigmaDelta` must carry what is owed.

@@ -15,7 +15,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, ModelBased
+from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
@@ -66,10 +66,13 @@ class MPPI(ModelBased):
     <MPPI: GoToPose for floating-platform>
 
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
-    flown by the engines' equations, all at once; those that cost less count more in the new chances (after
-    Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal deviates). A plan
-    costs its thrust, and the mean over its time of the least time that is left by the `Curve` of `Switching`:
-    what is left at its end alone could be had by waiting first.
+    flown by the engines' equations in the task's drift, all at once; those that cost less count more in the
+    new chances (after Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal
+    deviates). A plan costs its thrust, and the mean over its time of the least time that is left by the
+    `Curve` of `Switching`: what is left at its end alone could be had by waiting first.
+
+    Raises:
+        ConfigError: see `Switching`.
     """
 
     name = "MPPI"
@@ -106,7 +109,7 @@ class MPPI(ModelBased):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
-        rest = self._deadband.holds(self._craft, self._task, state, goal)
+        rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
         commands = np.zeros((len(rest), len(self._forces)))
         awake = np.flatnonzero(~rest)
         if len(awake):
@@ -140,13 +143,14 @@ class MPPI(ModelBased):
     def _costs(self, state: Any, goal: Any, plans: np.ndarray) -> np.ndarray:
         """(M, samples) s, of plans (M, samples, periods, thrusters) of bits."""
         samples = plans.shape[1]
+        drift = self._task.drift
         left, spent = np.zeros((2, len(plans) * samples))
         state, goal = (map_leaves(lambda x: np.repeat(x, samples), s) for s in (state, goal))
         flat = plans.reshape(-1, *plans.shape[2:]).astype(float)
-        shut = wrench(self._craft, (0.0,) * len(self._forces))
-        for pattern in np.moveaxis(flat, 1, 0):
-            state = advance(state, wrench(self._craft, tuple(pattern.T)), self._body, self._period)
-            goal = advance(goal, shut, self._body, self._period)
-            left = left + self._value.time_left(state, goal) / PERIODS
+        for k, pattern in enumerate(np.moveaxis(flat, 1, 0), 1):
+            applied = wrench(self._craft, tuple(pattern.T))
+            state = advance(state, applied, self._body, self._period, drift=drift)
+            there = goal_ahead(self._task, goal, state, k * self._period)
+            left = left + self._value.time_left(state, there) / PERIODS
             spent = spent + self._period * (self._patterns.shares(pattern > 0.5) @ self._forces)
         return (left + self._price * spent).reshape(plans.shape[:2])

@@ -8,15 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import checked
+from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, ModelBased
+from rans.optimal.control.linear_motion import LinearMotion
+from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
+from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
 
@@ -46,6 +48,8 @@ class Curve:
 
 _CURVE = Curve()
 _DEADBAND = Deadband()
+_LEAST_PUSH = 0.05
+"""Share of the thrusters' acceleration to brake with where the drift leaves less."""
 _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
@@ -64,8 +68,12 @@ class Switching(ModelBased):
     least. The search goes on from the pattern before, see `Patterns.best`. Where the task has no tolerance
     for the position or the attitude, only the velocity or the spin is brought to the goal's.
 
+    What a pulse leads to is computed with the task's drift and from where the goal will be. Thereafter the
+    drift counts only as thrust that is not there for braking, so it must be weaker than the thrusters.
+
     Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+        ConfigError: the thrusters cannot push the spacecraft in every direction, cannot turn it as the task
+            asks, or are no stronger than the drift where the goal is.
     """
 
     name = "switching"
@@ -95,6 +103,9 @@ class Switching(ModelBased):
         matrix = inertia(craft)
         force, torque = Allocation(craft).authority()
         self._push = force / craft.mass
+        self._can_turn = can_turn(craft)
+        self._motion = LinearMotion.of(self._task.drift, craft.dimension, self._period)
+        self._check_drift()
         self._turn = torque / float(np.linalg.eigvalsh(matrix)[-1])
         wrenches = self._patterns.wrenches
         straight = craft.dimension
@@ -104,14 +115,26 @@ class Switching(ModelBased):
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
 
+    def _check_drift(self) -> None:
+        """Refuse a drift that the thrusters cannot hold the craft against where its goal is."""
+        starts = scenarios(self._task, self._craft, 0, 1)
+        pull = float(_pull(self._motion, self._task, self._period, starts.start, starts.goal)[0])
+        if pull >= self._curve.push_scale * self._push:
+            raise ConfigError(
+                f"switching control cannot fly {type(self._task).__name__}: its "
+                f"{self._task.drift.name} takes {pull:.3g} m/s^2 to stay at the goal, and the control brakes "
+                f"{self._craft.name} with {self._curve.push_scale * self._push:.3g} m/s^2. Fly LQR, MPC or "
+                "guidance, or stronger thrusters."
+            )
+
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._last = np.zeros((count, self._last.shape[1]), bool)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
-        rest = self._deadband.holds(self._craft, self._task, state, goal)
-        now, coast = (_Gap.after(h, self._craft, state, goal) for h in (0.0, self._period))
+        rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
+        now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
         scales = self._bold(now, coast)
 
         def cost(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
@@ -122,9 +145,19 @@ class Switching(ModelBased):
 
     def time_left(self, state: Any, goal: Any) -> np.ndarray:
         """The least time to the goal, (N,) s, as the curve has it, of a state and a goal of arrays (N,)."""
-        gap = _Gap.after(0.0, self._craft, state, goal)
+        gap = self._gap(0.0, state, goal)
         shut = np.zeros((len(gap.p), 1, len(self._forces)), bool)
         return self._cost(gap, shut, self._scales(len(gap.p)))[:, 0]
+
+    def _gap(self, time: float, state: Any, goal: Any) -> _Gap:
+        """From where the goal will be, of a state that coasts for a time, s; fields (N,)."""
+        shut = wrench(self._craft, (0.0,) * len(self._forces))
+        body = Body.of(self._craft)
+        drift = self._task.drift
+        end = advance(state, shut, body, time, drift=drift)
+        middle = advance(state, shut, body, 0.5 * time, drift=drift).attitude
+        pull = _pull(self._motion, self._task, self._period, state, goal)
+        return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull)
 
     def _scales(self, count: int) -> np.ndarray:
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
@@ -144,6 +177,8 @@ class Switching(ModelBased):
             (now.v, self._push, "position"),
             (now.spin, self._turn, "attitude"),
         ):
+            if kept == "attitude" and not self._can_turn:
+                continue
             waits &= (kept not in held) | (least_time(None, rate, full) < _SLOW * self._period)
         scales[:, waits] = 1.0
         return scales
@@ -154,18 +189,20 @@ class Switching(ModelBased):
         held = self._task.tolerances()
         h = self._period
         push = (shares @ self._pushes) @ gap.to_world
-        turn = shares @ self._turns
-        way, turning = (
-            least_time(
-                x[:, None] + 0.5 * h * h * more if kept in held else None,
-                v[:, None] + h * more,
-                most,
-            )
-            for x, v, more, most, kept in (
-                (gap.p, gap.v, push, self._push * scales[0], "position"),
-                (gap.turn, gap.spin, turn, self._turn * scales[1], "attitude"),
-            )
+        most = np.maximum(self._push * scales[0] - gap.pull[:, None], _LEAST_PUSH * self._push)
+        way = least_time(
+            gap.p[:, None] + 0.5 * h * h * push if "position" in held else None,
+            gap.v[:, None] + h * push,
+            most,
         )
+        turning = np.zeros_like(way)
+        if self._can_turn:
+            turn = shares @ self._turns
+            turning = least_time(
+                gap.turn[:, None] + 0.5 * h * h * turn if "attitude" in held else None,
+                gap.spin[:, None] + h * turn,
+                self._turn * scales[1],
+            )
         power = self._curve.norm_scale
         both = (way**power + turning**power) ** (1.0 / power)
         return both + self._curve.thrust_weight * h * (shares @ self._forces)
@@ -173,7 +210,7 @@ class Switching(ModelBased):
 
 @dataclass(frozen=True)
 class _Gap:
-    """A state seen from the goal: arrays (N, 2 or 3; a turn in the plane: 1), lengths in W, turns in B."""
+    """A state relative to its goal: arrays (N, 2 or 3; a turn in the plane: 1), lengths in W, turns in B."""
 
     p: np.ndarray
     v: np.ndarray
@@ -182,27 +219,33 @@ class _Gap:
     to_world: np.ndarray
     """(N, axis of B, axis of W) in the middle of the period."""
 
+    pull: np.ndarray
+    """(N,) m/s^2, what it takes to stay at the goal in the drift."""
+
     @classmethod
-    def after(cls, period: float, craft: Spacecraft, state: Any, goal: Any) -> _Gap:
-        """Of a state and a goal of arrays (N,) that coast for a period, s."""
-        shut = wrench(craft, (0.0,) * len(craft.thrusters))
-        body = Body.of(craft)
-        end, there = (advance(s, shut, body, period) for s in (state, goal))
-        middle = advance(state, shut, body, 0.5 * period).attitude
+    def between(cls, state: Any, goal: Any, middle: Any, pull: np.ndarray) -> _Gap:
+        """Of a state from a goal, both of arrays (N,), with the attitude in the middle of the period."""
         units = (
             (Vec2(1.0, 0.0), Vec2(0.0, 1.0))
-            if craft.dimension == 2
+            if isinstance(state.p, Vec2)
             else (Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0), Vec3(0.0, 0.0, 1.0))
         )
         axes = np.array([leaves(middle.rotate(unit)) for unit in units])
-        p, v = (np.array(leaves(gap)).T for gap in (end.p - there.p, end.v - there.v))
-        turn = rotation_vector(there.attitude.to(end.attitude))
-        spin = np.array(end.spin()) - there.spin()
-        return cls(p, v, turn.T, spin.T, np.moveaxis(axes, 2, 0))
+        p, v = (np.array(leaves(gap)).T for gap in (state.p - goal.p, state.v - goal.v))
+        turn = rotation_vector(goal.attitude.to(state.attitude))
+        spin = np.array(state.spin()) - goal.spin()
+        return cls(p, v, turn.T, spin.T, np.moveaxis(axes, 2, 0), pull)
 
     def of_episodes(self, which: np.ndarray) -> _Gap:
         """Those of some episodes, by number."""
         return _Gap(*(x[which] for x in vars(self).values()))
+
+
+def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any) -> np.ndarray:
+    """Accelerations, (N,) m/s^2, that it takes to stay at goals in a task's drift for a period, s."""
+    later = goal_ahead(task, goal, state, period)
+    held = "position" in task.tolerances()
+    return np.linalg.norm(holding(motion, held, state, goal, later), axis=0)
 
 
 def least_time(x: np.ndarray | None, v: np.ndarray, most: Any) -> np.ndarray:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft, controls_every_direction
+from rans.model.actuators import OnOff
+from rans.model.dynamics import thrust
+from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
+from rans.tasks.base import Task
+from rans.tasks.goal_set import aims
 
 _STEPS = 100
 """Newton steps at most. Opposed pairs of equal thrusters need none, random layouts about ten; where
@@ -32,19 +37,23 @@ class Allocation:
     at once. For opposed pairs its first guess is exact: the pseudoinverse, of which each pair's
     positive part goes to one thruster and the negative part to the other.
 
+    Where no thruster gives a torque (`rans.model.spacecraft.can_turn`), forces alone are met, and the torques
+    of wanted wrenches are ignored.
+
     Raises:
-        ConfigError: the thrusters cannot push and turn it in every direction, or in some a million times
-            weaker than in others.
+        ConfigError: the thrusters cannot push it in every direction, or turn it about some axes only, or in
+            some direction a million times weaker than in others.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
-        if not controls_every_direction(craft):
+        if not is_steerable(craft):
             raise ConfigError(
                 f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} "
                 "thrusters do not push and turn it in every direction; the usual cause is a "
                 "missing or reversed thruster."
             )
-        columns = np.array(craft.wrench_map).T
+        self._rows = slice(0, craft.degrees_of_freedom if can_turn(craft) else craft.dimension)
+        columns = np.array(craft.wrench_map).T[self._rows]
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
         if (spread := np.linalg.cond(self._columns)) > _UNEVEN:
@@ -62,19 +71,23 @@ class Allocation:
         The wrench is (N, 3 or 6), force then torque on B, N and N m; commands are (N, thrusters), 0 to 1.
         Where thrust is shared, so is their sum.
         """
-        command = self._unbounded(wrench / self._size)
+        command = self._unbounded(wrench[..., self._rows] / self._size)
         return command / np.maximum(self._load(command), 1.0)[:, None]
 
     def load(self, wrench: np.ndarray) -> np.ndarray:
         """(N,) how many times as much the wrench, (N, 3 or 6), is as the thrusters can give."""
-        return self._load(self._unbounded(wrench / self._size))
+        return self._load(self._unbounded(wrench[..., self._rows] / self._size))
 
     def authority(self) -> tuple[float, float]:
-        """Force (N) and torque (N m) that can be given along every axis of B, in both senses."""
+        """Force (N) and torque (N m) that can be given along every axis of B, in both senses.
+
+        The torque of a craft that cannot turn is 0.
+        """
         axes = np.diag(self._size)
         load = self._load(self._unbounded(np.vstack([axes, -axes]) / self._size))
         reach = (np.tile(self._size, 2) / load).reshape(2, -1).min(axis=0)
-        return float(reach[: self._dimension].min()), float(reach[self._dimension :].min())
+        torques = reach[self._dimension :]
+        return float(reach[: self._dimension].min()), float(torques.min()) if len(torques) else 0.0
 
     def _load(self, command: np.ndarray) -> np.ndarray:
         """(N,) by how much commands without upper bound ask for more than there is."""
@@ -112,6 +125,22 @@ class Allocation:
     def _value(self, wrench: np.ndarray, dual: np.ndarray) -> np.ndarray:
         push = np.maximum(0.0, dual @ self._columns)
         return (wrench * dual).sum(axis=1) - 0.5 * (push * push).sum(axis=1)
+
+
+def check_attitude(craft: Spacecraft, task: Task) -> None:
+    """Refuse a task that asks a craft to turn which cannot.
+
+    Raises:
+        ConfigError: no thruster gives a torque, and the task has a tolerance for the attitude or the spin.
+    """
+    if can_turn(craft):
+        return
+    if wanted := sorted(aims(task) & {"attitude", "spin"}):
+        raise ConfigError(
+            f"{type(task).__name__} asks for {' and '.join(wanted)}, and spacecraft {craft.name!r} cannot "
+            "turn: all its thrusters act through its centre of mass. Choose a task of positions or "
+            "velocities, such as go-to-position or track-velocity, or give it a thruster with an arm."
+        )
 
 
 def inertia(craft: Spacecraft) -> np.ndarray:
@@ -223,3 +252,60 @@ class SigmaDelta:
         carried = self._carried | (load > _SATURATED)[:, None]
         self._owed = np.where(carried, owed - self._patterns.given(pulse), 0.0)
         return pulse.astype(float)
+
+
+class Rounding(Protocol):
+    """What makes commands that thrusters can follow of wanted wrenches, period by period."""
+
+    def reset(self, count: int) -> None:
+        """Forget what is owed: ``count`` new episodes start."""
+
+    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
+        """Commands (N, thrusters) for wrenches on B, (N, 3 or 6), N and N m; zero where episodes rest."""
+        ...
+
+
+class Proportional:
+    """Allocates a wrench to thrusters that take commands between 0 and 1: throttled or pulsed ones.
+
+    What is lost because pulses have whole lengths (`rans.model.actuators.Pulsed`) is carried to the next
+    period along the components ``carried``, (3 or 6,) bool, by default all; what exceeds the thrusters'
+    authority is not.
+    """
+
+    def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
+        self._craft = craft
+        self._allocation = Allocation(craft)
+        self._wrenches = np.array(craft.wrench_map)
+        self._carried = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
+        self._owed = np.zeros((0, craft.degrees_of_freedom))
+
+    def reset(self, count: int) -> None:
+        """See `Rounding`."""
+        self._owed = np.zeros((count, self._owed.shape[1]))
+
+    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
+        """See `Rounding`."""
+        rest = np.zeros(len(wrench), bool) if rest is None else rest
+        within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
+        owed = np.where(rest[:, None], 0.0, self._owed + within_reach)
+        commands = self._allocation.commands(owed)
+        self._owed = np.where(self._carried, owed - self._mean(commands) @ self._wrenches, 0.0)
+        return commands
+
+    def _mean(self, commands: np.ndarray) -> np.ndarray:
+        """(N, thrusters) share of its force that each thruster gives in the mean of a period."""
+        mean = np.zeros(commands.shape)
+        for duration, opened in self._craft.actuators.pulses(tuple(commands.T)):
+            shares = np.stack(thrust(self._craft, opened), axis=1)
+            mean += np.reshape(duration, (-1, 1)) * shares
+        return mean
+
+
+def rounding(craft: Spacecraft, carried: np.ndarray | None = None) -> Rounding:
+    """What makes commands of wrenches for the craft's kind of thrusters.
+
+    `SigmaDelta` where they are on or off, else `Proportional`; see these for what is carried.
+    """
+    kind = SigmaDelta if isinstance(craft.actuators, OnOff) else Proportional
+    return kind(craft, carried)

@@ -136,7 +136,8 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
     acceleration; the slower of translation and rotation counts, with a fifth to spare for doing both.
 
     Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+        ConfigError: the thrusters cannot push the spacecraft in every direction, or turn it about some axes
+            only.
     """
     push, turn_up = _accelerations(craft)
     way, speed = (np.array(x.columns()) for x in (goal.p - start.p, goal.v - start.v))
@@ -148,7 +149,7 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
 
 @cache
 def _accelerations(craft: Spacecraft) -> tuple[float, float]:
-    """Along and about every axis of B at least, m/s^2 and rad/s^2."""
+    """Along and about every axis of B at least, m/s^2 and rad/s^2; 0 about them if it cannot turn."""
     force, torque = Allocation(craft).authority()
     return force / craft.mass, torque / float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
 
@@ -160,4 +161,6 @@ def _time(
     acceleration: float,
 ) -> float:
     far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (way, rate))
+    if far == fast == 0.0:
+        return 0.0
     return 2.0 * math.sqrt(far / acceleration) + fast / acceleration

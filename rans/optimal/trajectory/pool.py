@@ -7,6 +7,7 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.trajectory.allocation import check_attitude
 from rans.optimal.trajectory.arrival import Arrival
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
@@ -37,6 +38,7 @@ def solve_all(
     Raises:
         ConfigError: see `Transcription`.
     """
+    check_attitude(craft, task)
     example = scenario(task, craft.dimension, seed=0, episode=0)
     for (
         objective

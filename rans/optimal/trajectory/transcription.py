@@ -20,8 +20,8 @@ from rans.model.body import Body
 from rans.model.drift import Drift
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
-from rans.model.spacecraft import Spacecraft, controls_every_direction
-from rans.optimal.trajectory.allocation import Allocation
+from rans.model.spacecraft import Spacecraft, is_steerable
+from rans.optimal.trajectory.allocation import Allocation, check_attitude
 from rans.optimal.trajectory.arrival import ROUNDINGS, Arrival
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
@@ -121,10 +121,11 @@ class Transcription:
     six in space, which a replay in Drake shows to be enough. Points drift as the task says.
 
     Raises:
-        ConfigError: see `Arrival`.
+        ConfigError: see `Arrival`; or the task asks a craft to turn that cannot.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:
+        check_attitude(craft, task)
         self._craft = craft
         self._task = task
         self._objective = objective
@@ -134,7 +135,7 @@ class Transcription:
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
-        self._allocation = Allocation(craft) if controls_every_direction(craft) else None
+        self._allocation = Allocation(craft) if is_steerable(craft) else None
         self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
 
@@ -186,8 +187,8 @@ class Transcription:
         without a solution.
 
         Raises:
-            ConfigError: there are no guesses, or for least time the thrusters cannot push and turn the
-                spacecraft in every direction.
+            ConfigError: there are no guesses, or for least time the thrusters cannot push the spacecraft in
+                every direction.
         """
         if guesses < 1:
             raise ConfigError(f"the optimiser needs at least one guess, got {guesses}.")

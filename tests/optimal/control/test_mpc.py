@@ -95,11 +95,10 @@ def cost(
             (turn, np.array(state.spin()) - np.array(goal.spin()), regulator.rotation),
         )
         last = k == commands.shape[1] - 1
-        for deviation, speed, axis in gaps:
-            price = axis.cost_to_go if last else np.diag(axis.price)
-            total += sum(
-                np.array(pair) @ price @ pair for pair in zip(deviation, speed, strict=True)
-            )
+        for deviation, speed, gains in gaps:
+            error = np.array([*deviation, *speed])
+            price = np.diag(np.repeat(gains.price, len(error) // 2))
+            total += error @ (gains.cost_to_go if last else price) @ error
     return float(total)
 
 
@@ -119,10 +118,11 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     goal = starts.goal
     program = MPC(craft, TASK, TIMING, settings=Settings(horizon=horizon))._program
     error = shortest(starts.start, goal)[:, 0]
-    goal_leaves = np.array(leaves(goal))[:, 0]
+    goals = np.tile(np.array(leaves(goal)), horizon + 1)
+    nothing = np.zeros(len(craft.thrusters))
     plan: Any = np.zeros((len(craft.thrusters), horizon))
     for _ in range(30):
-        plan = program.improved(plan, error, goal_leaves)
+        plan = program.improved(plan, error, goals, nothing)
     # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
     effort = 1.0 / 4.0
     regulator = Regulator.of(craft, TASK, TIMING, Weights())

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2, leaves, map_leaves
+from rans.model.fields import Heading, Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import (
@@ -27,8 +27,8 @@ from rans.optimal.trajectory.objectives import (
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, _best, unsolved
 from rans.reference.flight import replay
 from rans.scenario import scenario
-from rans.tasks import GoToPosePriced, MultiTask
-from tests.crafts import nasty_planar
+from rans.tasks import GoToPosePriced, GoToPosition, MultiTask
+from tests.crafts import deputy, nasty_planar
 from tests.optimal.problems import (
     FLYER,
     FORWARD,
@@ -187,17 +187,31 @@ def test_a_broken_start_is_a_status(objective: Objective) -> None:
     assert trajectory.status == "Invalid_Number_Detected"
 
 
-def test_a_craft_that_cannot_turn_still_flies_straight() -> None:
+def test_a_craft_without_guesses_still_flies_straight() -> None:
     """Two opposite nozzles through the centre: nothing to guess commands with, but a way to go."""
     with pytest.warns(UserWarning, match="cannot push and turn"):
         pair = replace(
             PLATFORM,
             thrusters=tuple(Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)),
         )
-    trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar())
+    trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar(), GoToPosition())
     assert trajectory.cost == pytest.approx(
         _linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER
     )
+
+
+def test_least_time_without_torque_is_bang_bang_along_each_axis() -> None:
+    """The slowest of three double integrators, each of 1 N for 12 kg: 2 sqrt(distance / acceleration)."""
+    start = replace(spatial(), p=Vec3(3.0, -1.0, 2.0))
+    trajectory = solved(deputy(), MinimumTime(50), start, spatial(), GoToPosition())
+    assert trajectory.cost == pytest.approx(2.0 * math.sqrt(3.0 * 12.0), rel=1e-4)
+
+
+def test_a_craft_that_cannot_turn_is_not_asked_to() -> None:
+    with pytest.raises(
+        ConfigError, match=r"GoToPose asks for attitude and spin, and .* cannot turn"
+    ):
+        Transcription(deputy(), TASK, MinimumTime(20))
 
 
 def test_the_best_is_the_cheapest_of_those_solved() -> None:

@@ -1,0 +1,193 @@
+"""Guidance to a place by a deadline: burn the velocity to gain, coast, correct, and brake in time."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rans.errors import ConfigError, checked, is_finite
+from rans.model.fields import Heading, Quat, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.linear_motion import LinearMotion
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights, goal_ahead
+from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
+from rans.optimal.trajectory.guess import rotation_vector
+from rans.tasks.base import Task
+
+_DEADBAND = Deadband()
+_DEFAULT_SHARE = 0.4
+"""Deadline as a share of the episode."""
+_BURNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+"""Lengths of burns that are tried, control periods."""
+_LATER = 1.25
+"""Arrivals that are tried after the deadline are later by this factor each."""
+_ATTEMPTS = 24
+"""Arrivals that are tried at most: the last is 200 times as far away as the first."""
+_FULL = 0.95
+"""Share of the thrusters' authority that a planned burn takes: the rest corrects it."""
+
+
+class VelocityToGain(ModelBased):
+    """Flies to a goal by a deadline with two burns, under the task's drift, and holds it then.
+
+    >>> rans.VelocityToGain("floating-platform", "go-to-position", deadline=12.0)
+    <guidance: GoToPosition for floating-platform>
+
+    In every control period it computes the burn that begins now and the burn that ends at the deadline with
+    which the craft arrives where the goal will be, at the goal's velocity (Battin, "An Introduction to the
+    Mathematics and Methods of Astrodynamics", 1999, chapter 11: velocity to be gained). Burns are as short as
+    the thrusters allow, each constant in W, and are computed exactly for drifts that are affine in position
+    and velocity, so that no thrust is spent between them but on what went wrong. Where the deadline cannot be
+    kept, or is over, the soonest arrival that can be counts. Between commands at least one period passes, so
+    an arrival is never sooner than the burns last.
+
+    The attitude, where the task asks for one, is turned as by the `LQR`. Thrusters that are throttled or
+    pulsed give shares of their thrust; on/off thrusters open where half or more is wanted.
+
+    Args:
+        craft: by name, TOML file or as such.
+        task: by name or as such; it must have a tolerance for the position.
+        timing: control period, and length of the episode.
+        deadline: time of arrival after `reset`, s; None: 0.4 of the episode.
+        stop: whether to arrive at the goal's velocity; without, there is no second burn, which is for
+            missions that end where the goal is.
+        deadband: when to leave all thrusters shut.
+
+    Raises:
+        ConfigError: the task has no place to go to, the thrusters cannot push the spacecraft in every
+            direction or cannot turn it as the task asks, or the deadline is no finite number > 0.
+    """
+
+    name = "guidance"
+    tunable: ClassVar = {**Deadband.tunable}
+    """Bounds for `rans tune`."""
+
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        deadline: float | None = None,
+        stop: bool = True,
+        deadband: Deadband = _DEADBAND,
+    ) -> None:
+        super().__init__(craft, task, timing)
+        if "position" not in self._task.tolerances():
+            raise ConfigError(
+                f"guidance flies to places, and {type(self._task).__name__} has no tolerance for the "
+                "position; fly LQR, MPC or switching."
+            )
+        craft = self._craft
+        period = self._timing.control_period
+        if deadline is None:
+            deadline = _DEFAULT_SHARE * period * self._timing.episode_steps
+        if not (is_finite(deadline) and deadline > 0):
+            raise ConfigError(f"guidance: deadline must be finite and > 0 s, got {deadline!r}.")
+        self._deadline = max(1, round(deadline / period))
+        self._stop = stop
+        self._deadband = checked("deadband", deadband, Deadband)
+        self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+        self._allocation = Allocation(craft)
+        self._inertia = inertia(craft)
+        self._rotation = Regulator.of(craft, self._task, self._timing, Weights()).rotation
+        # A velocity that was not given is wanted anew; an angle that is held adds up to pulses.
+        carried = np.zeros(craft.degrees_of_freedom, bool)
+        carried[craft.dimension :] = self._rotation.price[0] > 0
+        self._rounding = rounding(craft, carried)
+        self._motions: dict[int, LinearMotion] = {}
+        self._flown = 0
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; the time to the deadline begins anew."""
+        self._rounding.reset(count)
+        self._flown = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        period = self._timing.control_period
+        rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
+        commands = self._rounding.round(self.wrench(state, goal), rest)
+        self._flown += 1
+        return commands
+
+    def wrench(self, state: Any, goal: Any) -> np.ndarray:
+        """Force and torque on B that are wanted now, (N, 3 or 6), N and N m; see the class."""
+        wanted = self._forces(state, self._burn(state, goal))
+        turn = -rotation_vector(state.attitude.to(goal.attitude))
+        spin = np.array(state.spin()) - np.array(goal.spin())
+        spin_up = self._rotation.acceleration(turn, spin)
+        wanted[:, self._craft.dimension :] = (self._inertia @ spin_up).T
+        return wanted
+
+    def _burn(self, state: Any, goal: Any) -> np.ndarray:
+        """Acceleration in W of the burn that begins now, (d, N) m/s^2."""
+        here = np.array([*leaves(state.p), *leaves(state.v)])
+        left = self._deadline - self._flown
+        first = np.zeros((self._craft.dimension, here.shape[1]))
+        open_ = np.ones(here.shape[1], dtype=bool)
+        for periods in self._arrivals(left):
+            there = goal_ahead(self._task, goal, state, periods * self._timing.control_period)
+            whole = self._motion(periods)
+            missing = np.array([*leaves(there.p), *leaves(there.v)]) - whole.offset[:, None]
+            missing = missing - whole.matrix @ here
+            for burns in self._burn_lengths(periods):
+                # Episodes that no shorter burns and no sooner arrival suffice for take these.
+                ours, last = self._solved(periods, burns, missing[:, open_])
+                first[:, open_] = ours
+                load = np.maximum(*(self._load(state, burn, open_) for burn in (ours, last)))
+                open_[np.flatnonzero(open_)[load <= _FULL]] = False
+                if not open_.any():
+                    return first
+        return first
+
+    def _arrivals(self, left: int) -> list[int]:
+        """Whole periods until arrivals that are tried, the soonest first: the deadline, then later ones."""
+        soonest = max(left, 2 if self._stop else 1)
+        grown = itertools.accumulate(
+            range(_ATTEMPTS - 1), lambda k, _: max(k + 1, math.ceil(k * _LATER)), initial=soonest
+        )
+        return list(grown)
+
+    def _burn_lengths(self, periods: int) -> list[tuple[int, int]]:
+        """Pairs of lengths of the first and the last burn, control periods, the shortest together first."""
+        if not self._stop:
+            return [(first, 0) for first in _BURNS if first <= periods]
+        pairs = itertools.product(_BURNS, _BURNS)
+        return sorted((pair for pair in pairs if sum(pair) <= periods), key=sum)
+
+    def _solved(
+        self, periods: int, burns: tuple[int, int], missing: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations of the first and the last burn, (d, M), that make up for (2 d, M) at the arrival."""
+        first, last = burns
+        by_first = self._motion(periods - first).matrix @ self._motion(first).effect
+        size = self._craft.dimension
+        if not last:  # the position alone
+            ours = np.linalg.solve(by_first[:size], missing[:size])
+            return ours, np.zeros_like(ours)
+        both = np.linalg.solve(np.hstack([by_first, self._motion(last).effect]), missing)
+        return both[:size], both[size:]
+
+    def _load(self, state: Any, push: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(M,) accelerations (d, M) as shares of what the thrusters give with the attitude of now."""
+        everybody = np.zeros((len(push), len(which)))
+        everybody[:, which] = push
+        return self._allocation.load(self._forces(state, everybody)[which])
+
+    def _forces(self, state: Any, push: np.ndarray) -> np.ndarray:
+        """(N, 3 or 6) wrenches on B that give accelerations (d, N) in W."""
+        force = type(state.p)(*(self._craft.mass * push))
+        in_body = np.array(leaves(state.attitude.to(self._identity).rotate(force)))
+        return np.pad(in_body.T, ((0, 0), (0, self._craft.degrees_of_freedom - len(push))))
+
+    def _motion(self, periods: int) -> LinearMotion:
+        """Of a free point for whole control periods."""
+        if periods not in self._motions:
+            time = periods * self._timing.control_period
+            self._motions[periods] = LinearMotion.of(self._task.drift, self._craft.dimension, time)
+        return self._motions[periods]

@@ -1,0 +1,97 @@
+"""Craft whose thrusters all act through the centre of mass: they are pushed, and never turned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.roster import simple_controller
+from rans.evaluation.compare.run import Comparison, fill
+from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.flight import fly
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.mpc import MPC
+from rans.optimal.control.observer import ObserverMPC
+from rans.optimal.control.sampling import MPPI
+from rans.optimal.control.switching import Switching
+from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
+from rans.scenario import scenarios
+from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
+from tests.crafts import deputy, point
+
+KINDS = (LQR, MPC, ObserverMPC, MPPI, Switching)
+CRAFTS = {"deputy": deputy(), "point": point()}
+
+every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+every_craft = pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
+
+
+@every_craft
+def test_it_is_a_craft_like_any_other(craft: Spacecraft, recwarn: pytest.WarningsRecorder) -> None:
+    """Nothing warns of it. Of three thrusters at 120 degrees two push along x: one gives cos 30 degrees, and the
+    other takes away what that gives across it."""
+    assert replace(craft, name="another") != craft
+    assert not recwarn.list
+    force, torque = Allocation(craft).authority()
+    assert torque == 0.0
+    assert force == pytest.approx(1.0 if craft.dimension == 3 else np.sqrt(0.75))
+
+
+@every_craft
+def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
+    wanted = np.random.default_rng(0).normal(size=(20, craft.degrees_of_freedom)) * 0.1
+    commands = Allocation(craft).commands(wanted)
+    given = commands @ np.array(craft.wrench_map)
+    straight = craft.dimension
+    np.testing.assert_allclose(given[:, :straight], wanted[:, :straight], atol=1e-9)
+    np.testing.assert_allclose(given[:, straight:], 0.0, atol=1e-15)
+    assert (commands >= 0.0).all()
+
+
+@every_kind
+@every_craft
+@pytest.mark.parametrize(
+    "task", [GoToPosition().for_evaluation(), TrackVelocity()], ids=["place", "velocity"]
+)
+def test_every_controller_settles(kind: Any, craft: Spacecraft, task: Any) -> None:
+    """3 to 4 m with 0.083 and 0.22 m/s^2: at least 2 sqrt(4 / 0.083) = 14 s. Pulses of the point are 0.04 m/s,
+    half of which is within the tolerance."""
+    period = 0.5 if craft.dimension == 3 else 0.16
+    timing = Timing(control_period=period, episode_steps=round(40.0 / period))
+    starts = scenarios(task, craft, 9, 2)
+    flight = fly(craft, task, kind(craft, task, timing), starts, timing)
+    settled = settling_times(flight)
+    assert np.isfinite(settled).all()
+    assert settled.max() < 30.0
+    assert impulses(flight).min() > 0.0
+
+
+@every_kind
+@pytest.mark.parametrize("task", [GoToPose(), TrackTwist()], ids=["attitude", "spin"])
+def test_what_cannot_turn_is_not_asked_to(kind: Any, task: Any) -> None:
+    with pytest.raises(ConfigError, match=r"asks for .*spin, and spacecraft 'point' cannot turn"):
+        kind(point(), task, Timing())
+
+
+def test_comparisons_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By name, beside the best that is possible and its bound."""
+    objectives = [MinimumTime(20), MinimumFuel(30.0, 1.5)]
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: objectives)
+    timing = Timing(control_period=0.5, episode_steps=80)
+    contest = Contest(deputy(), GoToPosition().for_evaluation(), timing, 3, 2)
+    found = Comparison(contest)
+    lqr = simple_controller("lqr", contest)
+    fill(found, {"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
+    assert [entry.name for entry in found.entries] == ["LQR", "switching"]
+    assert found.failures == []
+    assert [one.solved for row in found.relaxed.values() for one in row] == [True] * 4
+    least_time = min(one.arrival for one in found.relaxed["minimum time"])
+    assert min(bound.hull for bound in found.certified if bound.horizon is None) < least_time
