@@ -186,7 +186,10 @@ class Assurance:
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
         campaign = self.campaign
-        kinds = {"any": None, **{kind.name: kind for kind in kinds_of_failure(self.setup.task)}}
+        kinds = {
+            "any": None,
+            **{kind.name: kind for kind in kinds_of_failure(self.run.judged.task)},
+        }
         return {
             "about": self.about,
             "campaign": campaign.to_json(),
