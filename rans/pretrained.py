@@ -10,6 +10,8 @@ from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
 """One folder an agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
+RECIPE_FOLDER = FOLDER.parent / "recipes"
+"""One TOML file NAME.toml an agent, by which it is trained (`rans.fast.learn.recipes`)."""
 
 
 def pretrained_names() -> list[str]:
