@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress
+from rans.terminal import Terminal, kept, progress, stages
 
 if TYPE_CHECKING:
     from rans.show.stress_page import StressReport
@@ -77,8 +77,8 @@ class Stress:
         flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         report = StressReport(stress, folder, self.worst, command_line())
         with kept(partial(_show, report)), progress() as bars:
-            bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
-            fill(stress, partial(bars.advance, bar), self.workers)
+            step = stages(bars)(f"{len(stress.levels)} worlds", flights)
+            fill(stress, step, self.workers)
         return 1 if stress.failures else 0
 
 

@@ -13,7 +13,7 @@ import tyro
 from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
     from rans.flight import Flight
@@ -122,8 +122,7 @@ class View:
         from rans.show.video import save_video
 
         with progress() as bars:
-            task = bars.add_task("rendering", total=None)
-            save_video(flights, file, lambda k, count: bars.update(task, completed=k, total=count))
+            save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a film of {', '.join(names)}.")
 

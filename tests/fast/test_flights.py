@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans import processes
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.judge import flown
@@ -183,7 +184,8 @@ def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> No
     network = policy(PLATFORM)
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(5, COUNT, 1)
-    monkeypatch.setattr(module, "submitted", here)
+    monkeypatch.setattr(processes, "submitted", here)
+    monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 200)
     monkeypatch.setattr(module, "_SHARE", 128)
     told: list[int] = []
@@ -199,7 +201,8 @@ def test_a_process_that_died_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
             future.set_exception(BrokenProcessPool())
         yield futures
 
-    monkeypatch.setattr(module, "submitted", dying)
+    monkeypatch.setattr(processes, "submitted", dying)
+    monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 2)
     with pytest.raises(
         RansError, match="a process that flew died; the usual cause is too little memory"

@@ -23,6 +23,7 @@ from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
+from rans.progress import Progress, unseen
 from rans.verdict import Failure
 
 _LARGEST = 2.0
@@ -147,7 +148,7 @@ def searched(
     network: Network,
     setup: Setup,
     seed: int,
-    told: Callable[[int], object] = lambda _: None,
+    progress: Progress = unseen,
 ) -> Searched:
     """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
 
@@ -159,13 +160,13 @@ def searched(
         network: its own, of one member on the device to search on.
         setup: what flies, and what for.
         seed: of the search.
-        told: called with the number of flights flown since the last call.
+        progress: reports flights.
     """
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
     device = next(iter(network.tensors.values())).device
     score = chances.scores(network, device)
     largest = min(_LARGEST, room(conditions))
-    found = smallest(score, len(chances.places), largest, generator(seed), told)
+    found = smallest(score, len(chances.places), largest, generator(seed), progress)
     return Searched(
         world,
         largest,
@@ -190,7 +191,7 @@ def smallest(
     dimensions: int,
     largest: float,
     random: np.random.Generator,
-    told: Callable[[int], object],
+    progress: Progress,
 ) -> list[Candidate]:
     """Flights that failed, by size, found by the cross-entropy method (Rubinstein and Kroese, 2004).
 
@@ -216,7 +217,7 @@ def smallest(
         spread = np.maximum(
             _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
         )
-        told(_COUNT)
+        progress(_COUNT)
     return sorted(found, key=lambda one: one.size)
 
 

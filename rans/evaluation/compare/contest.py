@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -21,6 +20,7 @@ from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.progress import Progress, unseen
 from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
 from rans.tasks.goal_set import arrived
@@ -67,7 +67,7 @@ class Contest:
         self,
         controller: Controller,
         workers: int | None = None,
-        progress: Callable[[int], object] = lambda _: None,
+        progress: Progress = unseen,
     ) -> Flown:
         """All starts, see `rans.evaluation.fly.judge.flown`."""
         return flown(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
+from rans.progress import Stages, unseen_stages
 from rans.shown import Shown
 from rans.tasks.derived import goal_stands_still
 from rans.tasks.goal_set import aims
@@ -38,10 +39,6 @@ _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
 
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
-
-Track = Callable[[str, int], Callable[..., object]]
-"""Called with what begins and how many steps it has; what it returns is called after each, or after
-several with their number."""
 
 
 @dataclass
@@ -132,7 +129,7 @@ def fill(
     beside: Sequence[str] = BESIDE,
     certified: int = 4,
     cache: Path | None = None,
-    track: Track = lambda *_: lambda *_: None,
+    stages: Stages = unseen_stages,
     workers: int | None = None,
 ) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
@@ -143,26 +140,26 @@ def fill(
         beside: names of controllers, and "optimal".
         certified: starts whose bounds are certified.
         cache: see `certify`.
-        track: shows progress.
+        stages: reports progress.
         workers: processes, by default one per processor.
     """
     for spec, one in contestants.items():
         with _noted(comparison, spec):
-            comparison.entries.append(_entry(comparison, one, track, workers))
+            comparison.entries.append(_entry(comparison, one, stages, workers))
     for name in dict.fromkeys(name for name in beside if name != "optimal"):
         with _noted(comparison, name):
             simple = roster.simple_controller(name, comparison.contest)
             if simple.name not in comparison.names():  # nobody flies twice
-                comparison.entries.append(_entry(comparison, simple, track, workers))
+                comparison.entries.append(_entry(comparison, simple, stages, workers))
             comparison.curve += [
-                _entry(comparison, one, track, workers)
+                _entry(comparison, one, stages, workers)
                 for one in roster.swept(name, comparison.contest)
             ]
     if "optimal" in beside and (reason := _nothing_claimed(comparison.contest)):
         comparison.notes.append(reason)
     elif "optimal" in beside:
-        _find_relaxed(comparison, track, workers)
-        _find_certified(comparison, certified, cache, track, workers)
+        _find_relaxed(comparison, stages, workers)
+        _find_certified(comparison, certified, cache, stages, workers)
         comparison.failures += comparison.impossible()
 
 
@@ -171,7 +168,7 @@ def trace(
     between: Mapping[str, Contestant],
     seconds: float,
     cache: Path | None = None,
-    track: Track = lambda *_: lambda *_: None,
+    stages: Stages = unseen_stages,
     workers: int | None = None,
 ) -> None:
     """After `fill`: fly the positions of knobs that are no contestants, and certify the front.
@@ -182,7 +179,7 @@ def trace(
     comparison.front = front
     for spec, one in between.items():
         with _noted(comparison, spec):
-            front.entries.append(_entry(comparison, one, track, workers))
+            front.entries.append(_entry(comparison, one, stages, workers))
     if not front.lines():
         comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
     if reason := _nothing_claimed(comparison.contest) or _uncertified(comparison.contest):
@@ -190,7 +187,7 @@ def trace(
         return
     with _noted(comparison, "the certified front"):
         certify_front(
-            front, seconds, cache, workers, track("certified front", len(front.questions()))
+            front, seconds, cache, workers, stages("certified front", len(front.questions()))
         )
     comparison.failures += front.impossible()
     if not front.starts():
@@ -221,9 +218,9 @@ def _uncertified(contest: Contest) -> str:
 
 
 def _entry(
-    comparison: Comparison, contestant: Contestant, track: Track, workers: int | None
+    comparison: Comparison, contestant: Contestant, stages: Stages, workers: int | None
 ) -> Entry:
-    step = track(f"flying {contestant.name}", comparison.contest.episodes)
+    step = stages(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:
         comparison.failures.append(
@@ -243,10 +240,10 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
         comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
 
 
-def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> None:
+def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:
     contest = comparison.contest
     for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
-        step = track(f"relaxed optimum: {objective.name}", contest.episodes)
+        step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
             found = relaxed.solve(contest, objective, workers, step)
             comparison.relaxed[objective.name] = found
@@ -259,7 +256,7 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 
 
 def _find_certified(
-    comparison: Comparison, count: int, cache: Path | None, track: Track, workers: int | None
+    comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
 ) -> None:
     contest = comparison.contest
     events = comparison.events()
@@ -273,7 +270,7 @@ def _find_certified(
             f"No tight certificate exists: {missing} The bounds shown let translation "
             "and rotation use all thrusters each, and hold for throttled thrust too."
         )
-    step = track("certified bounds", count * len(events))
+    step = stages("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
         for answer in certify(contest, count, events, cache, workers, step):
             comparison.certified.append(answer)
