@@ -137,7 +137,7 @@ def compare(
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
     from rans.evaluation.compare.roster import contest_of, enlisted, invitations
-    from rans.evaluation.compare.run import Comparison, fill
+    from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.judge import EngineName
 
@@ -151,7 +151,7 @@ def compare(
     whole("certified", certified, least=0)
     contest = contest_of(first, whole("episodes", episodes), seed, engine, conditions)
     found = Comparison(contest)
-    fill(found, enlisted(invited, contest, trust), beside, certified, workers=workers)
+    found.fly(enlisted(invited, contest, trust), beside, certified, workers=workers)
     return found
 
 

@@ -17,9 +17,12 @@ class Progress(Protocol):
 
 
 class Stages(Protocol):
-    """Called when a stage of the work begins, with its name and number of units; returns its `Progress`."""
+    """Called when a stage of the work begins, with its name and number of units; returns its `Progress`.
 
-    def __call__(self, name: str, total: int, /) -> Progress:
+    The number is None where nobody knows it.
+    """
+
+    def __call__(self, name: str, total: int | None, /) -> Progress:
         """Begin a stage."""
         ...
 
@@ -28,6 +31,6 @@ def unseen(count: int, /) -> None:
     """`Progress` that nobody watches."""
 
 
-def unseen_stages(name: str, total: int, /) -> Progress:
+def unseen_stages(name: str, total: int | None, /) -> Progress:
     """`Stages` that nobody watches."""
     return unseen

@@ -68,7 +68,7 @@ class Compare:
     def run(self) -> int:
         """Print the table of scores."""
         from rans.evaluation.compare.roster import contest_of, enlisted, turned
-        from rans.evaluation.compare.run import Comparison, fill, trace
+        from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestants import output_folder
 
         self._check()
@@ -87,9 +87,9 @@ class Compare:
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
         with kept(partial(_write, comparison, folder)), progress() as bars:
-            fill(comparison, flying, self.beside, self.certified, cache, stages(bars))
+            comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
             if self.front:
-                trace(comparison, between, self.budget, cache, stages(bars))
+                comparison.trace(between, self.budget, cache, stages(bars))
         return 1 if comparison.failures else 0
 
     def _check(self) -> None:

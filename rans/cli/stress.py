@@ -58,7 +58,7 @@ class Stress:
         """Print what each bears."""
         from rans.evaluation.compare.roster import contest_of
         from rans.evaluation.fly.contestants import output_folder
-        from rans.evaluation.stress.run import fill, prepared
+        from rans.evaluation.stress.run import prepared
         from rans.show.stress_page import StressReport
 
         if not self.contestants:
@@ -74,11 +74,9 @@ class Stress:
         inside(
             folder, "stress"
         )  # where conditions are written: a link is told before anybody flies
-        flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         report = StressReport(stress, folder, self.worst, command_line())
         with kept(partial(_show, report)), progress() as bars:
-            step = stages(bars)(f"{len(stress.levels)} worlds", flights)
-            fill(stress, step, self.workers)
+            stress.fly(stages(bars), self.workers)
         return 1 if stress.failures else 0
 
 

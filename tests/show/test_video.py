@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_a_film_of_two_flights(tmp_path: Path) -> None:
     """Coasting 2 s, thruster 11 open from 0.2 to 0.4 s: at 5 frames a second in the second frame alone."""
     told: list[Any] = []
 
-    def stages(name: str, total: int) -> Any:
+    def stages(name: str, total: int | None) -> Any:
         told.append((name, total))
         return told.append
 

@@ -26,7 +26,7 @@ from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
-from rans.progress import Progress, unseen
+from rans.progress import Progress, Stages, unseen, unseen_stages
 from rans.verdict import Failure
 
 
@@ -91,13 +91,15 @@ class Assurance:
     def fly(
         self,
         device: str,
-        progress: Progress,
-        keep: Callable[[], object],
+        stages: Stages = unseen_stages,
+        keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
         """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
+        progress = stages("flights", self.campaign.plan.flights)
+        progress(self.campaign.flights)
         self.campaign.fly(self._network, self.run.judged, device, progress, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:

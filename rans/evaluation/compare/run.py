@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -122,78 +124,98 @@ class Comparison(Shown):
         low = [entry.amounts(event)[starts].below(self.bounds(event)[0]) for event in self.events()]
         return [int(k) for k in starts[np.any(low, axis=0)]]
 
+    def fly(
+        self,
+        contestants: Mapping[str, Contestant],
+        beside: Sequence[str] = BESIDE,
+        certified: int = 4,
+        cache: Path | None = None,
+        stages: Stages = unseen_stages,
+        workers: int | None = None,
+    ) -> None:
+        """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
-def fill(
-    comparison: Comparison,
-    contestants: Mapping[str, Contestant],
-    beside: Sequence[str] = BESIDE,
-    certified: int = 4,
-    cache: Path | None = None,
-    stages: Stages = unseen_stages,
-    workers: int | None = None,
-) -> None:
-    """Fly everyone and find what is possible; failures are noted and the rest goes on.
+        An interrupt leaves what was finished.
 
-    Args:
-        comparison: is filled step by step, so that an interrupt leaves what was finished.
-        contestants: see `rans.evaluation.compare.roster.enlisted`; the first gave the contest.
-        beside: names of controllers, and "optimal".
-        certified: starts whose bounds are certified.
-        cache: see `certify`.
-        stages: reports progress.
-        workers: processes, by default one per processor.
-    """
-    for spec, one in contestants.items():
-        with _noted(comparison, spec):
-            comparison.entries.append(_entry(comparison, one, stages, workers))
-    for name in dict.fromkeys(name for name in beside if name != "optimal"):
-        with _noted(comparison, name):
-            simple = roster.simple_controller(name, comparison.contest)
-            if simple.name not in comparison.names():  # nobody flies twice
-                comparison.entries.append(_entry(comparison, simple, stages, workers))
-            comparison.curve += [
-                _entry(comparison, one, stages, workers)
-                for one in roster.swept(name, comparison.contest)
-            ]
-    if "optimal" in beside and (reason := _nothing_claimed(comparison.contest)):
-        comparison.notes.append(reason)
-    elif "optimal" in beside:
-        _find_relaxed(comparison, stages, workers)
-        _find_certified(comparison, certified, cache, stages, workers)
-        comparison.failures += comparison.impossible()
+        Args:
+            contestants: see `rans.evaluation.compare.roster.enlisted`; the first gave the contest.
+            beside: names of controllers, and "optimal".
+            certified: starts whose bounds are certified.
+            cache: see `certify`.
+            stages: reports progress.
+            workers: processes, by default one per processor.
+        """
+        for spec, one in contestants.items():
+            with _noted(self, spec):
+                self.entries.append(_entry(self, one, stages, workers))
+        for name in dict.fromkeys(name for name in beside if name != "optimal"):
+            with _noted(self, name):
+                simple = roster.simple_controller(name, self.contest)
+                if simple.name not in self.names():  # nobody flies twice
+                    self.entries.append(_entry(self, simple, stages, workers))
+                self.curve += [
+                    _entry(self, one, stages, workers) for one in roster.swept(name, self.contest)
+                ]
+        if "optimal" in beside and (reason := _nothing_claimed(self.contest)):
+            self.notes.append(reason)
+        elif "optimal" in beside:
+            _find_relaxed(self, stages, workers)
+            _find_certified(self, certified, cache, stages, workers)
+            self.failures += self.impossible()
+
+    def trace(
+        self,
+        between: Mapping[str, Contestant],
+        seconds: float,
+        cache: Path | None = None,
+        stages: Stages = unseen_stages,
+        workers: int | None = None,
+    ) -> None:
+        """After `fly`: fly the positions of knobs that are no contestants, and certify the front.
+
+        The bounds take about so many seconds, see `certify_front`.
+        """
+        front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
+        self.front = front
+        for spec, one in between.items():
+            with _noted(self, spec):
+                front.entries.append(_entry(self, one, stages, workers))
+        if not front.lines():
+            self.notes.append("Nobody has a knob to turn: the front has points, but no line.")
+        if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
+            self.notes += [] if reason in self.notes else [reason]
+            return
+        with _noted(self, "the certified front"):
+            certify_front(
+                front, seconds, cache, workers, stages("certified front", len(front.questions()))
+            )
+        self.failures += front.impossible()
+        if not front.starts():
+            self.notes.append(
+                f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
+            )
 
 
-def trace(
-    comparison: Comparison,
-    between: Mapping[str, Contestant],
-    seconds: float,
-    cache: Path | None = None,
-    stages: Stages = unseen_stages,
-    workers: int | None = None,
-) -> None:
-    """After `fill`: fly the positions of knobs that are no contestants, and certify the front.
+def fill(comparison: Comparison, *arguments: Any, **options: Any) -> None:
+    """Deprecated: call `Comparison.fly`."""
+    warnings.warn(
+        "rans.evaluation.compare.run.fill is deprecated and goes with the next version: call "
+        "comparison.fly(...) in place of fill(comparison, ...).",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    comparison.fly(*arguments, **options)
 
-    The bounds take about so many seconds, see `certify_front`.
-    """
-    front = Front(comparison.contest, comparison.horizons(_FRONT), [*comparison.entries])
-    comparison.front = front
-    for spec, one in between.items():
-        with _noted(comparison, spec):
-            front.entries.append(_entry(comparison, one, stages, workers))
-    if not front.lines():
-        comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
-    if reason := _nothing_claimed(comparison.contest) or _uncertified(comparison.contest):
-        comparison.notes += [] if reason in comparison.notes else [reason]
-        return
-    with _noted(comparison, "the certified front"):
-        certify_front(
-            front, seconds, cache, workers, stages("certified front", len(front.questions()))
-        )
-    comparison.failures += front.impossible()
-    if not front.starts():
-        comparison.notes.append(
-            f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
-        )
+
+def trace(comparison: Comparison, *arguments: Any, **options: Any) -> None:
+    """Deprecated: call `Comparison.trace`."""
+    warnings.warn(
+        "rans.evaluation.compare.run.trace is deprecated and goes with the next version: call "
+        "comparison.trace(...) in place of trace(comparison, ...).",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    comparison.trace(*arguments, **options)
 
 
 def _nothing_claimed(contest: Contest) -> str:

@@ -20,7 +20,7 @@ from rans.flight import Controller
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.processes import Workers
-from rans.progress import Progress, unseen
+from rans.progress import Stages, unseen_stages
 from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
@@ -91,6 +91,48 @@ class Stress:
             ),
         )
 
+    def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
+        """Fly everyone; a contestant that fails is named in ``failures`` and flies no more.
+
+        An interrupt leaves what was flown.
+
+        Args:
+            stages: reports progress.
+            workers: processes, by default one per processor; 1: this one.
+        """
+        total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
+        progress = stages(f"{len(self.levels)} worlds", total)
+        made = list(self.contestants.values())
+        jobs = list(_jobs(self))
+        given = (
+            self.contest,
+            [one.controller for one in made],
+            [level.conditions.or_none for level in self.levels],
+        )
+        pool = Workers(_Flyer, given, workers, "flew episodes")
+        parts: dict[tuple[int, int], dict[int, _Part]] = {}
+        lost: set[int] = set()
+        for number, answer in pool.finished(_Flyer.tried, jobs):
+            job = jobs[number]
+            progress(job.episodes)
+            name = made[job.contestant].name
+            level = self.levels[job.level]
+            if job.contestant in lost:
+                continue
+            if isinstance(answer, str):
+                lost.add(job.contestant)
+                self.failures.append(f"{name}, in {level.name}: {answer}")
+                continue
+            flown = parts.setdefault((job.level, job.contestant), {})
+            flown[job.first] = answer
+            self.stopped[name] = self.stopped.get(name, 0) + answer.stopped
+            if sum(len(part.outcome.excess) for part in flown.values()) == self.episodes(
+                made[job.contestant]
+            ):
+                self.outcomes[level.name, name] = Outcome.joined(
+                    [flown[k].outcome for k in sorted(flown)]
+                )
+
 
 def prepared(
     contest: Contest,
@@ -151,46 +193,6 @@ class _Job(NamedTuple):
 class _Part(NamedTuple):
     outcome: Outcome
     stopped: int
-
-
-def fill(stress: Stress, progress: Progress = unseen, workers: int | None = None) -> None:
-    """Fly everyone; a contestant that fails is told in ``stress.failures`` and flies no more.
-
-    Args:
-        stress: is filled step by step, so that an interrupt leaves what was flown.
-        progress: reports episodes.
-        workers: processes, by default one per processor; 1: this one.
-    """
-    made = list(stress.contestants.values())
-    jobs = list(_jobs(stress))
-    given = (
-        stress.contest,
-        [one.controller for one in made],
-        [level.conditions.or_none for level in stress.levels],
-    )
-    pool = Workers(_Flyer, given, workers, "flew episodes")
-    parts: dict[tuple[int, int], dict[int, _Part]] = {}
-    lost: set[int] = set()
-    for number, answer in pool.finished(_Flyer.tried, jobs):
-        job = jobs[number]
-        progress(job.episodes)
-        name = made[job.contestant].name
-        level = stress.levels[job.level]
-        if job.contestant in lost:
-            continue
-        if isinstance(answer, str):
-            lost.add(job.contestant)
-            stress.failures.append(f"{name}, in {level.name}: {answer}")
-            continue
-        flown = parts.setdefault((job.level, job.contestant), {})
-        flown[job.first] = answer
-        stress.stopped[name] = stress.stopped.get(name, 0) + answer.stopped
-        if sum(len(part.outcome.excess) for part in flown.values()) == stress.episodes(
-            made[job.contestant]
-        ):
-            stress.outcomes[level.name, name] = Outcome.joined(
-                [flown[k].outcome for k in sorted(flown)]
-            )
 
 
 def _jobs(stress: Stress) -> Iterator[_Job]:
