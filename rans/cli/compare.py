@@ -67,7 +67,7 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.evaluation.compare.roster import contest_of, enlisted, turned
+        from rans.evaluation.compare.entrants import contest_of, enlisted, turned
         from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestants import output_folder
 

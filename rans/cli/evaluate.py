@@ -153,7 +153,7 @@ class Evaluate:
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
-        from rans.evaluation.fly.judge import EngineName, flown
+        from rans.evaluation.fly.episodes import EngineName, fly_episodes
         from rans.evaluation.measure.metrics import outran
 
         engines: tuple[EngineName, ...] = (
@@ -163,7 +163,7 @@ class Evaluate:
         with progress() as bars:
             for engine in engines:
                 step = stages(bars)(f"{engine} engine", self.episodes)
-                flights[engine], stopped = flown(
+                flights[engine], stopped = fly_episodes(
                     run.controller, run.judged, self.seed, self.episodes, engine, progress=step
                 )
                 if stopped:

@@ -56,7 +56,7 @@ class Stress:
 
     def run(self) -> int:
         """Print what each bears."""
-        from rans.evaluation.compare.roster import contest_of
+        from rans.evaluation.compare.entrants import contest_of
         from rans.evaluation.fly.contestants import output_folder
         from rans.evaluation.stress.run import prepared
         from rans.show.stress_page import StressReport

@@ -53,7 +53,7 @@ class View:
     def run(self) -> int:
         """Serve the page, or write what was asked for."""
         from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.fly.judge import flown
+        from rans.evaluation.fly.episodes import fly_episodes
 
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
@@ -76,7 +76,7 @@ class View:
             for spec in self.contestants[1:]
         ]
         flights = [
-            flown(
+            fly_episodes(
                 run.controller,
                 run.judged,
                 self.seed,

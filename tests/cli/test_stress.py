@@ -69,7 +69,7 @@ def test_interrupted_it_writes_what_was_flown(
     true = run._Flyer.flown
     calls = []
 
-    def interrupted(*job: int) -> Any:
+    def interrupted(*job: Any) -> Any:
         calls.append(job)
         if len(calls) > 1:
             raise KeyboardInterrupt

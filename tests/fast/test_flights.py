@@ -17,7 +17,7 @@ import torch
 from rans import processes
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
@@ -56,7 +56,7 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
     network = policy(craft, task)
     given = Setup(*setup(craft, task))
     found = Flights(network, given).fly(7, COUNT, 3)
-    flight = flown(Agent(network, ""), given, 3, COUNT, first=7).flight
+    flight = fly_episodes(Agent(network, ""), given, 3, COUNT, first=7).flight
     failed = 7 + np.flatnonzero(~metrics.solved(flight))
     # float32 and float64 may differ in a command, and in a state within rounding of a bound.
     assert len(set(found.numbers.tolist()) ^ set(failed.tolist())) <= COUNT // 100

@@ -16,7 +16,7 @@ from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import numbers
 from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, picked
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
 from rans.flight import Controller, Flight, Setup
@@ -227,7 +227,7 @@ def _confirmed(
     """The smallest that fails again in NumPy, and in Drake if any of them does."""
     if not found:
         return None
-    flight = fly_drawn(controller, chances.setup, _draws(chances, found))
+    flight = fly_draws(controller, chances.setup, _draws(chances, found))
     still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
     if not still:
         return None
@@ -236,7 +236,7 @@ def _confirmed(
     }
     if has_drake():
         own = _draws(chances, [found[k] for k in still[:_DRAKE]])
-        again["drake"] = failures(fly_drawn(controller, chances.setup, own, "drake"))
+        again["drake"] = failures(fly_draws(controller, chances.setup, own, "drake"))
     at = next(
         (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
     )

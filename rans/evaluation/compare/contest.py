@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
-from rans.evaluation.fly.judge import EngineName, Flown, flown
+from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, Setup, fly
 from rans.model.conditions import Conditions
@@ -69,8 +69,8 @@ class Contest:
         workers: int | None = None,
         progress: Progress = unseen,
     ) -> Flown:
-        """All starts, see `rans.evaluation.fly.judge.flown`."""
-        return flown(
+        """All starts, see `rans.evaluation.fly.episodes.fly_episodes`."""
+        return fly_episodes(
             controller, self.setup, self.seed, self.episodes, self.engine, workers, progress
         )
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError, RansError, counted
-from rans.evaluation.compare import relaxed, roster
+from rans.evaluation.compare import entrants, relaxed
 from rans.evaluation.compare.bounds import (
     Amounts,
     Bound,
@@ -138,7 +138,7 @@ class Comparison(Shown):
         An interrupt leaves what was finished.
 
         Args:
-            contestants: see `rans.evaluation.compare.roster.enlisted`; the first gave the contest.
+            contestants: see `rans.evaluation.compare.entrants.enlisted`; the first gave the contest.
             beside: names of controllers, and "optimal".
             certified: starts whose bounds are certified.
             cache: see `certify`.
@@ -150,11 +150,11 @@ class Comparison(Shown):
                 self.entries.append(_entry(self, one, stages, workers))
         for name in dict.fromkeys(name for name in beside if name != "optimal"):
             with _noted(self, name):
-                simple = roster.simple_controller(name, self.contest)
+                simple = entrants.simple_controller(name, self.contest)
                 if simple.name not in self.names():  # nobody flies twice
                     self.entries.append(_entry(self, simple, stages, workers))
                 self.curve += [
-                    _entry(self, one, stages, workers) for one in roster.swept(name, self.contest)
+                    _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
                 ]
         if "optimal" in beside and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.compare.roster import enlisted
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.compare.entrants import enlisted
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
@@ -144,7 +144,7 @@ def prepared(
     """What is to be flown.
 
     Args:
-        contest: of the first contestant, see `rans.evaluation.compare.roster.contest_of`.
+        contest: of the first contestant, see `rans.evaluation.compare.entrants.contest_of`.
         specs: contestants; after the first also controllers by their bare names.
         conditions: by name or file.
         only: names of effects, or nothing for all, and for failed thrusters too.
@@ -228,5 +228,5 @@ class _Flyer(NamedTuple):
         """Consecutive episodes of one contestant in one world."""
         controller = self.controllers[contestant]
         setup = self.contest.setup._replace(conditions=self.worlds[level])
-        flight = fly_drawn(controller, setup, draws(self.contest.seed, count, first))
+        flight = fly_draws(controller, setup, draws(self.contest.seed, count, first))
         return _Part(Outcome.of(flight), getattr(controller, "failures", 0))

@@ -16,7 +16,7 @@ from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import contest_of, enlisted
+from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly

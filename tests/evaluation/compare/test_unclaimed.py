@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import enlisted
+from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.spacecraft_file import load_spacecraft

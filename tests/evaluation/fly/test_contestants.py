@@ -15,7 +15,7 @@ from rans.evaluation.fly.contestants import (
     output_folder,
     view_command,
 )
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
 from rans.flight import Setup, fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -228,7 +228,7 @@ def test_slow_controllers_fly_in_shares() -> None:
     controller, craft, task, _, _ = contestant("mpc:go-to-pose-2d")
     setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
     counted = []
-    together, stopped = flown(controller, setup, 1, 10, workers=1, progress=counted.append)
+    together, stopped = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
     alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
     assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
     assert together.commands.any()
@@ -244,7 +244,7 @@ def test_drake_flies_contestants_by_name() -> None:
     controller, craft, task, timing, _ = contestant(spec)
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
-    judged, _ = flown(controller, Setup(craft, task, timing), 1, 3, "drake")
+    judged, _ = fly_episodes(controller, Setup(craft, task, timing), 1, 3, "drake")
     assert judged.engine == "drake"
     np.testing.assert_array_equal(judged.commands, ours.commands)
     np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)

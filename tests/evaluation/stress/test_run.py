@@ -10,9 +10,9 @@ import pytest
 
 import rans.evaluation.stress.run as run
 from rans.errors import ConfigError
-from rans.evaluation.compare.roster import contest_of
+from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.stress.run import Stress, prepared
 
@@ -43,10 +43,10 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     stress.fly(lambda *_: told.append, workers=1)
     assert sum(told) == 4 * len(stress.levels)
     agent = contestant(FIRST).under("lab")
-    flight = flown(agent.controller, agent.judged, 7, 4).flight
+    flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
     found = stress.outcomes["lab", "go-to-pose-2d"]
     assert found.held.tolist() == solved(flight).tolist()
-    alone = flown(agent.controller, agent.judged, 7, 1, first=2).flight
+    alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2).flight
     error = alone.errors()["position"][-25:, 0].max()
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
 

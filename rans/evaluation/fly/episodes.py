@@ -1,4 +1,4 @@
-"""Flights on all processors where one would take long: in Drake, and of controllers that are slow."""
+"""Episodes of a seed flown by any controller; on all processors where it is slow, or flies in Drake."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Flown(NamedTuple):
     """Times that the controller's solver found nothing; 0 of a controller without one."""
 
 
-def flown(
+def fly_episodes(
     controller: Controller,
     setup: Setup,
     seed: int,
@@ -40,17 +40,20 @@ def flown(
     progress: Progress = unseen,
     first: int = 0,
 ) -> Flown:
-    """Fly from the task's starts; `RansError` if Drake refuses the mass properties, or a process died.
+    """Fly consecutive episodes of a seed.
 
     Args:
-        controller: can be pickled; one that is slow has a true attribute ``slow``.
-        setup: what flies, what for and how long; with the starts to fly from.
-        seed: of starts and goals; they are those of `rans.scenario.scenarios`.
-        episodes: how many.
+        controller: can be pickled; one that takes its time for every episode has a true attribute ``slow``.
+        setup: what flies, with the starts to fly from.
+        seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
+        episodes: number of episodes.
         engine: what computes the motion.
         workers: processes, by default one per processor; 1: this one (see `rans.processes.Workers`).
         progress: reports episodes.
-        first: number of the first episode of the seed.
+        first: number of the first episode.
+
+    Raises:
+        RansError: Drake refuses the mass properties, or a process died.
     """
     slow = getattr(controller, "slow", False)
     share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
@@ -78,14 +81,21 @@ class _Flyer(NamedTuple):
 
     def fly(self, seed: int, first: int, count: int) -> Flown:
         """Fly consecutive episodes of a seed."""
-        flight = fly_drawn(self.controller, self.setup, draws(seed, count, first), self.engine)
+        flight = fly_draws(self.controller, self.setup, draws(seed, count, first), self.engine)
         return Flown(flight, getattr(self.controller, "failures", 0))
 
 
-def fly_drawn(
+def fly_draws(
     controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast"
 ) -> Flight:
-    """The N episodes that draw like this, in this process; ``own.first`` are their numbers, (N,)."""
+    """Fly the N episodes that draw these random numbers, in this process.
+
+    Args:
+        controller: see `fly_episodes`.
+        setup: see `fly_episodes`.
+        own: random numbers of the episodes; ``own.first`` are the episodes' numbers, (N,).
+        engine: what computes the motion.
+    """
     craft, task, timing, conditions = setup
     starts = drawn(task, craft, own)
     if engine == "fast":
