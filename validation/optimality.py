@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -26,7 +26,7 @@ from rans.optimal.certificate.certificate import Certificate, Effort, least_fuel
 from rans.optimal.certificate.hull import settling_set
 from rans.optimal.certificate.lattice import GoalSet, Lattice
 from rans.optimal.certificate.spatial import SpinLattice
-from rans.processes import submitted
+from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
 from rans.terminal import Terminal
@@ -86,9 +86,13 @@ class Optimality:
         jobs = [
             (*common, map_leaves(lambda x, k=k: float(x[k]), batch)) for k in range(self.starts)
         ]
-        with submitted(certificate, jobs, self.workers, leaves, (batch.start,)) as futures:
-            for future in futures:
-                yield future.result()
+        yield from Workers(nothing, (), self.workers, "certified starts").ordered(
+            _certificate, jobs
+        )
+
+
+def _certificate(_: None, *job: Any) -> Certificate:
+    return certificate(*job)
 
 
 def certificate(
