@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from rans.episode import Episode, Mover, World, step
+from rans.episode import Episode, Guard, Mover, Setup, World, step
 from rans.errors import ConfigError, brief, checked
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
@@ -47,7 +47,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         timing: control period, accuracy and length of an episode; None: the task's own.
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
-        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
+        conditions: randomization, disturbances, faults and sensors, by name, TOML file or as such; None: none.
+        guard: safety filter between actions and effectors; None: every action is taken.
         plain: taken as `rans.fast.SpacecraftVectorEnv` takes it, and changes nothing: one spacecraft always
             flies by its equations as they are written, on plain numbers.
 
@@ -68,6 +69,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         conditions: str | Path | Conditions | None = None,
         plain: bool = True,
+        guard: Guard | None = None,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
@@ -78,7 +80,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._seed: int | None = None
         self._episode = 0
         met = None if conditions is None else load_conditions(conditions)
-        self._world = World(self.craft, self.task, self.timing, conditions=met)
+        self._world = World(Setup(self.craft, self.task, self.timing, met, guard))
         self._move = self._mover()
         self._now = None
         self._scene: Any = None

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
@@ -68,7 +68,7 @@ class Outcome:
     episode: Episode
     """As it arrived."""
     command: Command
-    """What valves were told to do."""
+    """Command that the effectors were given."""
     terms: dict[str, Field]
     """Reward by name."""
     failed: Field
@@ -84,6 +84,8 @@ class Outcome:
     """
     margins: dict[str, Field]
     """The least of each margin of `Task.constraints` over the looks of the period, until the episode ended."""
+    guarded: Field | None = None
+    """Whether the guard gave another command than the wanted one; None: there is no guard."""
 
     @property
     def reward(self) -> Field:
@@ -106,26 +108,80 @@ class Outcome:
         return self.reached & self.ended
 
 
+class Guard(Protocol):
+    """A safety filter between a policy and the effectors of a spacecraft.
+
+    It is a pure function over fields like everything in this module, so that it works in every engine.
+    """
+
+    def admitted(
+        self, world: World, state: Any, goal: Any, command: Command
+    ) -> tuple[Command, Field]:
+        """Command that may be given in place of the wanted one, and whether it is another (bool).
+
+        Args:
+            world: what flies, with its task and its equations.
+            state: state as the spacecraft's sensors measure it.
+            goal: goal with the episode's data in its ``notes``.
+            command: wanted command, one field per thruster.
+        """
+        ...
+
+
+class Setup(NamedTuple):
+    """What flies, which task, for how long, under which conditions, and what guards it."""
+
+    craft: Spacecraft
+    """Spacecraft."""
+    task: Task
+    """Task with its starts; agents are judged on those of ``task.for_evaluation()``."""
+    timing: Timing = Timing()
+    """Control period, accuracy and length of an episode."""
+    conditions: Conditions | None = None
+    """Randomization, disturbances, faults and sensors; None: everything is as designed."""
+    guard: Guard | None = None
+    """Safety filter between policy and effectors; None: every command is given."""
+
+
 @dataclass(frozen=True)
 class World:
     """Everything about episodes that does not change while they run."""
 
-    craft: Spacecraft
-    task: Task
-    timing: Timing = field(default_factory=Timing)
+    setup: Setup
     nodes: int = NODES
-    """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
-    conditions: Conditions | None = None
-    """What episodes do not promise; None: a perfect world."""
+    """Nodes of the quadrature in the plane (`rans.model.dynamics.advance`)."""
 
     def __post_init__(self) -> None:
-        """Substeps are chosen for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
+        """Choose the substeps for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
+        setup = self.setup
         bodies = None
         torque = 0.0
-        if self.conditions is not None:
-            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
-            torque = self.conditions.steady_torque
-        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
+        if setup.conditions is not None:
+            steps = setup.timing.episode_steps
+            bodies = examples(setup.conditions, setup.craft, steps).strongest()
+            torque = setup.conditions.steady_torque
+        timing = chosen(setup.craft, setup.timing, bodies, torque)
+        object.__setattr__(self, "setup", setup._replace(timing=timing))
+
+    @property
+    def craft(self) -> Spacecraft:
+        """Spacecraft of the setup."""
+        return self.setup.craft
+
+    @property
+    def task(self) -> Task:
+        """Task of the setup."""
+        return self.setup.task
+
+    @property
+    def timing(self) -> Timing:
+        """Timing of the setup, with a number of substeps."""
+        return self.setup.timing
+
+    @property
+    def conditions(self) -> Conditions | None:
+        """Conditions of the setup."""
+        return self.setup.conditions
 
     def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
         """States at the looks of one control period, by our equations; the last one is at its end."""
@@ -283,6 +339,10 @@ def step(
     """
     task = world.task
     period = world.timing.control_period
+    guarded: Field | None = None
+    if world.setup.guard is not None:
+        sensed = world.sensed(episode, draws)
+        command, guarded = world.setup.guard.admitted(world, sensed, episode.goal, command)
     if episode.case is not None and episode.case.hold is not None:
         command = episode.case.hold.obeyed(command, episode.commands, period)
 
@@ -334,6 +394,7 @@ def step(
         truncated=time_is_up & ~(failed if done is None else failed | done),
         reached=reached & ~failed,
         margins=looked.margins,
+        guarded=guarded,
     )
 
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from rans.episode import Episode, Mover, Outcome, World, step
+from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -55,17 +55,6 @@ class Controller(Protocol):
         `rans.tasks.observation` orders it.
         """
         ...
-
-
-class Setup(NamedTuple):
-    """What flies, what for, how long and in which world."""
-
-    craft: Spacecraft
-    task: Task
-    """With the starts to fly from; agents are judged on those of ``task.for_evaluation()``."""
-    timing: Timing
-    conditions: Conditions | None = None
-    """What episodes do not promise; None: a perfect world."""
 
 
 @dataclass(frozen=True)
@@ -219,6 +208,7 @@ def fly(
     body: Body | None = None,
     conditions: Conditions | None = None,
     draws: Draws | None = None,
+    guard: Guard | None = None,
 ) -> Flight:
     """Fly a batch of scenarios, in float64.
 
@@ -235,6 +225,7 @@ def fly(
     `rans.scenario.scenarios` gives them. ``engine`` says who moves, for `Flight.engine`, and ``move`` how:
     by default our equations. The body is of numbers or of arrays (N,); None: as designed. Under conditions
     the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
+    A guard stands between the controller and the effectors (`rans.episode.Guard`).
 
     Raises:
         ConfigError: there is no such spacecraft or task, the starts are no batch for its
@@ -247,7 +238,7 @@ def fly(
     _check_controller(controller, craft)
     checked("timing", timing, Timing)
     how = chosen(craft, timing, body) if conditions is None else timing
-    world = World(craft, task, how, conditions=conditions)
+    world = World(Setup(craft, task, how, conditions, guard))
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
     count = len(leaves(starts.start)[0])
     nowhere = map_leaves(lambda _: np.nan, starts.start)

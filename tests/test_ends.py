@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.dynamics import State
@@ -70,7 +70,7 @@ class Pass(GoToPose):
 
 def outcomes(task: Pass, looks: int, periods: int, move: Any = None) -> list[Any]:
     """What periods of 1 s with shut thrusters give."""
-    world = World(PLATFORM, task, Timing(1.0, 1, 10, looks))
+    world = World(Setup(PLATFORM, task, Timing(1.0, 1, 10, looks)))
     one = scenarios(task, PLATFORM, seed=1, count=1)
     now = world.begin(one.start, one.goal)
     found = []
@@ -233,3 +233,43 @@ def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
         timing,
     )
     assert slow.verdict.failure().tolist() == [Failure.UNFINISHED] * 3
+
+
+@dataclass(frozen=True)
+class Cautious:
+    """Shuts every thruster right of the line x = ``line``."""
+
+    line: float
+
+    def admitted(self, world: Any, state: Any, goal: Any, command: Any) -> Any:
+        beyond = state.p.x > self.line
+        changed = beyond & (sum(command) > 0.0)
+        return tuple(where(beyond, 0.0, one) for one in command), changed
+
+
+def test_a_guard_stands_between_policy_and_effectors_in_every_engine() -> None:
+    """At 0.8 m/s from x = -1 m it is left of -0.5 m at 0 s only, and right of it from 1 s on."""
+    guard = Cautious(-0.5)
+    task = Pass(wall=9.0, done_weight=0.0, thrust_weight=1.0)
+    timing = Timing(1.0, 1, 4)
+    engines = [
+        Engine(PLATFORM, task, 2, timing, dtype=dtype, guard=guard)
+        for dtype in (torch.float32, torch.float64)
+    ]
+    env: Any = gymnasium.make(
+        "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM, guard=guard
+    )
+    env.reset(seed=0)
+    pilot: Any = type("Open", (), {"name": "open"})()
+    pilot.reset = lambda count: None
+    pilot.act = lambda state, goal, observation: np.ones((len(observation), len(SHUT)))
+    starts = scenarios(task, PLATFORM, seed=0, count=2)
+    for flying in (fly, fly_in_drake):
+        flight = flying(PLATFORM, task, pilot, starts, timing, guard=guard)
+        assert flight.commands.sum(axis=2).tolist() == [[8.0] * 2] + [[0.0] * 2] * 3
+    for opened in (8.0, 0.0):
+        for engine in engines:
+            result = engine.step(torch.ones(2, len(SHUT)))
+            terms = dict(zip(engine.term_names, result.terms, strict=True))
+            assert terms["thrust"].tolist() == [-opened] * 2
+        assert env.step(np.ones(len(SHUT), int))[-1]["reward_terms"]["thrust"] == -opened

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.episode import Episode, World, step
+from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
@@ -208,7 +208,7 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
     """And with it the flight, which stops there; the others go on."""
     rest = PlanarState(Vec2(1.0, 0.0), Heading(0.0), Vec2(0.0, number), 0.0)
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    outcome = step(World(PLATFORM, GoToPose()), Episode(rest, goal), (0.0,) * 8)
+    outcome = step(World(Setup(PLATFORM, GoToPose())), Episode(rest, goal), (0.0,) * 8)
     assert outcome.terminated
     assert not outcome.truncated
     starts = scenarios(GoToPose(), PLATFORM, seed=2, count=3)
@@ -222,7 +222,7 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
 
 
 def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draws, Episode]:
-    world = World(PLATFORM, GoToPose(), conditions=conditions)
+    world = World(Setup(PLATFORM, GoToPose(), conditions=conditions))
     own = draws(3, count)
     starts = scenarios(world.task, PLATFORM, seed=3, count=count)
     return world, starts, own, world.begin(starts.start, starts.goal, 0, own)
@@ -261,7 +261,7 @@ BLIND = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))
 
 def test_reward_and_ends_are_of_the_true_state() -> None:
     world, starts, own, now = under(BLIND, count=4)
-    truth = World(PLATFORM, GoToPose())
+    truth = World(Setup(PLATFORM, GoToPose()))
     usual = truth.begin(starts.start, starts.goal)
     for _ in range(5):
         shut = tuple(np.zeros((8, 4)))

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.follow import follow
 from rans.evaluation.fly.paths import LookAhead, find_path
 from rans.evaluation.measure.metrics import samples
 from rans.files import environment, read_json, write_json
-from rans.flight import Controller, Setup, fly
+from rans.flight import Controller, fly
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.terminal import Terminal, table
 from validation.agent_rows import ROWS, Goal, Row
@@ -161,15 +162,15 @@ class Agents:
         controller, setup = conditions_of(row, run)
         if row.path:
             planner = LookAhead(find_path(row.path), _SPEED, _LOOK_AHEAD)
-            craft, task, timing, _ = setup
+            craft, task, timing, _, _ = setup
             following = follow(craft, task, controller, planner, timing, EVALUATION_SEED, _FLIGHTS)
             return {quantity.name: quantity.values for quantity in following.quantities()}
-        craft, task, timing, _ = setup
+        craft, task, timing, _, _ = setup
         starts = scenarios(task, craft, EVALUATION_SEED, self.episodes)
         return {s.name: s.numbers for s in samples(fly(craft, task, controller, starts, timing))}
 
     def _optimal(self, row: Row, run: Path) -> Values:
-        _, (craft, task, timing, _) = conditions_of(row, run)
+        _, (craft, task, timing, _, _) = conditions_of(row, run)
         return time_optimal(craft, task, timing, EVALUATION_SEED, self.starts)
 
 

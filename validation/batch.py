@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode
+from rans.episode import Episode, Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
@@ -19,7 +19,6 @@ from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.files import environment, write_json
-from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.verdict import FlightAccumulator, last_fifth
 

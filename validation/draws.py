@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.model.conditions import (
     BodyConditions,
     Conditions,
@@ -103,7 +103,7 @@ def _case(craft: Spacecraft, conditions: Conditions, seed: int) -> Any:
     """What so many episodes draw, as they do when they begin."""
     task = GoToPose()
     starts = scenarios(task, craft, seed, _COUNT)
-    world = World(craft, task, conditions=conditions)
+    world = World(Setup(craft, task, conditions=conditions))
     return world.begin(starts.start, starts.goal, 0, draws(seed, _COUNT)).case
 
 

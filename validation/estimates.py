@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.fast.filters import Filters
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -77,7 +77,7 @@ class Estimates:
         }
         chosen = scenarios(task, craft, _SEED, count)
         random = np.random.default_rng(_SEED)
-        world = World(craft, task, timing, conditions=rows()[conditions])
+        world = World(Setup(craft, task, timing, rows()[conditions]))
         now = world.begin(chosen.start, chosen.goal, 0, own)
         memory = {name: [np.zeros(count)] * one.width(seen.body) for name, one in filters.items()}
         off = []

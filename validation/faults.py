@@ -16,11 +16,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from tyro.conf import Positional
 
-from rans.episode import Episode, World
+from rans.episode import Episode, Setup, World
 from rans.evaluation.compare.bounds import Amounts, Event
 from rans.fast.learn.network import Network
 from rans.files import read_json
-from rans.flight import Setup
 from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.model.dynamics import PlanarState
 from rans.model.faults import fault_sets
@@ -96,7 +95,7 @@ def met(
     """Start and goal of each of these episodes, and what is left of its thrusters from the start on."""
     task = setup.task
     own = draws(seed, episodes)
-    world = World(setup.craft, task, setup.timing, conditions=Conditions(faults=faults).or_none)
+    world = World(Setup(setup.craft, task, setup.timing, Conditions(faults=faults).or_none))
     case = world.recalled(Episode(None, None), own).case
     health = [Health.sound(setup.craft)] * episodes
     if case is not None:

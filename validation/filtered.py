@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import solved
-from rans.flight import Controller, Setup, fly
+from rans.flight import Controller, fly
 from rans.model.conditions import Conditions
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
@@ -57,7 +57,7 @@ class Filtered:
     def __init__(self, controller: Controller, setup: Setup) -> None:
         self.name = f"{controller.name}, filtered"
         self._controller = controller
-        self._world = World(*setup[:3])
+        self._world = World(Setup(*setup[:3]))
         self._gains = gains(setup.timing.control_period)
 
     def reset(self, count: int) -> None:
@@ -137,7 +137,7 @@ class Behind:
             raise ConfigError(
                 f"{name} flies in the plane; the filter is one of attitudes in space."
             )
-        craft, task, timing, _ = setup = run.judged
+        craft, task, timing, _, _ = setup = run.judged
         starts = scenarios(task, craft, self.seed, self.episodes)
         own = draws(self.seed, self.episodes)
         flights = (

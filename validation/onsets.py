@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.flight import Flight, fly
 from rans.model.conditions import (
     Conditions,
@@ -184,7 +184,7 @@ def _largest(name: str, values: Any, tolerance: float, unit: str, reason: str) -
 
 def _begun(craft: Spacecraft, conditions: Conditions, seed: int, count: int) -> Any:
     starts = scenarios(_TASK, craft, seed, count)
-    return World(craft, _TASK, conditions=conditions).begin(
+    return World(Setup(craft, _TASK, conditions=conditions)).begin(
         starts.start, starts.goal, 0, draws(seed, count)
     )
 

@@ -17,11 +17,11 @@ import torch
 from torch import Tensor
 from tyro.conf import Positional
 
+from rans.episode import Setup
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.files import read_json
-from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
+from rans.episode import Setup
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.measure.metrics import settling_times, solved
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.files import number, read_json
-from rans.flight import Setup, fly
+from rans.flight import fly
 from rans.model.conditions import (
     BodyConditions,
     Conditions,

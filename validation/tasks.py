@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.episode import Episode, Outcome, World, step
+from rans.episode import Episode, Outcome, Setup, World, step
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -165,7 +165,7 @@ def _sight_check(craft: Spacecraft, moment: Moment) -> Check:
     where = ""
     for name, data in moment.data().items():
         goal = _noted(TASKS[name](), moment.goal)
-        shown = World(craft, TASKS[name]()).observe(Episode(moment.state, goal))
+        shown = World(Setup(craft, TASKS[name]())).observe(Episode(moment.state, goal))
         unused = (0.0,) * (width - len(data))
         expected = (*moment.own, _FLAGS[name], *data, *unused)
         alike = len(shown) == len(expected)
@@ -228,7 +228,11 @@ def _arrived(
     goal = _noted(task, moment.goal) if notes is None else replace(moment.goal, notes=notes)
     episode = Episode(moment.state, goal, clock=clock, commands=(_valves(craft, 0, 1),))
     return step(
-        World(craft, task, Timing()), episode, _valves(craft, 0, 2), None, lambda *_: moment.state
+        World(Setup(craft, task, Timing())),
+        episode,
+        _valves(craft, 0, 2),
+        None,
+        lambda *_: moment.state,
     )
 
 
@@ -236,7 +240,7 @@ def _misled(craft: Spacecraft, moment: Moment) -> Outcome:
     """The same, told to be 50 m away."""
     blind = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))
     own = draws(0, 1)
-    world = World(craft, GoToPose(), Timing(), conditions=blind)
+    world = World(Setup(craft, GoToPose(), Timing(), blind))
     begun = world.begin(moment.state, moment.goal, 0, own)
     return step(world, begun, _valves(craft, 0, 2), own, lambda *_: moment.state)
 

@@ -40,10 +40,10 @@ class Tune:
 
     def run(self) -> int:
         """Print what was found and what it is worth."""
+        from rans.episode import Setup
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
         from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
-        from rans.flight import Setup
         from rans.model.spacecraft_file import load_spacecraft
         from rans.model.timing import Timing
         from rans.tasks import TASKS

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network
 from rans.files import git_revision, package_version
-from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.derived import example
 

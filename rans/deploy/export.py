@@ -11,6 +11,7 @@ from rans.deploy.contract import contract, golden, observed
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import agent_program
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
@@ -30,7 +31,6 @@ from rans.files import (
     write_json,
     write_text,
 )
-from rans.flight import Setup
 from rans.scenario import EVALUATION_SEED
 
 Form = Literal["sb3", "rans", "onnx", "numpy"]

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import World
+from rans.episode import Guard, Setup, World
 from rans.errors import ConfigError, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
@@ -87,6 +87,7 @@ class Engine:
         body: Body | None = None,
         conditions: str | Path | Conditions | None = None,
         remember: bool = False,
+        guard: Guard | None = None,
         plain: bool = False,
     ) -> None:
         if plain and compiled:
@@ -116,7 +117,7 @@ class Engine:
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
-        self._world = World(craft, task, how, backend.nodes, conditions)
+        self._world = World(Setup(craft, task, how, conditions, guard), backend.nodes)
         self.known = Known(
             self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
         )

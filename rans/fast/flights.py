@@ -9,7 +9,7 @@ from contextlib import closing
 import numpy as np
 import torch
 
-from rans.episode import Episode, Outcome, World, step
+from rans.episode import Episode, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.flight_statistics import FlightStatistics
@@ -19,7 +19,6 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
-from rans.flight import Setup
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
@@ -66,12 +65,12 @@ class Flights:
         generated: bool = True,
         plain: bool = False,
     ) -> None:
-        craft, task, timing, conditions = self._setup = setup
+        self._setup = setup
         self.backend = backend = Backend.of(device, torch.float32, None, plain)
         """Library of the fields that are stepped."""
         self.device = backend.device
         self.listed = listed
-        self.world = World(craft, task, timing, backend.nodes, conditions)
+        self.world = World(setup, backend.nodes)
         self._network = Network(
             network.architecture,
             {name: x.to(self.device, torch.float32) for name, x in network.tensors.items()},

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rans.environment import Environment
-from rans.episode import Mover
+from rans.episode import Guard, Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.accuracy import spin_up
 from rans.model.body import Body
@@ -45,6 +45,7 @@ def fly_in_drake(
     conditions: Conditions | None = None,
     draws: Draws | None = None,
     max_step: float | None = None,
+    guard: Guard | None = None,
 ) -> Flight:
     """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake.
 
@@ -61,6 +62,7 @@ def fly_in_drake(
         body or designed(craft),
         conditions,
         draws,
+        guard,
     )
 
 

@@ -19,6 +19,7 @@ import torch
 from rans.cli import main
 from rans.deploy.contract import contract, golden, observed
 from rans.deploy.export import Form, write_agent
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.controllers import user_policy
@@ -26,7 +27,7 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import SavedPolicy, read_policy
-from rans.flight import Setup, fly
+from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -277,7 +278,7 @@ def test_places_are_about_the_centre_of_mass() -> None:
 
 def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
     """With its memory, which begins anew with every flight, as a contestant."""
-    network, (craft, task, _, _) = shipped("go-to-pose-2d-robust")
+    network, (craft, task, _, _, _) = shipped("go-to-pose-2d-robust")
     written(tmp_path, network, "onnx")
     policy = user_policy(f"onnx:{tmp_path / 'agent.onnx'}", craft, task)
     starts = scenarios(task, craft, 3, 8)

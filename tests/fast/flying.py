@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 
+from rans.episode import Setup
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.network import Network
 from rans.fast.symmetry import symmetries
-from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

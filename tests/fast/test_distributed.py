@@ -15,6 +15,7 @@ import torch.distributed as dist
 from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
+from rans.episode import Setup
 from rans.errors import ConfigError, WorkerLost
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
@@ -27,7 +28,6 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner, act
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
-from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS

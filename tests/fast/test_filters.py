@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.fast.filter import Filter
 from rans.fast.filters import Filters
@@ -72,7 +72,7 @@ def test_what_is_expected_is_what_is_seen_next(
     body = layout(task, craft.dimension).body
     filters = made(craft, task, drift, steady, response)
     chosen = scenarios(task, craft, SEED, COUNT)
-    world = World(craft, task, TIMING)
+    world = World(Setup(craft, task, TIMING))
     now = world.begin(chosen.start, chosen.goal)
     memory = [np.zeros(COUNT)] * filters.width(body)
     fastest = 0.0
@@ -156,7 +156,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
         body = layout(task, craft.dimension).body
         filters = made(craft, task, 0.01, 25.0)
         chosen = scenarios(task, craft, SEED, COUNT)
-        world = World(craft, task, TIMING, conditions=rows()[name])
+        world = World(Setup(craft, task, TIMING, rows()[name]))
         now = world.begin(chosen.start, chosen.goal, 0, own)
         memory = [np.zeros(COUNT)] * filters.width(body)
         before = now
@@ -194,8 +194,8 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
     filters = made(FLYER, task, drift)
     chosen = scenarios(task, FLYER, SEED, COUNT)
     own = draws(SEED, COUNT)
-    world = World(FLYER, task, TIMING, conditions=rows()["noise"])
-    perfect = World(FLYER, task, TIMING)
+    world = World(Setup(FLYER, task, TIMING, rows()["noise"]))
+    perfect = World(Setup(FLYER, task, TIMING))
     now = world.begin(chosen.start, chosen.goal, 0, own)
     gain = gains(TIMING.control_period, drift, 40)
     memory = [np.zeros(COUNT)] * filters.width(body)

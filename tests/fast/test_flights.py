@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from rans import processes
+from rans.episode import Setup
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
@@ -25,7 +26,6 @@ from rans.fast.filters import Filters
 from rans.fast.flight_statistics import QUANTITIES, FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
-from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.fast.filters import Filters
 from rans.fast.responses import Response
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
@@ -76,7 +76,7 @@ def test_what_is_not_as_designed_is_found(
     (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), (25.0,)).each
     chosen = scenarios(task, craft, SEED, COUNT)
     body = layout(task, craft.dimension).body
-    world = World(craft, task, TIMING, conditions=conditions)
+    world = World(Setup(craft, task, TIMING, conditions))
     now = world.begin(chosen.start, chosen.goal, 0, own)
     memory = [np.zeros(COUNT)] * found_by.width(body)
     told = [np.zeros(COUNT)] * 4

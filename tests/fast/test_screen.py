@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import rans
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.evaluation.measure.metrics import solved
 from rans.fast import screen
 from rans.fast.flights import Flights
 from rans.fast.learn.architecture import Architecture
-from rans.flight import Setup, fly
+from rans.flight import fly
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -52,7 +52,7 @@ def columns_of(craft: Spacecraft, kind: type) -> slice:
 def flown(craft: Spacecraft, steps: int, often: float = 0.03) -> Iterator[tuple[np.ndarray, Any]]:
     """True columns in B of every step, and the random command that answers them."""
     random = np.random.default_rng(1)
-    world = World(craft, TASK, TIMING)
+    world = World(Setup(craft, TASK, TIMING))
     chosen = scenarios(TASK, craft, SEED, COUNT)
     now = world.begin(chosen.start, chosen.goal)
     body = layout(TASK, craft.dimension)

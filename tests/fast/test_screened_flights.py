@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
@@ -51,7 +51,7 @@ def flown(
     conditions = Conditions(sensors=sensors)
     chosen = scenarios(TASK, craft, SEED, COUNT)
     own = draws(SEED, COUNT)
-    world = World(craft, TASK, TIMING, conditions=conditions.or_none)
+    world = World(Setup(craft, TASK, TIMING, conditions.or_none))
     now = world.begin(chosen.start, chosen.goal, 0, own)
     memory: Sequence[Any] = [np.zeros(COUNT)] * agent.filtering
     random = np.random.default_rng(SEED)

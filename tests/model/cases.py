@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rans.episode import Episode, World
+from rans.episode import Episode, Setup, World
 from rans.model.conditions import Conditions
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
@@ -26,7 +26,7 @@ TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 def begun(
     conditions: Conditions, dimension: int = 2, count: int = COUNT
 ) -> tuple[World, Draws, Episode]:
-    world = World(CRAFTS[dimension], TASK, conditions=conditions)
+    world = World(Setup(CRAFTS[dimension], TASK, conditions=conditions))
     own = draws(11, count)
     starts = scenarios(TASK, world.craft, 11, count)
     return world, own, world.begin(starts.start, starts.goal, 0, own)

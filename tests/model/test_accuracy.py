@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
@@ -169,9 +169,9 @@ def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     leaky = replace(nominal, leak=(np.array([0.0, 0.5]), *nominal.leak[1:]))
     assert spin_up(craft, leaky) == pytest.approx(math.sqrt(100 + 1.25**2 + 1))
     faults = Conditions(faults=FaultConditions(1.0, ("stuck-open",), time=(0.0, 25.0)))
-    assert World(craft, GoToPose(), timing, conditions=faults).timing == chosen(craft, timing)
+    assert World(Setup(craft, GoToPose(), timing, faults)).timing == chosen(craft, timing)
     late = replace(faults, thrusters=ThrusterConditions(thrust=(1.5, 1.5)))
-    assert World(craft, GoToPose(), timing, conditions=late).timing == chosen(
+    assert World(Setup(craft, GoToPose(), timing, late)).timing == chosen(
         craft, timing, replace(nominal, gain=(1.5,) * 12)
     )
 
@@ -185,7 +185,7 @@ def test_a_torque_that_stays_in_the_world_takes_more() -> None:
     assert chosen(load_spacecraft("floating-platform"), timing, torque=0.5).substeps == 1
     pushed = Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.2), slow_torque=0.3))
     for conditions in (pushed, replace(Conditions(), others=(pushed,))):
-        assert World(FLYER, GoToPose(), timing, conditions=conditions).timing.substeps == 4
+        assert World(Setup(FLYER, GoToPose(), timing, conditions)).timing.substeps == 4
 
 
 def test_worlds_and_engines_know_the_number() -> None:
@@ -193,7 +193,7 @@ def test_worlds_and_engines_know_the_number() -> None:
     timing = Timing(0.2)
     number = chosen(craft, timing).substeps
     assert number == 6
-    assert World(craft, GoToPose(), timing).timing.substeps == number
+    assert World(Setup(craft, GoToPose(), timing)).timing.substeps == number
     engine = Engine(craft, GoToPose(), 2, timing)
     assert engine._world.timing.substeps == number
     heavy = Engine(
@@ -216,7 +216,7 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     """One control period at the spin that the choice was made for, in eight times as many steps."""
     craft = rod(0.03)
     timing = Timing(0.2)
-    world = World(craft, GoToPose(), timing)
+    world = World(Setup(craft, GoToPose(), timing))
     number = world.timing.substeps or 0
     assert number > 4
     start = scenarios(GoToPose(), craft, 0, 1).start
@@ -224,7 +224,7 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
     told = Influences(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
     ends = [
-        World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told)[-1]
+        World(Setup(craft, GoToPose(), Timing(0.2, substeps=n))).move(start, told)[-1]
         for n in (number, 8 * number, 1)
     ]
     angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.model.actuators import Throttle
 from rans.model.conditions import (
@@ -129,5 +129,5 @@ def test_valves_that_are_not_on_off_have_no_least_time(others: bool) -> None:
     conditions = Conditions(others=(asked,)) if others else asked
     sentence = r"thrusters\.least_off up to 0\.4 s.*'floating-platform' are throttle"
     with pytest.raises(ConfigError, match=sentence):
-        World(craft, GoToPose(), conditions=conditions)
-    World(load_spacecraft("floating-platform"), GoToPose(), conditions=conditions)
+        World(Setup(craft, GoToPose(), conditions=conditions))
+    World(Setup(load_spacecraft("floating-platform"), GoToPose(), conditions=conditions))

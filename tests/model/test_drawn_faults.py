@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rans.episode import Episode, World
+from rans.episode import Episode, Setup, World
 from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.case import draw
@@ -107,7 +107,7 @@ def test_kinds_with_sets_of_their_own_keep_them() -> None:
     strong = replace(PLATFORM, thrusters=(replace(first, force=20.0), *others))
     faults = FaultConditions(1.0, ("dead", "stuck-open"), among="recoverable")
     own = draws(11, COUNT)
-    world = World(strong, TASK, conditions=Conditions(faults=faults))
+    world = World(Setup(strong, TASK, conditions=Conditions(faults=faults)))
     body = world.recalled(Episode(None, None), own).case.body_at(0.0)  # type: ignore[union-attr]
     assert (np.array(body.gain[0]) == 0.0).any()
     assert not np.array(body.leak[0]).any()

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.case import Failing, Influences
@@ -75,7 +75,7 @@ class Period:
         within = lag is not None and lag.latest < PERIOD
         self._sound = Influences(Body.of(craft), told[:2] if within else told, lag)
         self._start = STARTS[dimension]
-        self.world = World(craft, GoToPose(), Timing(PERIOD, substeps=4))
+        self.world = World(Setup(craft, GoToPose(), Timing(PERIOD, substeps=4)))
         self.sound = self._sound.body
         self.broken = replace(
             self.sound,

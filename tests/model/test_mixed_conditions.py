@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from rans.episode import Episode, World
+from rans.episode import Episode, Setup, World
 from rans.errors import ConfigError
 from rans.model.case import Case
 from rans.model.conditions import (
@@ -36,7 +36,9 @@ COUNT = 40_000
 def drawn(conditions: Conditions, dtype: type = np.float64) -> Case:
     draws = Draws(1, 2, np.arange(COUNT, dtype=np.int32), 0, dtype)
     case = (
-        World(PLATFORM, GoToPose(), conditions=conditions).recalled(Episode(None, None), draws).case
+        World(Setup(PLATFORM, GoToPose(), conditions=conditions))
+        .recalled(Episode(None, None), draws)
+        .case
     )
     assert case is not None
     return case
@@ -78,9 +80,11 @@ def test_single_precision_stays_so() -> None:
 
 def test_episodes_remember_for_the_longest_of_them() -> None:
     """0.3 s of latency are felt for two periods of 0.2 s, a valve that holds for 0.7 s for four."""
-    assert World(PLATFORM, GoToPose(), conditions=MIXED).remembered == 2
+    assert World(Setup(PLATFORM, GoToPose(), conditions=MIXED)).remembered == 2
     slow = Conditions(thrusters=ThrusterConditions(least_on=0.7))
-    assert World(PLATFORM, GoToPose(), conditions=replace(LATE, others=(slow,))).remembered == 4
+    assert (
+        World(Setup(PLATFORM, GoToPose(), conditions=replace(LATE, others=(slow,)))).remembered == 4
+    )
 
 
 def test_they_go_to_json_and_back() -> None:

@@ -120,7 +120,7 @@ def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
     noise = sensors("noise", (0.02, 0.01, 0.03, 0.04))
     stopping = replace(noise, outage=0.5, outage_every=2.0)
     world, own, now = begun(Conditions(sensors=stopping), dimension, 200)
-    world = replace(world, timing=Timing(control_period=0.1))
+    world = replace(world, setup=world.setup._replace(timing=Timing(control_period=0.1)))
     before = world.sensed(now, own)
     stopped = []
     for _ in range(40):

@@ -37,7 +37,7 @@ def test_without_wandering_a_reading_counts_as_all_before_it() -> None:
 
 def test_in_a_perfect_world_it_changes_nothing() -> None:
     run = contestant(AGENT)
-    craft, task, timing, _ = setup = run.judged
+    craft, task, timing, _, _ = setup = run.judged
     timing = replace(timing, episode_steps=30)
     starts = scenarios(task, craft, 5, 8)
     plain, behind = (

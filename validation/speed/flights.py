@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import torch
 
+from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.kernels.flight import Products
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
-from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose

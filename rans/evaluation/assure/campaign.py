@@ -10,13 +10,13 @@ from functools import reduce
 from operator import add
 from typing import Any
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.flight import Setup
 from rans.progress import Progress, unseen
 from rans.verdict import Failure
 

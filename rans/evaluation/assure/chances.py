@@ -16,12 +16,11 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.fast.flights import BATCH, Flights
 from rans.fast.learn.network import Network
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
-from rans.flight import Setup
 from rans.model.conditions import bounds
 from rans.model.fields import Field, floor, where
 from rans.model.random import Draws, Random
@@ -132,7 +131,7 @@ class Chances:
         noted = _Noted()
         number = np.zeros(1, dtype=np.int32)
         draws = Chosen(0, 0, number, 0, np.float64, noted, np.ones(1))
-        world = World(setup.craft, setup.task, setup.timing, conditions=setup.conditions)
+        world = World(Setup(setup.craft, setup.task, setup.timing, setup.conditions))
         world.begin(*world.scenario(number, draws), number, draws)
         return cls(setup, tuple(sorted(noted)))
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import rans
+from rans.episode import Setup
 from rans.evaluation.fly.contestants import agent_folder
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.episode import World
+from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import numbers
@@ -19,7 +19,7 @@ from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, pi
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
-from rans.flight import Controller, Flight, Setup
+from rans.flight import Controller, Flight
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
@@ -264,8 +264,9 @@ def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
 
 def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     """What one flight drew, in words."""
-    craft, task, timing, conditions = chances.setup
-    world = World(craft, task, timing, conditions=conditions)
+    conditions = chances.setup.conditions
+    craft = chances.setup.craft
+    world = World(chances.setup)
     start, goal = world.scenario(draws.first * 0, draws)
     case: Any = world.begin(start, goal, draws.first * 0, draws).case
     given = Conditions() if conditions is None else conditions

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from rans.episode import Setup
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
 from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
-from rans.flight import Controller, Flight, Setup, fly
+from rans.flight import Controller, Flight, fly
 from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft

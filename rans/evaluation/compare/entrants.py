@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 
+from rans.episode import Setup
 from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
@@ -19,7 +20,7 @@ from rans.evaluation.fly.lookahead import PREFIX
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
-from rans.flight import Controller, Setup
+from rans.flight import Controller
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.scenario import EVALUATION_SEED
@@ -74,7 +75,7 @@ def contest_of(
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     run = _single(spec, contestant(spec)).under(conditions)
-    craft, task, timing, world = run.judged
+    craft, task, timing, world, _ = run.judged
     seed_words(seed)  # what is wrong here is told once: else every contestant would
     check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world)

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
-from rans.flight import Setup
 from rans.model.spacecraft_file import to_toml
 from rans.progress import Progress, unseen
 from rans.scenario import TUNING_SEED
@@ -55,7 +55,7 @@ def tune(
     if not (math.isfinite(price) and price >= 0):
         raise ConfigError(f"--price must be finite and >= 0 s per N s, got {price}.")
     maker = CONTROLLERS[name]
-    (craft, task, timing, _) = setup
+    craft, task, timing, _, _ = setup
     contest = Contest(craft, task, timing, TUNING_SEED, starts, conditions=setup.conditions)
     within = ranges(name)
     found: list[tuple[float, dict[str, float]]] = []

@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
-from rans.flight import Controller, Setup
+from rans.flight import Controller
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
@@ -59,7 +60,7 @@ class LoadedRun(NamedTuple):
     """With the training's settings; see `judged`."""
     timing: Timing
     conditions: Conditions | None = None
-    """What its episodes do not promise; None: a perfect world."""
+    """Randomization, disturbances, faults and sensors of its episodes; None: everything is as designed."""
 
     def __repr__(self) -> str:
         return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"

@@ -8,13 +8,13 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
+from rans.episode import Setup
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
-from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -51,24 +51,24 @@ def contestant(
         trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
     if lent is not None and _is_controller(spec):
-        return LoadedRun(controller(spec, lent), *lent)
+        return LoadedRun(controller(spec, lent), *lent[:4])
     if is_user_policy(spec):
         if lent is None:
             raise ConfigError(
                 f"{spec} knows no task: name somebody who does before it, as in rans compare "
                 f"RUN {spec}."
             )
-        return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent)
+        return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent[:4])
     kind, name, part = _parse(spec)
     if kind == PREFIX:
         run = contestant(f"{name}#{part}" if part else name, protocol)
         return run._replace(controller=looking_ahead(run))
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(kind, name, spec), part, spec))
-        return LoadedRun(controller(kind, setup), *setup)
+        return LoadedRun(controller(kind, setup), *setup[:4])
     run = load_agent(agent_folder(spec))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
-    return LoadedRun(run.controller, *under_protocol(protocol, own))
+    return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
 
 
 def text_of(agent: object) -> str:
@@ -98,7 +98,7 @@ def in_protocol(agent: str | Path | LoadedRun | Lookahead, protocol: ProtocolNam
             f"{agent.controller.name} was made for its own setup; give its name instead, as in "
             f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r})."
         )
-    return LoadedRun(agent.controller, *changed)
+    return LoadedRun(agent.controller, *changed[:4])
 
 
 def agent_folder(spec: str) -> Path:

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from rans.episode import Setup
 from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
-from rans.flight import Controller, Setup
+from rans.flight import Controller
 from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed

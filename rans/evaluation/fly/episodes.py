@@ -7,7 +7,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rans.flight import Controller, Flight, Setup, fly
+from rans.episode import Setup
+from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.processes import Workers
@@ -96,13 +97,15 @@ def fly_draws(
         own: random numbers of the episodes; ``own.first`` are the episodes' numbers, (N,).
         engine: what computes the motion.
     """
-    craft, task, timing, conditions = setup
+    craft, task, timing, conditions, guard = setup
     starts = drawn(task, craft, own)
-    if engine == "fast":
-        return fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
-    from rans.reference.flight import fly_in_drake
+    fly_in_engine = fly
+    if engine != "fast":
+        from rans.reference.flight import fly_in_drake as fly_in_engine
 
-    return fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
+    return fly_in_engine(
+        craft, task, controller, starts, timing, conditions=conditions, draws=own, guard=guard
+    )
 
 
 def _joined(parts: list[Flown]) -> Flown:

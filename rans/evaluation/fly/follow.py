@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.episodes import EngineName, fly_episodes
 from rans.evaluation.fly.paths import SPACING, LookAhead
 from rans.evaluation.measure.metrics import Sample
-from rans.flight import Controller, Flight, Setup
+from rans.flight import Controller, Flight
 from rans.model.drift import Drift
 from rans.model.dynamics import State
 from rans.model.random import Random

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Outcome, World, step
+from rans.episode import Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.model.actuators import ON_OFF
@@ -131,7 +131,7 @@ class Lookahead:
         self.arrival = arrival
         self._run = run
         self._network = agent.network
-        self._world = World(craft, task, timing)
+        self._world = World(Setup(craft, task, timing))
         self._periods, last = (
             math.ceil(s / timing.control_period - 1e-9)
             for s in (horizon, min(change_within, horizon))

@@ -8,11 +8,12 @@ import gymnasium
 import numpy as np
 
 from rans.environment import Environment
+from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.lookahead import Lookahead
-from rans.flight import Controller, Setup
+from rans.flight import Controller
 from rans.model.fields import map_leaves
 
 

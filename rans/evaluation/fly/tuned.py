@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rans.episode import Setup
 from rans.errors import ConfigError, is_finite
 from rans.files import distinct, read_json, write_json
-from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
 from rans.tasks import Task, registered_name
@@ -68,7 +68,7 @@ class Tuned:
 
     def fits(self, name: str, setup: Setup) -> bool:
         """Whether they were found for this; starts, length of episodes and conditions may differ."""
-        craft, task, timing, _ = setup
+        craft, task, timing, _, _ = setup
         return (
             self.controller == name
             and self.tolerances == task.tolerances()

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 from scipy.stats import binomtest
 
+from rans.episode import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
 from rans.evaluation.measure.statistics import NORMAL_95
 from rans.fast.flight_statistics import FlightStatistics, Sums
-from rans.flight import Setup
 from rans.verdict import Failure
 
 

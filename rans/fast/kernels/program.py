@@ -169,7 +169,8 @@ def on_symbols(
 ) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
     """World and episode with symbols for what lies in memory: the episode's, and the task's settings."""
     settings: list[Input] = []
-    world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
+    setup = world.setup._replace(task=_with_symbols(world.task, settings))
+    world = dataclasses.replace(world, setup=setup)
     memory, inputs = _remembered(episode)
     return world, inputs, memory, tuple(settings)
 

@@ -15,13 +15,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
 from rans.fast.step import begin_as, varying
-from rans.flight import Setup
 from rans.scenario import FAILURES_SEED
 
 _FOLLOWED = 1024

@@ -10,6 +10,7 @@ import torch
 from scipy.special import ndtri
 from scipy.stats import norm
 
+from rans.episode import Setup
 from rans.evaluation.assure import search
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, scored, sized
 from rans.evaluation.assure.rare import rare
@@ -21,7 +22,6 @@ from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
-from rans.flight import Setup
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.tuning import cost, tune
 from rans.evaluation.fly.tuned import arguments
 from rans.evaluation.measure.metrics import impulses, settling_times
-from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR

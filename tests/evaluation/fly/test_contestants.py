@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rans.pretrained
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import (
     contestant,
@@ -17,7 +18,7 @@ from rans.evaluation.fly.contestants import (
 )
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
-from rans.flight import Setup, fly
+from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios

@@ -39,7 +39,7 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
         one = enlist(f"{agent}#{knob}", contest)
         assert (one.name, one.knob, type(contest.task)) == (f"turned#{knob}", float(knob), GoToPose)
         plain = contest.fly(one.controller).flight
-        craft, task, timing, _ = own.judged
+        craft, task, timing, _, _ = own.judged
         starts = scenarios(task, craft, contest.seed, 40)
         priced = fly(craft, task, own.controller, starts, timing)
         np.testing.assert_array_equal(plain.commands, priced.commands)

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 import rans
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -17,7 +18,7 @@ from rans.evaluation.fly.contestants import contestant, controller_name, output_
 from rans.evaluation.fly.knob import HeldKnob
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.fast.learn.network import Network
-from rans.flight import Flight, Setup, fly
+from rans.flight import Flight, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
 from rans.scenario import scenarios
@@ -106,7 +107,7 @@ def test_it_gives_what_brute_force_finds_best(
     count = 24
     starts = scenarios(task, PLATFORM, 5, count)
     ahead = Lookahead(
-        LoadedRun(Agent(network, "tiny"), *setup),
+        LoadedRun(Agent(network, "tiny"), *setup[:4]),
         horizon=PERIODS * 0.2,
         change_within=0.4,
         arrival=ArrivalCost() if worth is spared else None,

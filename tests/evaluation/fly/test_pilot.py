@@ -9,11 +9,12 @@ import gymnasium
 import numpy as np
 import pytest
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.pilot import Pilot
-from rans.flight import Setup, fly
+from rans.flight import fly
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.tuned import OWN, SHIPPED, Tuned, arguments, defaults, file_name, tuned
-from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR

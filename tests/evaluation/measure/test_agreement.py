@@ -14,11 +14,11 @@ import pytest
 from rich.console import Console
 
 from rans.cli import main
+from rans.episode import Setup
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.agreement import compare_engines
 from rans.files import write_json
-from rans.flight import Setup
 from rans.model.fields import leaves, map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios

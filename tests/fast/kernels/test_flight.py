@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.episode import Setup
 from rans.fast.filters import Filters
 from rans.fast.flight_statistics import QUANTITIES, FlightStatistics
 from rans.fast.flights import Flights
@@ -18,7 +19,6 @@ from rans.fast.kernels.design import Design, DoesNotFit
 from rans.fast.kernels.flight import FlightKernel
 from rans.fast.kernels.launch import CudaError
 from rans.fast.learn.network import Network
-from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.tasks import TASKS
 from tests.fast.engines import FLYER, PLATFORM

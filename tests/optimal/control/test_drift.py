@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from rans.episode import World, step
+from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
@@ -173,7 +173,7 @@ def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool
     """In float64, of a goal that stands still and of one that drifts; in space the engine steps more finely."""
     task = (Chase if chased else Place)(pulled=ORBIT, aside=(2.0, -1.0, 0.5))
     timing = Timing(substeps=1)
-    world = World(craft, task, timing)
+    world = World(Setup(craft, task, timing))
     starts = scenarios(task, craft, 4, 5)
     start = replace(starts.start, v=starts.start.p.scale(0.1))
     commands = np.random.default_rng(0).uniform(size=(5, len(craft.thrusters)))
