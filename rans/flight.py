@@ -73,7 +73,7 @@ class Flight:
     states: Any
     """`State` whose fields are float64 arrays (T + 1, N)."""
     goals: Any
-    """The same where goals move, elsewhere of arrays (N,)."""
+    """Goals as a `State` of arrays (T + 1, N) where they move, elsewhere (N,)."""
     commands: np.ndarray
     """(T, N, thrusters), 0 to 1."""
     controller: str

@@ -72,7 +72,7 @@ class View:
             check_video(self.video)
         runs = [contestant(self.contestants[0]).under(self.conditions)]
         runs += [
-            contestant(spec, lent=runs[0].judged).under(self.conditions)
+            contestant(spec, default_setup=runs[0].judged).under(self.conditions)
             for spec in self.contestants[1:]
         ]
         flights = [

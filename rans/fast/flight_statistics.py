@@ -67,7 +67,7 @@ class FlightStatistics:
     kinds: np.ndarray
     """(M,) uint8: the `Failure` of each."""
     sums: dict[str, Sums]
-    """Of the `QUANTITIES`."""
+    """Sums of the `QUANTITIES`."""
     listed: int = 100_000
     """Largest number of unsolved flights that are listed."""
     ways: frozenset[str] = field(default_factory=frozenset)

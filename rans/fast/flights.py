@@ -92,7 +92,7 @@ class Flights:
     def fly(
         self, first: int, count: int, seed: int, progress: Progress = unseen
     ) -> FlightStatistics:
-        """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
+        """Statistics of scenarios ``first`` to ``first + count - 1``; progress reports flights.
 
         Raises:
             ConfigError: see `parts`.
@@ -105,7 +105,7 @@ class Flights:
         return found
 
     def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
-        """The same part by part, in the order of their numbers, as they are flown.
+        """Statistics of consecutive scenarios part by part, in the order of their numbers, as they are flown.
 
         Raises:
             ConfigError: the seed has more than 64 bits, or a scenario's number more than 31.
@@ -131,7 +131,7 @@ class Flights:
         return self._stepped(seed, np.arange(first, first + count, dtype=np.int32))
 
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[FlightStatistics]:
-        """By one process a processor: threads would wait for Python's lock."""
+        """Fly by one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
         given = self._network, self._setup, "cpu", self.listed
         yield from Workers(Flights, given, _processors(), "flew").ordered(Flights.fly, jobs)

@@ -35,20 +35,20 @@ class Assurance:
     """Everything about one agent's campaign."""
 
     spec: str
-    """Who, as for `rans.evaluation.fly.contestants.contestant`."""
+    """Name of the agent, as `rans.evaluation.fly.contestants.contestant` takes it."""
     conditions: str | None
     """Name or file; None: those of the training."""
     campaign: Campaign
     replays: Replays | None = None
-    """Of failed flights; None: not yet flown."""
+    """Failed flights, flown again; None: not yet."""
     rare: Rare | None = None
-    """By importance sampling; None: not asked for."""
+    """Probability of failure by importance sampling; None: not asked for."""
     searched: Searched | None = None
-    """For the worst case; None: not asked for."""
+    """Search for the smallest disturbance that breaks the agent; None: not asked for."""
     command: str = ""
-    """That made it."""
+    """Command line that made the assurance."""
     environment: dict[str, str] = field(default_factory=this_environment)
-    """Of the machine that flew last; another may fly the failures again."""
+    """Environment of the machine that flew last; another may fly the failures again."""
 
     @cached_property
     def run(self) -> LoadedRun:

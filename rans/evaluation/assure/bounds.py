@@ -11,7 +11,7 @@ from scipy.stats import beta, binom
 from rans.errors import ConfigError
 
 Decision = Literal["below", "above", "open"]
-"""Of a probability and the bound wanted of it; open: neither is certain yet."""
+"""Whether a probability is below or above the wanted bound; open: neither is certain yet."""
 
 _LOOKS = 5
 """At which failures may be found to be rare enough: twice as many flights at each as at the one before."""
@@ -73,7 +73,7 @@ class Look:
     high_level: float
     """Chance that an `upper` bound stated here is wrong."""
     low_level: float
-    """The same of a `lower` bound."""
+    """Chance that a `lower` bound stated here is wrong."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Plan:
 
     looks: tuple[Look, ...]
     confidence: float
-    """That upper bounds hold, and that lower ones do, each by itself."""
+    """Probability that all upper bounds hold, and that all lower ones do."""
     below: float | None = None
     """The bound wanted of the probability of failure; None: there is none, and one look at the end."""
 

@@ -43,7 +43,7 @@ class Campaign:
 
     @property
     def failures(self) -> int:
-        """Of all kinds."""
+        """Number of failures of all kinds."""
         return sum(self.events.values())
 
     @property
@@ -62,7 +62,7 @@ class Campaign:
         return self.flights >= self.plan.flights or self.decision != "open"
 
     def bound(self, kind: Failure | None = None) -> Bound:
-        """Of the probability of one kind of failure, or of any, with the plan's confidence on either side.
+        """Bound on the probability of one kind of failure, or of any, with the plan's confidence on either side.
 
         An interrupted campaign has the levels of the look that it was on its way to: right where nobody
         interrupted because of what they saw.
@@ -117,7 +117,7 @@ class Campaign:
         self.ways |= flown.ways
 
     def numbers(self, kind: Failure) -> list[int]:
-        """Of listed flights that failed in this way, rising."""
+        """Numbers of the listed flights that failed in this way, rising."""
         return [number for number, found in self.listed if found == kind]
 
     def to_json(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class Campaign:
 def _parts(
     fleet: Flights, first: int, end: int, seed: int, processes: Processes
 ) -> Generator[FlightStatistics]:
-    """Of scenarios ``first`` to ``end - 1``, in this order: of several processes what all flew of a piece."""
+    """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together."""
     if processes.size == 1:
         yield from fleet.parts(first, end - first, seed)
         return

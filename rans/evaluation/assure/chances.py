@@ -1,4 +1,4 @@
-"""Flights whose draws are chosen, not drawn: what splitting and a search for the worst case move about in.
+"""Flights whose random numbers are given: what importance sampling and a search for the worst case explore.
 
 Everything that an episode draws once (start, goal, body, push ...) is a function of some uniform numbers in
 [0, 1). Here they are given. What sensors draw anew in every step stays with the number of the episode.
@@ -41,14 +41,14 @@ class Sized(tuple[float, float]):
 
     @classmethod
     def of(cls, values: Any, nominal: float | None) -> Sized:
-        """Of a range, and the default of its setting."""
+        """Make one from a range and the default of its setting."""
         new = cls(bounds(values))
         new.nominal = new[0] if nominal is None else nominal
         return new
 
 
 def sized(conditions: Any) -> Any:
-    """The same conditions, whose ranges are `Sized` where they differ from a perfect world's."""
+    """Conditions whose ranges are `Sized` where they differ from a perfect world's."""
     perfect = type(conditions)()
     changed = {}
     for one in fields(conditions):
@@ -68,7 +68,7 @@ class Chosen(Draws):
     given: Mapping[Slot, Field] = field(default_factory=dict)
     """Uniform numbers in [0, 1), (N,) each; what is not given is asked for by a KeyError."""
     size: Field = None
-    """Of `Sized` ranges, in units of their own size: at 0 everything is as in a perfect world. None: 1."""
+    """Size of `Sized` ranges in units of their own: at 0 everything is as in a perfect world. None: 1."""
 
     def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
         """See `Draws.random`."""
@@ -90,7 +90,7 @@ class _Given(Random):
         return self._draws.given[block, place]
 
     def within(self, values: Any) -> Field:
-        """As in `Random`; what does not vary takes no number."""
+        """Number within a range, see `Random.within`; a range of one value takes no random number."""
         low, high = bounds(values)
         value = low if low == high else low + (high - low) * self.unit()
         size = self._draws.size
@@ -101,7 +101,7 @@ class _Given(Random):
         )
 
     def whole(self, values: Any) -> Field:
-        """As in `Random`."""
+        """Whole number within a range, see `Random.whole`."""
         low, high = bounds(values)
         value = low if low == high else super().whole(values)
         size = self._draws.size
@@ -127,7 +127,7 @@ class Chances:
 
     @classmethod
     def of(cls, setup: Setup) -> Chances:
-        """Those that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
+        """Uniform numbers that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
         noted = _Noted()
         number = np.zeros(1, dtype=np.int32)
         draws = Chosen(0, 0, number, 0, np.float64, noted, np.ones(1))

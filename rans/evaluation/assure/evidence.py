@@ -37,7 +37,7 @@ def hashes(spec: str, setup: Setup) -> dict[str, str]:
 
 
 def sha256(parts: Iterable[bytes]) -> str:
-    """Of all of them, one after the other."""
+    """SHA-256 of all parts, one after the other."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part)

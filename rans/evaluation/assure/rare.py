@@ -11,14 +11,14 @@ import numpy as np
 from rans.model.random import generator
 
 Score = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of standard normal numbers (D, N) and numbers (N,) int32 of episodes: (N,), from 1 on an event happens."""
+"""Function of standard normal numbers (D, N) and episode numbers (N,) int32; from 1 on an event happens, (N,)."""
 
 _SHARE = 0.1
-"""Of a round that the next one is made like."""
+"""Share of a round, nearest to the event, that the next round's distribution is fitted to."""
 _ROUNDS = 10
 _FEWEST = 1000
 _LEAST_RISE = 0.05
-"""Of the way to an event, by which a round must come closer to be worth another."""
+"""Part of the way to an event by which a round must come closer to be worth another."""
 _KEPT = 0.3
 """How much of the last round's distribution is kept; without it small samples run away."""
 _NARROWEST = 0.3
@@ -153,5 +153,5 @@ def estimated(
 
 
 def numbers(random: np.random.Generator, count: int) -> np.ndarray:
-    """Of episodes that nobody flew before, (N,) int32."""
+    """Numbers of episodes that nobody flew before, (N,) int32."""
     return random.integers(2**31, size=count, dtype=np.int32)

@@ -28,7 +28,7 @@ class Replayed:
     """One failed flight, flown again."""
 
     number: int
-    """Of its scenario."""
+    """Number of its scenario."""
     kind: Failure
     """How it failed in the campaign."""
     again: dict[Judge, Failure | None]

@@ -50,7 +50,7 @@ class Candidate:
     z: np.ndarray
     """(D,) what it drew, as standard normal numbers."""
     number: int
-    """By which sensors drew."""
+    """Number of the episode, by which sensors draw."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class Breaking:
     drew: dict[str, str]
     """What it drew, by name."""
     units: list[float]
-    """The same as uniform numbers, for `Chances.draws`."""
+    """What the flight drew as uniform numbers, for `Chances.draws`."""
     number: int
-    """Of the episode, by which sensors drew."""
+    """Number of the episode, by which sensors draw."""
     flight: Flight
     """It alone, in NumPy."""
 
@@ -86,7 +86,7 @@ class Searched:
     """Size up to which it was looked for."""
     flights: int
     failed: int
-    """Of them."""
+    """Number of flights that failed."""
     breaking: Breaking | None
     """None: none was found that fails again in float64."""
 

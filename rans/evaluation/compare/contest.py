@@ -47,16 +47,16 @@ class Contest:
 
     @cached_property
     def starts(self) -> Scenario:
-        """Fields of float64 arrays (N,)."""
+        """All starts, whose fields are float64 arrays (N,)."""
         return scenarios(self.task, self.craft, self.seed, self.episodes)
 
     @property
     def duration(self) -> float:
-        """Of an episode, s."""
+        """Duration of an episode, s."""
         return self.timing.episode_steps * self.timing.control_period
 
     def start(self, k: int) -> Scenario:
-        """Number k alone, fields (1,)."""
+        """Start number k alone, with fields (1,)."""
         return map_leaves(lambda x: x[k : k + 1], self.starts)
 
     @property
@@ -133,12 +133,12 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Of the contestant."""
+        """Name of the contestant."""
         return self.contestant.name
 
     @cached_property
     def settling(self) -> np.ndarray:
-        """When all errors enter their tolerances for good, (N,) s; infinite if never."""
+        """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
         return settling_times(self.flight)
 
     @cached_property

@@ -13,7 +13,13 @@ from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
-from rans.evaluation.fly.controllers import CONTROLLERS, Guarded, Maker, controller, is_user_policy
+from rans.evaluation.fly.controllers import (
+    CONTROLLERS,
+    CheckedController,
+    Maker,
+    controller,
+    is_user_policy,
+)
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.knob import without_knob
 from rans.evaluation.fly.lookahead import PREFIX
@@ -125,10 +131,10 @@ def enlisted(
 
 
 def _guest(given: Guest, contest: Contest) -> Contestant:
-    """Whose answers are checked, as those of `Guarded` are."""
+    """Contestant that is a controller of the caller's; its answers are checked."""
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)
-    made = Guarded(
+    made = CheckedController(
         who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given)
     )
     return Contestant(made.name, made, _MODEL, _UNKNOWN)
@@ -150,7 +156,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
 
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
     """
-    run = _single(spec, contestant(spec, lent=contest.setup, trust=trust))
+    run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     if type(run.task) is not type(contest.task):
         raise ConfigError(
             f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "

@@ -37,10 +37,10 @@ _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
-"""Those at which the front is drawn: so close that what lies between hardly counts (`Front.epsilon`)."""
+"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.epsilon`)."""
 
 _RELAXED = (0.4, 0.8)
-"""Those of them for which the relaxed optimum is found too."""
+"""Shares of an episode for which the relaxed optimum is found too."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Comparison(Shown):
         return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
 
     def names(self) -> set[str]:
-        """Of the contestants."""
+        """Names of the contestants."""
         return {entry.name for entry in self.entries}
 
     def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:

@@ -33,7 +33,10 @@ EVALUATIONS = Path("runs") / "evaluations"
 
 
 def contestant(
-    spec: str, protocol: ProtocolName = "own", lent: Setup | None = None, trust: bool = False
+    spec: str,
+    protocol: ProtocolName = "own",
+    default_setup: Setup | None = None,
+    trust: bool = False,
 ) -> LoadedRun:
     """A controller ready to fly, and in which setup.
 
@@ -44,21 +47,23 @@ def contestant(
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the usual `Timing` unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
             position of a knob. Policies made elsewhere (see `user_policy`) know no task of their own:
-            `ConfigError` if they are lent none.
+            `ConfigError` if they have none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
-        lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name or
-            MODULE:NAME.
+        default_setup: what policies made elsewhere fly, and a controller named by its bare name or
+            MODULE:NAME; None: such contestants are refused.
         trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
-    if lent is not None and _is_controller(spec):
-        return LoadedRun(controller(spec, lent), *lent[:4])
+    if default_setup is not None and _is_controller(spec):
+        return LoadedRun(controller(spec, default_setup), *default_setup[:4])
     if is_user_policy(spec):
-        if lent is None:
+        if default_setup is None:
             raise ConfigError(
                 f"{spec} knows no task: name somebody who does before it, as in rans compare "
                 f"RUN {spec}."
             )
-        return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent[:4])
+        return LoadedRun(
+            user_policy(spec, default_setup.craft, default_setup.task, trust), *default_setup
+        )
     kind, name, part = _parse(spec)
     if kind == PREFIX:
         run = contestant(f"{name}#{part}" if part else name, protocol)

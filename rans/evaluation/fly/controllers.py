@@ -77,10 +77,12 @@ def controller(name: str, setup: Setup) -> Controller:
     found = tuned(name, setup)
     if found is not None:
         maker = partial(maker, **arguments(maker, found.settings))
-    return maker(*setup[:3]) if name in CONTROLLERS.built_in else Guarded(name, setup, maker)
+    return (
+        maker(*setup[:3]) if name in CONTROLLERS.built_in else CheckedController(name, setup, maker)
+    )
 
 
-class Guarded:
+class CheckedController:
     """A controller made elsewhere, by name; a `ConfigError` says what is wrong with it or its answers."""
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:

@@ -20,7 +20,7 @@ EngineName = Literal["fast", "drake"]
 _SHARE = 64
 """Episodes a process flies at once in Drake: from here on more of them take no less time each."""
 _SLOW_SHARE = 8
-"""The same of a controller that says it is ``slow``, which takes its time for every episode."""
+"""Episodes a process flies at once of a controller that says it is ``slow``: it takes its time for each."""
 
 
 class Flown(NamedTuple):

@@ -13,7 +13,7 @@ RESAMPLES = 1000
 """Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
 
 SEED = 0
-"""Of the draws, so that equal flights have equal intervals."""
+"""Seed of the resamples, so that equal flights have equal intervals."""
 
 _TAILS = (0.025, 0.975)
 """Between these quantiles lie 95 %."""
@@ -30,7 +30,7 @@ class Estimate:
     high: float
 
     def text(self, digits: str = ".3g") -> str:
-        """As tables show it."""
+        """Value and interval as tables show them."""
         value, low, high = (figure(x, digits) for x in (self.value, self.low, self.high))
         return value if value == low == high else f"{value} ({low} to {high})"
 
@@ -69,11 +69,11 @@ class Bootstrap:
         return times @ values / len(values)
 
     def median(self, values: np.ndarray) -> Estimate:
-        """Of (N,) values; infinity is a value like any other, and larger than all."""
+        """Median of (N,) values; infinity is a value like any other, and larger than all."""
         return self.of(np.median, values)
 
     def mean(self, values: np.ndarray) -> Estimate:
-        """Of (N,) finite values."""
+        """Mean of (N,) finite values."""
         return self.of(np.mean, values)
 
     def ratio(self, values: np.ndarray, reference: np.ndarray) -> Estimate:

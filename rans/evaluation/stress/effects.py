@@ -49,7 +49,7 @@ class Effect:
     """Heading under which it belongs."""
     name: str
     unit: str
-    """Of its sizes."""
+    """Unit of its sizes."""
     nominal: float
     """The size at which there is no trouble."""
     sizes: tuple[float, ...]

@@ -35,7 +35,7 @@ class Outcome:
 
     @classmethod
     def joined(cls, parts: Sequence[Outcome]) -> Outcome:
-        """Those of consecutive episodes as one."""
+        """Join the outcomes of consecutive episodes."""
         errors = {
             name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors
         }
@@ -47,7 +47,7 @@ class Outcome:
 
     @property
     def share(self) -> Estimate:
-        """Of held episodes, with Wilson's interval."""
+        """Share of held episodes, with Wilson's interval."""
         return share(self.held)
 
     def worst(self, count: int) -> list[int]:

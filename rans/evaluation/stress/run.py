@@ -39,11 +39,11 @@ class Stress:
     """Worlds without a size: a perfect one, conditions by name or file, and failed thrusters."""
     effects: Sequence[Effect]
     slow_episodes: int
-    """Of controllers that are slow, in place of the contest's."""
+    """Number of episodes of controllers that are slow, in place of the contest's."""
     contestants: dict[str, Contestant] = field(default_factory=dict)
-    """By the text that named them; the first is the one that others are compared with."""
+    """Contestants by the text that named them; others are compared with the first."""
     outcomes: dict[tuple[str, str], Outcome] = field(default_factory=dict)
-    """By names of world and contestant."""
+    """Outcomes by the names of world and contestant."""
     failures: list[str] = field(default_factory=list)
     """What went wrong, a sentence each."""
     stopped: dict[str, int] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Stress:
 
     @property
     def names(self) -> list[str]:
-        """Of the contestants."""
+        """Names of the contestants."""
         return [one.name for one in self.contestants.values()]
 
     def episodes(self, one: Contestant) -> int:
@@ -76,7 +76,7 @@ class Stress:
         return [size for size, _ in flown], [found for _, found in flown]
 
     def break_even(self, effect: Effect, other: str) -> BreakEven | None:
-        """Of the first contestant and another one, over the sizes that both flew; None: too few of them."""
+        """Size at which the first contestant and another are equally good; None: both flew too few sizes."""
         (sizes, first), (others, second) = (
             self.curve(effect, name) for name in (self.names[0], other)
         )

@@ -77,7 +77,7 @@ def test_simple_controllers_by_name(spec: str, craft: str, task: object) -> None
 @pytest.mark.parametrize("spec", ["lqr", "rans.optimal.control.lqr:LQR"])
 def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
     first = Setup(load_spacecraft("free-flyer"), GoToPosition(), Timing(0.1))
-    found = contestant(spec, lent=first)
+    found = contestant(spec, default_setup=first)
     assert (found.controller.name, *found[1:]) == ("LQR", *first)
     assert controller_name(spec) == spec
 
