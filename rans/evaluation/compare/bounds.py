@@ -130,12 +130,17 @@ class Bound:
 def goal_set(task: Task) -> GoalSet:
     """A task's tolerances, and rest where it has a place; what it leaves open is not looked at.
 
-    `ConfigError` if something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
+    `ConfigError` if something pulls at the spacecraft, the goal moves or there are constraints, of which the
+    bounds know nothing.
     """
     if task.drift != FREE or not goal_stands_still(task):
         raise ConfigError(
             "bounds hold for free flight to a goal that stands still; "
             f"{type(task).__name__} has {task.drift.name} or a goal that moves."
+        )
+    if type(task).constraints is not Task.constraints:
+        raise ConfigError(
+            f"bounds hold for motion without constraints, and {type(task).__name__} has some."
         )
     tolerances = task.tolerances()
     return GoalSet(

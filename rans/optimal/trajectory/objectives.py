@@ -27,14 +27,16 @@ class SymbolicTrajectory:
 
     craft: Spacecraft
     task: Task
+    start: Any
+    """(leaves of the state,)."""
     states: Any
     """(leaves of the state, T), after every period."""
     commands: Any
     """(thrusters, T), 0 to 1."""
     period: Any
     """s."""
-    goal: Any
-    """(leaves of the state,)."""
+    goals: Any
+    """(leaves of the goal, T), after every period: where the goal is then."""
     corner: Any = None
     """Radius by which corners are to be rounded off (`trajectory.arrival.rounded`); None: not at all."""
 
@@ -134,9 +136,7 @@ class QuadraticTracking(_GivenTime):
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
-        far = ca.sum2(
-            stage.map(self.intervals)(path.states, ca.repmat(path.goal, 1, self.intervals))
-        )
+        far = ca.sum2(stage.map(self.intervals)(path.states, path.goals))
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
 
@@ -157,13 +157,31 @@ class MaximumReward(_GivenTime):
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
+        earlier, _ = _symbols(path)[0]
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))
-        terms = path.task.reward(Transition(state, goal, tuple(now), tuple(before)))
+        period = ca.SX.sym("h")
+        forces = tuple(thruster.force for thruster in path.craft.thrusters)
+        transition = Transition(state, goal, tuple(now), tuple(before), earlier, period, forces)
+        terms = path.task.reward(transition)
         stage = ca.Function(
-            "reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)], [sum(terms.values())]
+            "reward",
+            [
+                *arguments,
+                ca.vertcat(*now),
+                ca.vertcat(*before),
+                ca.vertcat(*leaves(earlier)),
+                period,
+            ],
+            [sum(terms.values())],
         )
-        previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
-        given = [path.states, ca.repmat(path.goal, 1, self.intervals), path.commands, previous]
+        given = [
+            path.states,
+            path.goals,
+            path.commands,
+            ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1]),
+            ca.horzcat(path.start, path.states[:, :-1]),
+            ca.repmat(path.period, 1, self.intervals),
+        ]
         if path.corner is not None:
             stage = rounded(stage, ca.SX.sym("corner"))
             given.append(ca.repmat(path.corner, 1, self.intervals))

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import check_attitude
-from rans.optimal.trajectory.arrival import Arrival
+from rans.optimal.trajectory.arrival import Arrival, goal_motion, moves_goal
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
 from rans.processes import processors, submitted
@@ -44,6 +44,8 @@ def solve_all(
         objective
     ) in objectives:  # says here, not in every worker, if this task has no such trajectories
         Arrival(task, example.goal, objective.ending)
+    if moves_goal(task):
+        goal_motion(task, example.goal)
     jobs = [(index, one, guesses) for index in range(len(objectives)) for one in each(starts)]
     workers = workers or processors()
     answers = []
