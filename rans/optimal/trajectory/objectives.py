@@ -159,7 +159,7 @@ class MaximumReward(_GivenTime):
         (state, goal), arguments = _symbols(path)
         earlier, _ = _symbols(path)[0]
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))
-        period = ca.SX.sym("h")
+        period: Any = ca.SX.sym("h")
         forces = tuple(thruster.force for thruster in path.craft.thrusters)
         transition = Transition(state, goal, tuple(now), tuple(before), earlier, period, forces)
         terms = path.task.reward(transition)
