@@ -21,16 +21,17 @@ from rans.model.drift import FREE
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
-from rans.optimal.certificate import hull, spatial_certificate
+from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import (
     Certificate,
     Effort,
+    Problem,
     Unreachable,
+    bounder,
     least_fuel,
     least_time,
 )
-from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
-from rans.optimal.certificate.spatial import SpinLattice
+from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
 from rans.processes import deaths_told, submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -196,7 +197,7 @@ def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) ->
                 "the on/off certificate is for tasks that ask for a pose, which fixes the "
                 "whole state."
             )
-        Lattice(craft, period) if craft.dimension == 2 else SpinLattice(craft, period)
+        bounder(craft, period)
     except ConfigError as reason:
         return str(reason)
     return ""
@@ -301,22 +302,11 @@ def bound(start: int, question: Question) -> Bound:
 def _certificate(question: Question, steps: int) -> Certificate | None:
     """Of on/off controllers; None for a start whose spin no number of pulses takes to the goal's."""
     craft, wanted, goals, period, horizon, effort, scenario, _ = question
-    begin: Any = scenario.start
-    end: Any = scenario.goal
-    if craft.dimension == 3:
-        spins = SpinLattice(craft, period)
-        if not spins.ends(wanted, begin, end, goals):
-            return None
-        ask = spatial_certificate.least_time if horizon is None else spatial_certificate.least_fuel
-        return ask(spins, wanted, begin, end, steps, goals, effort)
-    lattice = Lattice(craft, period)
-    try:
-        goals.net_spins(lattice, begin, end)
-    except ConfigError:
+    proves = bounder(craft, period)
+    problem = Problem(scenario.start, scenario.goal, goals, wanted)
+    if not proves.can_stop(problem):
         return None
-    return (least_time if horizon is None else least_fuel)(
-        lattice, begin, end, steps, goals, effort
-    )
+    return (least_time if horizon is None else least_fuel)(proves, problem, steps, effort)
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:

@@ -19,7 +19,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.lattice import GoalSet, check_finite
+from rans.optimal.certificate.goal_set import GoalSet, check_finite
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 

@@ -22,7 +22,7 @@ from rans.model.actuators import ON_OFF
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.lattice import GoalSet, check_finite, check_period, pulse, rounded_up
+from rans.optimal.certificate.goal_set import GoalSet, check_finite, check_period, pulse, rounded_up
 from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
@@ -151,9 +151,9 @@ class ReachRelaxation:
                 "no whole number of pulses takes the start's spin to rest within the "
                 "tolerance; the usual cause is a start or a goal that spins."
             )
-        from rans.optimal.certificate import spatial_kernel  # compiles, with numba
+        from rans.optimal.certificate.space import kernel  # compiles, with numba
 
-        self._kernel: ModuleType = spatial_kernel
+        self._kernel: ModuleType = kernel
         self.lattice = lattice
         self.goal_set = goal_set
         self.steps = steps

@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.impulses_kernel import in_order, refined
-from rans.optimal.certificate.spatial_kernel import miss, step
+from rans.optimal.certificate.space.impulses_kernel import in_order, refined
+from rans.optimal.certificate.space.kernel import miss, step
 
 _NEAR = 0.5
 """Radii off, in the root of the sum of squares, from which on rounding is tried."""

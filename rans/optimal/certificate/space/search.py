@@ -16,9 +16,9 @@ import numpy as np
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.onoff import replay
-from rans.optimal.certificate.spatial import SpinLattice
+from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.reach import SpinLattice
 
 _INSIDE = 0.999
 """Share of the tolerances that the search keeps to; its flights are some micrometres off."""
@@ -112,7 +112,7 @@ def with_pulses(
 
     Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
     """
-    from rans.optimal.certificate.pulses_kernel import few
+    from rans.optimal.certificate.space.pulses_kernel import few
 
     lattice = wanted.lattice
     radii = wanted.radii
@@ -182,7 +182,7 @@ def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
 
     Attempts begin with roundings of one of the shares (N, thrusters) after another.
     """
-    from rans.optimal.certificate.spatial_kernel import anneal
+    from rans.optimal.certificate.space.kernel import anneal
 
     lattice = wanted.lattice
     deadline = time.process_time() + wanted.seconds
@@ -213,7 +213,7 @@ def _rounded(wanted: Wanted, shares: np.ndarray, random: np.random.Generator) ->
 
     At any time a thruster has been open for less than a period more or less than its shares say.
     """
-    from rans.optimal.certificate.spatial_kernel import fly, miss
+    from rans.optimal.certificate.space.kernel import fly, miss
 
     (start, goal) = wanted.ends
     radii = wanted.radii

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.spatial_kernel import exponential, product, rotated
+from rans.optimal.certificate.space.kernel import exponential, product, rotated
 
 _ITERATIONS = 12
 """Of Gauss and Newton."""

@@ -16,7 +16,8 @@ import numpy as np
 from rans.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.lattice import Lattice
 
 _EPSILON = float(np.finfo(np.float64).eps)
 _MERGED = 3e-12
@@ -102,8 +103,8 @@ class Relaxation:
         self.steps = steps
         self.cap = cap
         self.fuel = fuel
-        self.net = goal_set.net_spins(lattice, start, goal)
-        from rans.optimal.certificate import lattice_kernel  # compiles, with numba
+        self.net = lattice.net_spins(goal_set, start, goal)
+        from rans.optimal.certificate.plane import lattice_kernel  # compiles, with numba
 
         self._kernel: ModuleType = lattice_kernel
         self._tables(self._spin_limits())

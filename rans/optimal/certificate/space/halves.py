@@ -18,9 +18,9 @@ import numpy as np
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.spatial import SpinLattice
-from rans.optimal.certificate.spatial_search import gauss
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.reach import SpinLattice
+from rans.optimal.certificate.space.search import gauss
 
 _ROOM = 2_000_000
 """Halves kept at most, 0.2 GB; more prove nothing."""
@@ -162,14 +162,14 @@ class Halves:
         return self._best[end, pulses, lean]
 
     def _gained(self, found: np.ndarray, end: _End, lean: float) -> float:
-        from rans.optimal.certificate.halves_kernel import gained
+        from rans.optimal.certificate.space.halves_kernel import gained
 
         how = (0.5 * self._time, end.ahead, self._time, end.tilt, end.sign * lean)
         return max(gained(one, *how) for one in found)
 
     def _all(self, end: _End, pulses: int, lean: float, least: float) -> np.ndarray | None:
         """(n, 13) states in the middle of all halves that gain so much; None if they are too many."""
-        from rans.optimal.certificate.halves_kernel import followed
+        from rans.optimal.certificate.space.halves_kernel import followed
 
         h = self._lattice.period
         ended = []

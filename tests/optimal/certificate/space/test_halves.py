@@ -14,11 +14,11 @@ from rans.model.body import Body
 from rans.model.dynamics import SpatialState, advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.halves import Halves
-from rans.optimal.certificate.halves_kernel import gained
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.spatial import SpinLattice
-from tests.optimal.certificate.test_spatial import PERIOD, POSE, REST, _craft, _near, lopsided
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.halves import Halves
+from rans.optimal.certificate.space.halves_kernel import gained
+from rans.optimal.certificate.space.reach import SpinLattice
+from tests.optimal.certificate.space.test_reach import PERIOD, POSE, REST, _craft, _near, lopsided
 
 SET = GoalSet(0.01, 0.02, 0.05, 0.1)
 STEPS = 8
@@ -171,5 +171,5 @@ def test_what_it_is_not_for() -> None:
 def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
     assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
-    monkeypatch.setattr("rans.optimal.certificate.halves._ROOM", 3)
+    monkeypatch.setattr("rans.optimal.certificate.space.halves._ROOM", 3)
     assert not Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)

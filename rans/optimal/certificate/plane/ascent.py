@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.optimal.certificate.dual import Branch, DualValue, Relaxation
+from rans.optimal.certificate.plane.dual import Branch, DualValue, Relaxation
 
 _FARTHEST = 10.0
 """Half the edge of the largest box, in scaled costate; those of least fuel are about 1."""
