@@ -221,7 +221,7 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
     assert int(periods * 0.2 / 0.2) == periods - 1
     asked: list[int] = []
 
-    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+    def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
         asked.append(steps)
         raise Unreachable("not today")
 
@@ -359,7 +359,7 @@ def test_the_table_shows_every_number() -> None:
 def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
-    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+    def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
         asked.append(steps)
         raise Unreachable("not today")
 
