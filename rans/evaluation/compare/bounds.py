@@ -189,7 +189,7 @@ def question(
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
     """Why on/off controllers have no bound of their own here; nothing if they do.
 
-    Of what is wanted see `rans.optimal.trajectory.arrival.aims`; commands are held for a period (s).
+    Of what is wanted see `rans.tasks.goal_set.aims`; commands are held for a period (s).
     """
     try:
         if not {"position", "attitude"} <= set(wanted):

@@ -12,7 +12,13 @@ from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
-from rans.evaluation.fly.controllers import CONTROLLERS, Guarded, Maker, controller, is_user_policy
+from rans.evaluation.fly.controllers import (
+    CONTROLLERS,
+    CheckedController,
+    Maker,
+    controller,
+    is_user_policy,
+)
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
 from rans.evaluation.fly.lookahead import PREFIX
@@ -124,10 +130,10 @@ def enlisted(
 
 
 def _guest(given: Guest, contest: Contest) -> Contestant:
-    """Whose answers are checked, as those of `Guarded` are."""
+    """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)
-    made = Guarded(
+    made = CheckedController(
         who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given)
     )
     return Contestant(made.name, made, _MODEL, _UNKNOWN)

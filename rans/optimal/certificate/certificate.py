@@ -43,9 +43,9 @@ class Effort:
     seconds: float = 20.0
     """Processor time for each level of fuel or number of periods."""
     nozzle_seconds: float = 1.0
-    """For each attempt to find nozzles for an attitude."""
+    """Processor time for each attempt to find thrusters for a known attitude."""
     levels: int = 4
-    """Of fuel, or numbers of periods, tried above the first that could not be excluded."""
+    """Amounts of fuel, or numbers of periods, tried from the first that could not be excluded."""
 
     def __post_init__(self) -> None:
         if not (self.seconds > 0 and self.nozzle_seconds > 0 and self.levels > 0):
@@ -64,7 +64,7 @@ class Certificate:
     lower: float
     """No on/off controller at this rate does with less: N s of fuel, or s of time."""
     upper: float
-    """What ``commands`` need; infinite where none were found."""
+    """Fuel (N s) or time (s) that ``commands`` need; infinite where none were found."""
     commands: np.ndarray | None
     """(T, thrusters) zeros and ones, replayed into the goal set; None too where none are needed."""
     dual: float
@@ -95,7 +95,7 @@ class Problem(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a `Bounder` proved and found about one problem."""
+    """Bound and commands that a `Bounder` found for one problem."""
 
     lower: float
     """No on/off controller does with less, N s or s."""
@@ -115,7 +115,7 @@ class Bounder(Protocol):
 
     @property
     def craft(self) -> Spacecraft:
-        """What flies."""
+        """Spacecraft that the bounds are of."""
         ...
 
     @property
@@ -186,7 +186,7 @@ def least_time(
 def bounder(
     craft: Spacecraft, period: float, dead: Collection[int] = (), stuck: Collection[int] = ()
 ) -> Bounder:
-    """What proves bounds for a craft whose commands are held for a period, s.
+    """Bounder for a spacecraft whose commands are held for a period, s.
 
     In the plane thrusters may be dead or stuck open from the start on, by number.
 
@@ -207,7 +207,7 @@ def bounder(
 
 
 def _certificate(found: Found, upper: float, began: float) -> Certificate:
-    """Of commands that need this much; those that are all shut are none."""
+    """Certificate of commands that need this much fuel or time; commands without any pulse are left out."""
     commands = found.commands if upper > 0.0 else None
     seconds = time.monotonic() - began
     return Certificate(found.lower, upper, commands, found.dual, found.nodes, seconds)

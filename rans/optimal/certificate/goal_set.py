@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft
 
 @dataclass(frozen=True)
 class GoalSet:
-    """Where a controller must be at the end: balls around the goal.
+    """Goal set: balls around the goal in which a controller must be at the end.
 
     Raises:
         ConfigError: a tolerance is negative or not finite.

@@ -186,7 +186,7 @@ class VelocityToGain(ModelBased):
         return np.pad(in_body.T, ((0, 0), (0, self._craft.degrees_of_freedom - len(push))))
 
     def _motion(self, periods: int) -> LinearMotion:
-        """Of a free point for whole control periods."""
+        """Motion of a free point for whole control periods."""
         if periods not in self._motions:
             time = periods * self._timing.control_period
             self._motions[periods] = LinearMotion.of(self._task.drift, self._craft.dimension, time)

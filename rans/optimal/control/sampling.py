@@ -21,8 +21,9 @@ from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
 
 PERIODS = 2
-"""Of a plan: what follows is left to the least time, which knows how to brake. Two settle from all of 64
-starts of go-to-pose on the floating platform; three spend 5 % less thrust, but do not settle from one."""
+"""Control periods of a plan: what follows is left to the least time, which knows how to brake. Two settle from
+all of 64 starts of go-to-pose on the floating platform; three spend 5 % less thrust, but do not settle from
+one."""
 _FIRST = 0.25
 """Chance of a thruster to be open where nothing is known."""
 _DOUBT = 0.04

@@ -20,20 +20,20 @@ from rans.tasks.goal_set import aims
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""
 
-_BRANCH = 0.5
+_REDUNDANT_BAND = 0.5
 """How far a redundant condition may be off its target, see `Arrival`: cosines of the wanted and the
 opposite attitude differ by 2."""
-_KNEE = 1e-6
+_CORNER_RADIUS = 1e-6
 """Rounding of errors at zero, where bounds of them are not active; four times that (an angle is twice an
 arctangent, and the solver leaves 1e-8) is kept from the bounds, so that `Task.reached` holds."""
 
-LEAST_MARGIN = 4 * _KNEE
-"""What margins of constraints are kept above, in their own units, as they are rounded too."""
+LEAST_MARGIN = 4 * _CORNER_RADIUS
+"""Least margin of constraints, in their own units: rounding may make them this much too large."""
 
 ROUNDINGS = (1e-2, 1e-3)
-"""Of arguments in SI units, of lengths 1 cm and 1 mm, to be solved one after the other. Problems rounded by
-the second alone take up to four times the iterations. The first alone costs agents with wide rewards 0.03 %
-of the return, those with narrow ones and a price of spin 10 to 30 %."""
+"""Radii of rounded corners in SI units (of lengths 1 cm and 1 mm), to be solved one after the other. Problems
+rounded by the second alone take up to four times the iterations. The first alone costs agents with wide
+rewards 0.03 % of the return, those with narrow ones and a price of spin 10 to 30 %."""
 
 
 def check_goal(task: Task) -> None:
@@ -63,7 +63,7 @@ def moves_goal(task: Task) -> bool:
 
 
 def goal_motion(task: Task, like: State) -> ca.Function:
-    """Where a goal is after a time: columns of a goal's fields and a time (s) to the fields then.
+    """Motion of the goal as a function: columns of a goal's fields and a time (s) to the fields then.
 
     Raises:
         ConfigError: the task's `later` does more than arithmetic on fields.
@@ -91,7 +91,7 @@ def path_margins(task: Task, state: State, goal: State) -> ca.Function | None:
     if not margins:
         return None
     columns = [ca.vertcat(*leaves(one)) for one in symbols]
-    return rounded(ca.Function("margins", columns, [ca.vertcat(*margins.values())]), _KNEE)
+    return rounded(ca.Function("margins", columns, [ca.vertcat(*margins.values())]), _CORNER_RADIUS)
 
 
 class Arrival:
@@ -127,14 +127,16 @@ class Arrival:
                     "goal, which optimal trajectories need; the usual cause is the length of a "
                     "vector that is zero there."
                 )
-            self.high = np.where(_independent(gradient), 0.0, _BRANCH)
+            self.high = np.where(_independent(gradient), 0.0, _REDUNDANT_BAND)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
             gaps = [*(errors[name] for name in tolerances), *rates]
-            self.conditions = rounded(ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _KNEE)
+            self.conditions = rounded(
+                ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _CORNER_RADIUS
+            )
             self.high = np.array(
-                [*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)]
+                [*(t - 4 * _CORNER_RADIUS for t in tolerances.values()), *(0.0 for _ in rates)]
             )
         self.low = -self.high
 
@@ -148,7 +150,7 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
 
 
 def _gradient(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
-    """Of every condition, by the state there, a row each."""
+    """Gradient of every condition by the state there, a row each."""
     state, aim = (ca.SX.sym("s", len(given)) for given in (there, goal))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
     return np.array(gradient(there, goal))
@@ -161,7 +163,7 @@ def _independent(rows: np.ndarray) -> np.ndarray:
 
 
 def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
-    """The same function of SX with differentiable square roots and absolute values.
+    """Function of SX with its square roots and absolute values made differentiable.
 
     sqrt(x) becomes sqrt(x + r^2) - r and |x| becomes sqrt(x^2 + r^2) - r: smooth, zero at zero, and never
     more than r too small. So a distance, which has a corner at the goal, gets a gradient there. The function

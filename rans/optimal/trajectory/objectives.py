@@ -55,7 +55,7 @@ class _GivenTime(ABC):
     """s."""
     kind: ClassVar[str]
     measure: ClassVar[str]
-    """What the cost is, with its unit."""
+    """Name of the cost, with its unit."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(cast(Any, self)):
@@ -79,7 +79,7 @@ class _GivenTime(ABC):
 
     @property
     def name(self) -> str:
-        """What to call it in tables."""
+        """Name in tables."""
         return f"{self.kind} in {self.horizon:g} s"
 
     @property
@@ -89,7 +89,7 @@ class _GivenTime(ABC):
 
     @abstractmethod
     def cost(self, path: SymbolicTrajectory) -> Any:
-        """What to minimise, of a trajectory's symbols."""
+        """Cost of a trajectory's symbols, which is minimised."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class MinimumTime:
     """
 
     intervals: int = 50
-    """For the paper's starts, 5 s away, this is finer than the default 5 Hz."""
+    """Control periods; for the paper's starts, 5 s away, 50 are finer than the default 5 Hz."""
     ending: Ending = "exact"
     name = "minimum time"
     measure = "time s"

@@ -52,18 +52,18 @@ _OPTIONS = {
 20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
 linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
 _NODES = 4
-"""Of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
+"""Nodes of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
 `rans.model.dynamics.NODES`), which is less than the solver leaves open."""
-_AJAR = 0.03
-"""By how much every thruster is opened beyond what the guessed motion takes, as interior point methods
+_OPENED = 0.03
+"""Share by which every thruster is opened beyond what the guessed motion takes: interior point methods
 start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
-_HALF_SHUT = 0.3
+_COMMAND_GUESS = 0.3
 """Guess of every command where thrusters cannot give a wanted wrench."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What the optimiser ended with, solved or not."""
+    """Trajectory that the optimiser ended with, solved or not."""
 
     objective: str
     """Name of the objective."""
@@ -79,7 +79,7 @@ class Trajectory:
     control_period: float
     """s."""
     iterations: int
-    """Of all attempts together."""
+    """Iterations of all attempts together."""
     seconds: float
     """Wall time of all attempts together."""
     attempts: int = 1
@@ -306,11 +306,11 @@ class Transcription:
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
-            return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
+            return np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
         wrenches = needed_wrenches(
             self._craft, unflatten(start, np.column_stack([leaves(start), states])), period
         )
-        return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
+        return np.clip(self._allocation.commands(wrenches).T + _OPENED, _OPENED, 1.0 - _OPENED)
 
 
 def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:

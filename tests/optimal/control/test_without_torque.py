@@ -50,9 +50,9 @@ def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
     wanted = np.random.default_rng(0).normal(size=(20, craft.degrees_of_freedom)) * 0.1
     commands = Allocation(craft).commands(wanted)
     given = commands @ np.array(craft.wrench_map)
-    straight = craft.dimension
-    np.testing.assert_allclose(given[:, :straight], wanted[:, :straight], atol=1e-9)
-    np.testing.assert_allclose(given[:, straight:], 0.0, atol=1e-15)
+    axes = craft.dimension
+    np.testing.assert_allclose(given[:, :axes], wanted[:, :axes], atol=1e-9)
+    np.testing.assert_allclose(given[:, axes:], 0.0, atol=1e-15)
     assert (commands >= 0.0).all()
 
 

@@ -27,7 +27,7 @@ from rans.optimal.certificate.plane.onoff import flown, nozzles
 
 @dataclass
 class _Outcome:
-    """Of one level: excluded, reached by commands, or neither."""
+    """Result for one level of fuel or time: excluded, reached by commands, or neither."""
 
     excluded: bool = False
     commands: np.ndarray | None = None
@@ -53,7 +53,7 @@ class PlanarBounder:
 
     @property
     def craft(self) -> Spacecraft:
-        """What flies."""
+        """Spacecraft that the bounds are of."""
         return self.lattice.craft
 
     @property

@@ -37,7 +37,7 @@ class Branch:
     """(N, P) whether a pattern may be used."""
 
     def at_most(self, k: int, a: int) -> Branch:
-        """Those paths whose heading index at period k does not exceed a."""
+        """Branch of the paths whose heading index at period k does not exceed a."""
         high = self.high.copy()
         high[k] = np.maximum(self.low[k], np.minimum(high[k], a + 1))
         return replace(self, high=high)
@@ -49,7 +49,7 @@ class Branch:
         return replace(self, low=low)
 
     def using(self, k: int, patterns: np.ndarray) -> Branch:
-        """Those paths that use one of these patterns, (P,) of truth values, in period k."""
+        """Branch of the paths that use one of these patterns, (P,) of truth values, in period k."""
         allowed = self.patterns.copy()
         allowed[k] &= patterns
         return replace(self, patterns=allowed)
@@ -63,7 +63,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class DualValue:
-    """What one costate proves."""
+    """Bound that one costate proves."""
 
     value: float
     """No path of the branch costs less; rounding is subtracted. N s, or m/s where fuel is free."""
@@ -229,7 +229,7 @@ class Relaxation:
         return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
-        """What the dual function has besides the inner minimum, and its supergradient."""
+        """Part of the dual function beside the inner minimum, and its supergradient."""
         value = float(costate @ self.miss)
         slope = self.miss.copy()
         for part, radius in (

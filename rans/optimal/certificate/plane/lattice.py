@@ -33,12 +33,12 @@ from rans.optimal.certificate.goal_set import (
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
 _ROUNDING = 1e-12
-"""By which torques of a file may differ from whole multiples, relative to the largest: directions and
+"""Difference of torques from whole multiples that is allowed, relative to the largest: directions and
 positions have finitely many digits. It costs heading, see `Lattice.drift`."""
 _MOST_PATTERNS = 10_000
-"""Of thrusters open together: 8 thrusters have at most 256, of which 81 differ."""
+"""Sets of open thrusters at most: 8 thrusters have 256, of which 81 differ."""
 _NODES = 24
-"""Of the Gauss-Legendre rule over a period: error below 1e-16 of the force up to 6 rad turned in it."""
+"""Nodes of the Gauss-Legendre rule over a period: error below 1e-16 of the force up to 6 rad turned in it."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Lattice:
         return 0.5 * self._angular_error * (steps * self.period) ** 2
 
     def most_fuel(self, steps: int) -> float:
-        """Of all thrusters open all the time, and a rounding error of it, N s."""
+        """Fuel of all thrusters open all the time, and its rounding error, N s."""
         return steps * self.period * float(sum(self.forces)) * (1.0 + 1e-12)
 
     def next_fuel(self, fuel: float, net: set[int]) -> float:

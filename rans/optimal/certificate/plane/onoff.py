@@ -10,7 +10,7 @@ from rans.optimal.certificate.flight import replay
 from rans.optimal.certificate.plane.dual import DualValue, Relaxation
 
 _SIDES = 16
-"""Of the polygon inside the goal's discs: it gives away 2 % of their radius."""
+"""Sides of the polygon inside the goal's discs: it gives away 2 % of their radius."""
 
 
 def nozzles(

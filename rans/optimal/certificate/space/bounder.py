@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import Effort, Found, Problem, Unreachable
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
-from rans.optimal.certificate.space.halves import Halves
+from rans.optimal.certificate.space.halves import HalfTrajectories
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import Wanted, arrived, in_time, with_pulses
 from rans.optimal.certificate.space.throttled import throttled
@@ -26,7 +26,7 @@ _INNER = (0.4, 1.0)
 _LEVELS = 10
 """Numbers of periods whose processor time one search may take, throttled thrust with it."""
 _EVALUATIONS = 24
-"""Of the dual function, at most, 0.3 s each for 100 periods."""
+"""Evaluations of the dual function at most, 0.3 s each for 100 periods."""
 
 
 class SpatialBounder:
@@ -40,7 +40,7 @@ class SpatialBounder:
 
     @property
     def craft(self) -> Spacecraft:
-        """What flies."""
+        """Spacecraft that the bounds are of."""
         return self.lattice.craft
 
     @property
@@ -71,7 +71,7 @@ class SpatialBounder:
         dual, nodes = _raised(relaxation, (1.04, 1.04))
         dual = max(loose, dual)
         lower = lattice.next_fuel(dual, relaxation.last)
-        halves = Halves(lattice, aims, start, goal, goal_set, steps)
+        halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
         while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
             lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
 

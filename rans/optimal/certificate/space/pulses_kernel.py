@@ -178,7 +178,7 @@ def _opposite(products: np.ndarray, i: int, j: int) -> bool:
 
 
 @compiled
-def few(
+def fewest_pulses(
     now: np.ndarray,
     now_who: np.ndarray,
     steps: int,

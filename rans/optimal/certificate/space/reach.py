@@ -26,9 +26,9 @@ from rans.optimal.certificate.goal_set import GoalSet, check_finite, check_perio
 from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
-"""Of two thrusters' torques, in squared quanta, at most."""
+"""Largest product of two thrusters' torques, in squared quanta."""
 _EXACT = 1e-12
-"""By which such products may differ from whole numbers, relative to the largest."""
+"""Difference of such products from whole numbers that is allowed, relative to the largest."""
 _MOST_PATTERNS = 100_000
 _SLOW = 25
 """Squared spin, in quanta, up to which craft are followed; a faster one is taken to have any attitude."""
@@ -179,7 +179,7 @@ class ReachRelaxation:
         self._turned = np.ceil(np.minimum(turned, count)).astype(np.int64)
 
     def bound(self, velocity: np.ndarray, position: np.ndarray) -> float:
-        """What every on/off controller pays at least that arrives, by any multipliers (3,) of v and p.
+        """Cost of every on/off controller that arrives at least, by any multipliers (3,) of v and p.
 
         Raises:
             NonFiniteState: numbers are too large, so that infinity might mean an overflow.

@@ -20,7 +20,7 @@ from rans.optimal.trajectory.transcription import Transcription
 from rans.tasks import GoToPose
 
 _GUESSES = 2
-"""Of every problem: the short way round and the long one."""
+"""Guesses for every problem: the short way round and the long one."""
 
 
 class Shares(NamedTuple):
