@@ -296,7 +296,8 @@ def train(
     <mine: GoToPose for floating-platform-shared>
 
     Args:
-        task: by name or with settings, or the name of an agent that comes with RANS, to train it as it was.
+        task: by name or with settings, or the name of an agent that comes with RANS, to train it as it was, or
+            the TOML file of a recipe.
         spacecraft: what flies, by name, TOML file or as such; None: the floating platform, or the agent's.
         seed: of starts, goals, weights and actions.
         device: "cpu" or "cuda"; None: a GPU if there is one.

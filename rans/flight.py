@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from rans.episode import Mover, World, step
+from rans.episode import Episode, Mover, Outcome, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -23,6 +24,7 @@ from rans.scenario import Scenario
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
+from rans.verdict import FlightAccumulator
 
 
 class Controller(Protocol):
@@ -150,17 +152,60 @@ class Flight:
 
     def violated(self) -> np.ndarray:
         """(N,) whether a constraint's margin was ever negative."""
-        return self.violated_when().any(axis=0)
+        return np.asarray(self.violated_when().any(axis=0))
+
+    @cached_property
+    def verdict(self) -> FlightAccumulator:
+        """Verdict on the N episodes, arrays (N,): which settled and when, were solved, and failed."""
+        steps = len(self.commands)
+        timing = replace(self.timing, episode_steps=steps)
+        setting = Setup(self.craft, self.task, timing)
+        with np.errstate(invalid="ignore"):
+            verdict = FlightAccumulator.begin(setting, self._episode(0))
+            for outcome in self._outcomes():
+                verdict = verdict.after(setting, outcome)
+        return map_leaves(np.asarray, verdict)
 
     def failed(self) -> np.ndarray:
-        """(N,) whether the episode failed.
+        """(N,) whether the episode failed before it was won.
 
-        The task ever declared it so, a constraint was violated that ends episodes, or a number of the state
-        was no longer finite.
+        The task declared it so after a step, a constraint was violated that ends episodes, or a number of the
+        state was not finite.
         """
-        lost = ~np.asarray(finite(*leaves(self.states)))
-        failed: Any = np.any(self.task.failed(self.states, self.goals) | lost, axis=0)
-        return failed | self.violated() if self.task.violation_ends else failed
+        return np.asarray(self.verdict.failed)
+
+    def _episode(self, instant: int) -> Episode:
+        """All N episodes at an instant."""
+
+        def now(x: Any) -> Any:
+            return x[instant] if np.ndim(x) == 2 else x
+
+        clock = np.full(self.commands.shape[1], instant)
+        return Episode(map_leaves(now, self.states), map_leaves(now, self.goals), clock=clock)
+
+    def _outcomes(self) -> Iterator[Outcome]:
+        """Outcome of every step of all N episodes, without rewards."""
+        violated = self.violated_when()
+        for k, commands in enumerate(self.commands):
+            episode = self._episode(k + 1)
+            failed = self.task.failed(episode.state, episode.goal)
+            failed = failed | ~np.asarray(finite(*leaves(episode.state)))
+            if self.margins and self.task.violation_ends:
+                failed = failed | violated[k]
+            done = None
+            reached = self.task.reached(episode.state, episode.goal)
+            if self.done is not None:
+                done = reached = self.done & (self.lengths == k + 1)
+            yield Outcome(
+                episode=episode,
+                command=tuple(commands.T),
+                terms={},
+                failed=failed,
+                done=done,
+                truncated=np.full(len(failed), k + 1 == len(self.commands)) & ~failed,
+                reached=reached & ~failed,
+                margins={name: margin[k] for name, margin in self.margins.items()},
+            )
 
 
 def fly(

@@ -1,4 +1,4 @@
-"""The agents that come with the package: run folders without what only training needs."""
+"""The agents that come with the package: what flies of a run folder, without what only training needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from rans.errors import ConfigError, brief, meant
 from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
-"""One folder an agent: policy.zip, config.json, spacecraft.toml and card.json."""
+"""One folder an agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
+RECIPE_FOLDER = FOLDER.parent / "recipes"
+"""One TOML file NAME.toml an agent, by which it is trained (`rans.fast.learn.recipes`)."""
 
 
 def pretrained_names() -> list[str]:
@@ -18,7 +20,7 @@ def pretrained_names() -> list[str]:
     >>> "go-to-pose-2d" in rans.pretrained_names()
     True
     """
-    return sorted(file.parent.name for file in FOLDER.glob("*/policy.zip"))
+    return sorted(file.parent.name for file in FOLDER.glob("*/agent.safetensors"))
 
 
 def pretrained_folder(name: str) -> Path:

@@ -82,6 +82,18 @@ def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield f"{prefix}{name}", value
 
 
+def merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """A nested table with the entries of another in the place of its own, or beside them.
+
+    Tables within both are merged as well; any other value, a list too, is replaced as a whole.
+    """
+    result = {**table, **over}
+    for name in table.keys() & over.keys():
+        if isinstance(table[name], Mapping) and isinstance(over[name], Mapping):
+            result[name] = merged(table[name], over[name])
+    return result
+
+
 def structure(table: Any, cls: type[T], where: str) -> T:
     """A dataclass from plain values, nothing converted, as `dataclasses.asdict` gives them.
 

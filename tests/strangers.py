@@ -36,7 +36,7 @@ def rewritten(file: Path, change: Callable[[str, bytes], bytes | None]) -> None:
 
 
 def older(file: Path) -> None:
-    """An archive as older versions wrote it: without our own part."""
+    """An archive as early versions of RANS wrote it: pickles alone."""
     rewritten(file, lambda name, content: None if name == "agent.safetensors" else content)
 
 

@@ -24,6 +24,7 @@ from rans.model.timing import Timing
 from rans.reference.flight import DrakeMover, fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from rans.verdict import Failure
 
 PLATFORM = load_spacecraft("floating-platform")
 SHUT = (0.0,) * len(PLATFORM.thrusters)
@@ -211,7 +212,24 @@ def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
     np.testing.assert_allclose(flight.margins["wall"][:2, 0], [0.5, 0.3], atol=1e-9)
     assert flight.rewards()["done"].sum(axis=0).tolist() == [5.0] * 3
     assert flight.rewards()["position"][2:].max() == 0.0
+    verdict = flight.verdict
+    assert verdict.solved.all()
+    assert (verdict.settled[verdict.settles] * timing.control_period).tolist() == [2.0] * 3
     lost = flying(PLATFORM, replace(task, wall=-0.1), pilot, starts, timing)
     assert not lost.done.any()
     assert lost.failed().all()
     assert lost.lengths.tolist() == [5] * 3
+    assert lost.verdict.failure().tolist() == [Failure.VIOLATED] * 3
+    forgiving = replace(task, wall=-0.1, violation_ends=False)
+    touched = flying(PLATFORM, forgiving, pilot, starts, timing)
+    assert touched.done.all()
+    assert not touched.failed().any()
+    assert touched.verdict.failure().tolist() == [Failure.VIOLATED] * 3
+    slow = flying(
+        PLATFORM,
+        replace(task, speed=0.01),
+        pilot,
+        scenarios(replace(task, speed=0.01), PLATFORM, seed=1, count=3),
+        timing,
+    )
+    assert slow.verdict.failure().tolist() == [Failure.UNFINISHED] * 3

@@ -28,6 +28,7 @@ LAYERS: list[set[str]] = [
     {"rans.model", "rans.pretrained"},
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},
+    {"rans.verdict"},
     {"rans.flight"},
     {"rans.drawing", "rans.terminal", "rans.window"},
     {"rans.environment"},

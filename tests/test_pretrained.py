@@ -17,14 +17,15 @@ every_agent = pytest.mark.parametrize("name", pretrained_names())
 @every_agent
 def test_an_agent_is_small_and_complete(name: str) -> None:
     files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
-    assert files.keys() == {"policy.zip", "config.json", "spacecraft.toml", "card.json"}
+    assert files.keys() == {"agent.safetensors", "config.json", "spacecraft.toml", "card.json"}
     card = pretrained_card(name)
     found = contestant(f"pretrained:{name}")
-    # Its weights are there twice, for RANS and for SB3, and nothing else of their size.
-    network = read_policy(pretrained_folder(name) / "policy.zip", found.craft, found.task).network
-    weights = sum(x.numel() for x in network.tensors.values())
-    # Besides, a config.json that lists every world of the training, and SB3's description of the policy.
-    assert sum(files.values()) < 2 * 4 * weights + 100_000
+    # Its actor's weights are there once, and nothing else of their size.
+    saved = read_policy(pretrained_folder(name) / "agent.safetensors")
+    weights = sum(x.numel() for x in saved.network.tensors.values())
+    assert not saved.has_critic
+    # Besides, a config.json that lists every world of the training.
+    assert sum(files.values()) < 4 * weights + 60_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     kinds = "(-fast|-thrifty|-shared|-robust|-faults|-knob)?"
     assert re.fullmatch(

@@ -19,11 +19,12 @@ from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.evidence import sha256
 from rans.evaluation.fly.contestants import agent_folder, judged_separately
-from rans.fast.verdicts import Failure
+from rans.fast.saved import AGENT
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, table
+from rans.verdict import Failure
 from validation.markdown import Table
 
 _COMMAND = "python -m validation.assurances"
@@ -49,6 +50,8 @@ _SHORT = {
     Failure.LEFT: "left",
     Failure.UNSETTLED: "never there",
     Failure.LATE: "late",
+    Failure.VIOLATED: "violated",
+    Failure.UNFINISHED: "unfinished",
 }
 
 
@@ -146,10 +149,9 @@ def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
         again = (
             f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}"
         )
-    weights = sha256([(agent_folder(spec) / "policy.zip").read_bytes()])
-    earlier = (
-        "" if weights == told["about"]["hashes"]["weights (policy.zip)"] else " (earlier weights)"
-    )
+    weights = sha256([(agent_folder(spec) / AGENT).read_bytes()])
+    is_same = weights == told["about"]["hashes"].get(f"weights ({AGENT})")
+    earlier = "" if is_same else " (earlier weights)"
     return (
         f"`{name}`{earlier}",
         conditions,

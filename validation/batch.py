@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,16 +11,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.episode import Episode
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.statistics import share
-from rans.fast.engine import Engine
+from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.learn.selection import likeliest
 from rans.files import environment, write_json
 from rans.flight import Setup
 from rans.model.conditions import Conditions
+from rans.verdict import FlightAccumulator, last_fifth
 
 Rows = dict[str, dict[str, Any]]
 """What is told of one agent, by what it was flown in."""
@@ -30,13 +31,13 @@ class Found(NamedTuple):
     """What became of N episodes, each (N,)."""
 
     held: np.ndarray
-    """Within all tolerances at every step of the last fifth, in truth."""
+    """Whether the goal was held (`rans.verdict`)."""
     settled: np.ndarray
-    """Time to enter them for good, s; infinite if never."""
+    """Time at which the flight settled, s; infinite if it did not."""
     duty: np.ndarray
     """Share of open thrusters over the last fifth."""
     lost: np.ndarray
-    """Failed by the task, as too far away or spinning too fast."""
+    """Whether the flight failed, as too far away or spinning too fast."""
     distance: np.ndarray
     """At the end, or last before it was lost, m."""
     speed: np.ndarray
@@ -52,58 +53,53 @@ class Found(NamedTuple):
         }
 
 
-@torch.no_grad()
 def flown(
     network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int, device: str
 ) -> Found:
-    """An agent's flights in the fast engine, which is told one step too many: at the last it begins anew.
-
-    Kicks, which are spread over an episode, so come at other times than in its evaluation.
-    """
+    """What became of an agent's flights in the fast engine."""
+    flights = Flights(
+        network, setup._replace(conditions=conditions.or_none), device, generated=False
+    )
     steps = setup.timing.episode_steps
-    period = setup.timing.control_period
-    engine = Engine(
-        setup.craft,
-        setup.task,
-        episodes,
-        replace(setup.timing, episode_steps=steps + 1),
-        seed=seed,
-        device=device,
-        conditions=conditions.or_none,
-    )
-    observation = engine.observe()
-    memory = network.blank(episodes)
-    ended = torch.zeros(episodes, dtype=torch.bool, device=device)
-    outside = torch.zeros(episodes, device=device)
+    last = last_fifth(steps)
+    verdict = None
+    now = torch.zeros(3, episodes, device=device)
     duty = torch.zeros(episodes, device=device)
-    now = motion(engine)
-    for t in range(steps):
-        command, memory = likeliest(network, observation, memory)
-        step = engine.step(command)
-        observation = step.observation
-        ended = ended | step.terminated
-        outside = torch.where(step.reached & ~ended, outside, t + 1.0)
-        now = torch.where(ended, now, motion(engine))
-        if t >= steps - steps // 5:
-            duty += command.mean(dim=1) / (steps // 5)
-    settled = torch.where(outside < steps, (outside + 1.0) * period, torch.inf)
-    return Found(
-        *(x.cpu().numpy() for x in (outside <= steps - steps // 5, settled, duty, ended, *now))
+    with np.errstate(all="ignore"):
+        numbers = np.arange(episodes, dtype=np.int32)
+        for t, (episode, outcome) in enumerate(flights.steps(flights.draws(seed, numbers))):
+            if verdict is None:
+                verdict = FlightAccumulator.begin(flights.world, episode)
+                now = motion(episode)
+            verdict = verdict.after(flights.world, outcome)
+            now = torch.where(torch.as_tensor(verdict.going), motion(outcome.episode), now)
+            if t >= steps - last:
+                opened = sum(torch.as_tensor(x) for x in outcome.command)
+                duty += opened / (len(outcome.command) * last)
+    assert verdict is not None, "an episode has at least one step"
+    solved, settles, settled, failed = (
+        torch.as_tensor(x).cpu().numpy()
+        for x in (verdict.solved, verdict.settles, verdict.settled, verdict.failed)
     )
+    times = np.where(settles, settled * setup.timing.control_period, np.inf)
+    return Found(solved, times, duty.cpu().numpy(), failed, *now.cpu().numpy())
 
 
-def motion(engine: Engine) -> Tensor:
-    """Distance, speed and spin, (3, N)."""
-    state = engine.state
-    goal = engine.goal
+def motion(episode: Episode) -> Tensor:
+    """Distance from the goal, speed and spin, (3, N)."""
+    state = episode.state
+    goal = episode.goal
     parts = [
         [x - y for x, y in zip(state.p.columns(), goal.p.columns(), strict=True)],
         state.v.columns(),
         state.spin(),
     ]
-    return torch.stack(
-        [torch.stack([torch.as_tensor(x) for x in part]).norm(dim=0) for part in parts]
-    )
+    # At the start of an episode a component may be one number for all.
+    norms = [
+        torch.stack(torch.broadcast_tensors(*map(torch.as_tensor, part))).norm(dim=0)
+        for part in parts
+    ]
+    return torch.stack(torch.broadcast_tensors(*norms))
 
 
 def loaded(name: str, device: str) -> tuple[Network, Setup]:

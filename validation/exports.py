@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -173,9 +173,9 @@ def rows(name: str, count: int) -> Iterator[Row]:
     run = RunFolder(pretrained_folder(name))
     config = run.config()
     craft = run.spacecraft()
-    saved: SavedPolicy = read_policy(run.policy_file, craft, config.settings)
+    saved: SavedPolicy = read_policy(run.agent_file)
     batches = list(asked(saved.network, Setup(craft, config.settings, config.timing), count))
-    for form in get_args(Form):
+    for form in ANSWERS:
         with tempfile.TemporaryDirectory() as folder:
             write_agent(Path(folder), form, saved, config.ppo, name)
             found = unequal(saved.network, batches, ANSWERS[form](Path(folder)))

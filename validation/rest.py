@@ -7,8 +7,8 @@ perfect world, on a GPU if there is one, writes docs/validation/rest.json and th
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,15 @@ from torch import Tensor
 from tyro.conf import Positional
 
 from rans.evaluation.fly.contestants import judged_separately
-from rans.fast.engine import Engine
+from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.learn.selection import likeliest
 from rans.files import read_json
 from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, table
+from rans.verdict import last_fifth
 from validation.batch import Rows, study
 from validation.markdown import Table
 
@@ -42,23 +42,17 @@ _HEADINGS = (
 _SOURCE = "The values are in [rest.json](validation/rest.json)."
 
 
-@torch.no_grad()
 def last_commands(network: Network, setup: Setup, episodes: int, seed: int, device: str) -> Tensor:
     """Commands of the last fifth of an agent's flights, (T / 5, N, thrusters) bool."""
-    steps = setup.timing.episode_steps
-    longer = replace(
-        setup.timing, episode_steps=steps + 1
-    )  # none begins anew before it was asked all
-    engine = Engine(setup.craft, setup.task, episodes, longer, seed=seed, device=device)
-    observation = engine.observe()
-    memory = network.blank(episodes)
-    kept = []
-    for step in range(steps):
-        command, memory = likeliest(network, observation, memory)
-        observation = engine.step(command).observation
-        if step >= steps - steps // 5:
-            kept.append(command > 0)
-    return torch.stack(kept)
+    flights = Flights(network, setup, device, generated=False)
+    draws = flights.draws(seed, np.arange(episodes, dtype=np.int32))
+    begin = setup.timing.episode_steps - last_fifth(setup.timing.episode_steps)
+    return torch.stack(
+        [
+            torch.stack([torch.as_tensor(x) for x in outcome.command], dim=1) > 0
+            for _, outcome in islice(flights.steps(draws), begin, None)
+        ]
+    )
 
 
 def cycles(commands: Tensor) -> Tensor:

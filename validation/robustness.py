@@ -20,13 +20,12 @@ from rans.evaluation.measure.metrics import settling_times, solved
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.learn.troubles import TROUBLES
-from rans.fast.verdicts import last_fifth
 from rans.files import number, read_json
 from rans.flight import Setup, fly
 from rans.model.conditions import (
     BodyConditions,
     Conditions,
+    DisturbanceConditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,
@@ -34,9 +33,25 @@ from rans.model.conditions import (
 )
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.verdict import last_fifth
 from validation.batch import Found, Rows, loaded, study
 from validation.markdown import Table
 
+_FINE = SensorConditions(noise=(0.0, 0.03))
+_COARSE = SensorConditions(noise=(0.0, math.radians(3.0)))
+SINGLE: dict[str, Conditions] = {
+    "latency": Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2))),
+    "delay": Conditions(thrusters=ThrusterConditions(command_delay=(0.0, 0.2))),
+    "rise": Conditions(thrusters=ThrusterConditions(rise=(0.0, 0.1))),
+    "least on-time": Conditions(thrusters=ThrusterConditions(least_on=0.4)),
+    "mass": Conditions(body=BodyConditions(mass=(0.7, 2.0))),
+    "inertia": Conditions(body=BodyConditions(inertia=(0.5, 2.0))),
+    "centre of mass": Conditions(body=BodyConditions(centre=(0.0, 0.03))),
+    "force": Conditions(disturbances=DisturbanceConditions(force=(0.0, 0.3))),
+    "torque": Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.1))),
+    "noise": Conditions(sensors=SensorsConditions(_FINE, _COARSE, _FINE, _COARSE)),
+}
+"""Single disturbances, each over the whole range in which it broke agents that were trained without any."""
 _LQR_EPISODES = 256
 _COMMAND = "python -m validation.robustness"
 _TOLD = {
@@ -69,7 +84,7 @@ def rows() -> dict[str, Conditions]:
     """What is flown in: a perfect world, `lab`, every trouble over its range and at its end."""
     worst = {
         f"{name}, worst": _at_worst(found)
-        for name, found in TROUBLES.items()
+        for name, found in SINGLE.items()
         if name not in ("least on-time", "inertia")
     }
     halved = Conditions(body=BodyConditions(inertia=0.5))
@@ -82,7 +97,7 @@ def rows() -> dict[str, Conditions]:
     return {
         "none": Conditions(),
         "lab": load_conditions("lab"),
-        **TROUBLES,
+        **SINGLE,
         **worst,
         "inertia halved": halved,
         **{name: Conditions(sensors=x) for name, x in sensors.items()},
@@ -120,7 +135,7 @@ def flown_by_agent(
     """What is said of an agent in one world, from the outcomes of whole flights."""
     world = setup._replace(conditions=conditions.or_none)
     found = Flights(network, world, device).fly(0, episodes, seed)
-    held = share(np.arange(found.flights) >= found.failed)
+    held = share(np.arange(found.flights) >= found.unsolved)
     return {
         "held": {key: 100.0 * x for key, x in asdict(held).items()},
         "settling time": found.settling_step() * setup.timing.control_period,

@@ -24,11 +24,11 @@ from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.fast.flights import Flights
-from rans.fast.verdicts import last_fifth
 from rans.files import environment, write_json
 from rans.scenario import SELECTION_SEED
 from rans.tasks import GoToPosePriced
 from rans.terminal import Terminal, table
+from rans.verdict import last_fifth
 
 _KNOBS = (0, 0.25, 0.5, 0.75, 1)
 _COLUMNS = {
@@ -162,7 +162,7 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
         "impulse": float(entry.thrust.mean()),
         "duty at rest": 100.0 * float(commands[-last_fifth(len(commands)) :].mean()),
         "error": float(next(iter(entry.errors.values())).mean()),
-        "failed": 1e6 * failed.failed / failed.flights,
+        "failed": 1e6 * failed.unsolved / failed.flights,
     }
 
 

@@ -151,7 +151,6 @@ class Assure:
 
 def _show(assurance: Assurance, file: Path) -> None:
     from rans.evaluation.assure.replay import has_drake
-    from rans.fast.verdicts import Failure
     from rans.show.assure_counts import counts, verdict
     from rans.show.assure_page import findings, page
 
@@ -169,7 +168,10 @@ def _show(assurance: Assurance, file: Path) -> None:
     console = Terminal(room=100)
     campaign = assurance.campaign
     table = counts(found)
-    words = ["any failure", *(kind.name.lower().replace("_", " ") for kind in Failure)]
+    words = [
+        "any failure",
+        *(name.lower().replace("_", " ") for name in found["bounds"] if name != "any"),
+    ]
     console.show(
         f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
         table.columns,

@@ -118,14 +118,14 @@ class Evaluate:
         )
 
     def _judge_many(self, run: LoadedRun) -> None:
-        """Print and write what verdicts tell."""
+        """Print and write the statistics of many flights."""
         import torch
 
         from rans.evaluation.fly.agent import Agent
         from rans.evaluation.measure.aggregate import ROOM
         from rans.evaluation.measure.many import measure_many
         from rans.fast.flights import Flights
-        from rans.fast.verdicts import Failure
+        from rans.verdict import Failure
 
         assert isinstance(run.controller, Agent)
         device = "cuda" if torch.cuda.is_available() else "cpu"
@@ -134,15 +134,15 @@ class Evaluate:
         )
         with progress() as bars:
             step = partial(bars.advance, bars.add_task("fast engine", total=self.episodes))
-            verdicts = flights.fly(0, self.episodes, self.seed, step)
-        metrics = measure_many(verdicts, run.controller.name, run.judged)
+            statistics = flights.fly(0, self.episodes, self.seed, step)
+        metrics = measure_many(statistics, run.controller.name, run.judged)
         console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {run.conditions.description or self.conditions}.")
         console.print(metrics.table(console.width))
         listed = [
             {"episode": int(number), "failure": Failure(kind).name}
-            for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)
+            for number, kind in zip(statistics.numbers, statistics.kinds, strict=True)
         ]
         folder, suffix = self._place(run)
         file = folder / f"evaluation-many{suffix}.json"

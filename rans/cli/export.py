@@ -12,7 +12,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.pretrained import FOLDER
 
-Form = Literal["sb3", "onnx", "numpy"]
+Form = Literal["sb3", "rans", "onnx", "numpy"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,8 @@ class Export:
     """Write an agent to hand on: with its contract, pairs to check, and a card that says what it is worth.
 
     "sb3" is a folder that serves wherever a run folder does, whose policy.zip stable_baselines3.PPO.load
-    opens too. "onnx" is one file for any runtime; "numpy" a Python file and its tables, for NumPy only.
+    opens too. "rans" is such a folder without the critic, for RANS only and half as large, as agents come with
+    it. "onnx" is one file for any runtime; "numpy" a Python file and its tables, for NumPy only.
     """
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
@@ -46,7 +47,7 @@ class Export:
                 "an agent leaves whole, with its knob and all its tasks as observations: name "
                 f"it without #{part}."
             )
-        if folder.parent == FOLDER and self.format == "sb3":
+        if folder.parent == FOLDER and self.format == "rans":
             raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
         card = export(folder, self.output, self.format, self.episodes)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())

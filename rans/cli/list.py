@@ -18,7 +18,12 @@ from rans.model.conditions import Conditions
 from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
-from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from rans.pretrained import (
+    RECIPE_FOLDER,
+    pretrained_card,
+    pretrained_folder,
+    pretrained_names,
+)
 from rans.registry import Registry, resolve_typed
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
@@ -114,7 +119,9 @@ def _kind_of_file(file: Path) -> str:
     except ConfigError:
         return "spacecraft"
     return (
-        "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
+        "conditions"
+        if keys and keys <= {"base", *(one.name for one in fields(Conditions))}
+        else "spacecraft"
     )
 
 
@@ -167,10 +174,16 @@ def _all_conditions() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
 
+    trained_in = [name for name in CONDITIONS.built_in if name.startswith("train-")]
     return Listing(
         "Conditions (rans list NAME tells every number and its source)",
         ("name", "what"),
-        [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS],
+        [
+            (_named(CONDITIONS, name), *_or_why_not(row, name)[-1:])
+            for name in CONDITIONS
+            if name not in trained_in
+        ],
+        f"Robust agents were trained in {', '.join(trained_in)}.",
     )
 
 
@@ -223,6 +236,8 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
         f"{training['seconds']:.1f} s on {training['device']}; judged on {card['episodes']:,} episodes of "
         f"seed {card['evaluation_seed']}."
     )
+    if (recipe := RECIPE_FOLDER / f"{name}.toml").exists():
+        yield f"rans train {name} trains it again, by the recipe {recipe}."
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
             yield Listing(

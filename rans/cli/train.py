@@ -47,7 +47,8 @@ class Train:
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS, such as
-    go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done."""
+    go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done. Your own recipe
+    is a .toml file (docs/training.md)."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
     seed: int | None = None
@@ -77,7 +78,8 @@ class Train:
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Tell others too: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
     trust: bool = False
-    """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
+    """Run the module that --resume, --config or a recipe's file names as MODULE:NAME; only if you know its
+    author."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""

@@ -20,14 +20,23 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
-from rans.fast.saved import SavedPolicy, read_policy
-from rans.files import inside, plain, read_json, read_text, write_json, write_text
+from rans.fast.saved import AGENT, SavedPolicy, packed_actor, read_policy
+from rans.files import (
+    inside,
+    plain,
+    read_json,
+    read_text,
+    replace_file,
+    write_json,
+    write_text,
+)
 from rans.flight import Setup
 from rans.scenario import EVALUATION_SEED
 
-Form = Literal["sb3", "onnx", "numpy"]
+Form = Literal["sb3", "rans", "onnx", "numpy"]
 _FILES: dict[Form, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
+    "rans": (AGENT, "config.json"),
     "onnx": ("agent.onnx",),
     "numpy": ("agent.py", "agent.npz"),
 }
@@ -39,8 +48,9 @@ def export(
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
-    "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx":
-    agent.onnx, for any runtime; "numpy": agent.py and agent.npz, which need NumPy only. Beside them
+    "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "rans":
+    agent.safetensors, without the critic, and config.json, which `load_agent` opens; "onnx": agent.onnx, for
+    any runtime; "numpy": agent.py and agent.npz, which need NumPy only. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder, whose name is the agent's. Everything is written anew: nothing
     that was hidden in the run's files is handed on.
@@ -61,7 +71,7 @@ def export(
     craft = source.spacecraft()
     config = source.config()
     card = _card(source)
-    saved = read_policy(source.policy_file, craft, config.settings)
+    saved = read_policy(source.agent_file)
     network = saved.network
     text = source.spacecraft_file.read_text("utf-8")
     seen = observed(
@@ -78,7 +88,7 @@ def export(
         f"{name}: flies {craft.name} by RANS's task {config.task}.",
         json.dumps(plain(about)),
     )
-    if form == "sb3":
+    if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
     write_json(folder / "contract.json", about)
@@ -108,7 +118,7 @@ def _check_alone(folder: Path, form: Form, pairs: str) -> None:
         for other, names in _FILES.items()
         if other != form
         for name in names
-        if (folder / name).exists()
+        if name not in _FILES[form] and (folder / name).exists()
     ]
     file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):
@@ -134,6 +144,9 @@ def write_agent(
         write_onnx(folder / "agent.onnx", agent_program(network), network.architecture, about)
     elif form == "numpy":
         write_numpy(folder, agent_program(network), network.architecture, title)
+    elif form == "rans":
+        content = packed_actor(network.architecture, network.member(0), saved.steps)
+        replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     else:
         write_policy(
             folder / "policy.zip", network.architecture, network.member(0), settings, saved.steps

@@ -38,7 +38,7 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
     """
     with zipfile.ZipFile(file) as archive:
         assert archive.fp is not None
-        most = bound(archive.fp)
+        most = _bound(archive.fp)
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
                 raise ConfigError(
@@ -57,7 +57,7 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
-def bound(stream: IO[bytes]) -> int:
+def _bound(stream: IO[bytes]) -> int:
     """Bytes that the archive in a stream may unpack to: those it has, or a usual number of them."""
     return min(max(_LARGEST, stream.seek(0, io.SEEK_END)), _LARGEST_STORED)
 

@@ -10,15 +10,12 @@ import torch
 from rans.episode import World
 from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_network import CpuNetwork
+from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.kernels.flight_program import FlightProgram
 from rans.fast.learn.network import Network
 from rans.fast.straight import Memory, Straight
-from rans.fast.verdicts import Verdicts
 from rans.model.random import seed_words
 from rans.model.trace import Symbol
-
-_TRIED = 128
-"""Flights that tell how far products of bytes are off."""
 
 
 class CpuFlights:
@@ -49,11 +46,9 @@ class CpuFlights:
             carried, [program.failure, program.settles, program.settled, *program.totals]
         )
         self._answers = CpuNetwork(network)
-        self.fly(0, _TRIED, 0, 0)
-        self._answers.settle()
 
     @torch.no_grad()
-    def fly(self, first: int, count: int, seed: int, listed: int) -> Verdicts:
+    def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict = self._memory(count)
@@ -82,7 +77,7 @@ class CpuFlights:
                     step.put(one.symbol, value)
             verdict.give(step.value(one.symbol) for one in self._program.carried)
             failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
-        return Verdicts.of(
+        return FlightStatistics.of(
             self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
         )
 

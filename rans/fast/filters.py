@@ -28,8 +28,8 @@ class Filters(NamedTuple):
     push: tuple[tuple[float, ...], ...]
     twist: tuple[tuple[float, ...], ...]
     share: tuple[Share, ...]
-    steady: tuple[float, ...] | float = ()
-    """Without: 0 of each. Older agents have one for all."""
+    steady: tuple[float, ...] = ()
+    """Without: 0 of each."""
     response: tuple[float, ...] = ()
     """Without: 0 of each."""
     gate: float = 0.0
@@ -68,11 +68,10 @@ class Filters(NamedTuple):
     @property
     def each(self) -> tuple[Filter, ...]:
         """The filters."""
-        steady = self.steady if isinstance(self.steady, tuple) else (self.steady,) * len(self.drift)
         return tuple(
             Filter(drift, found, answer, self.period, self.push, self.twist, self.share)
             for drift, found, answer in zip_longest(
-                self.drift, steady, self.response, fillvalue=0.0
+                self.drift, self.steady, self.response, fillvalue=0.0
             )
         )
 
@@ -84,9 +83,9 @@ class Filters(NamedTuple):
         told = (
             count > 0
             and np.shape(self.drift) == (count,)
+            and np.shape(self.steady) in ((0,), (count,))
             and np.shape(self.response) in ((0,), (count,))
         )
-        steady = np.shape(self.steady) in ((), (0,), (count,))
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
         numbers = numbers and (self.gate == 0.0 or 1e-6 <= self.gate <= 1e6)
-        return told and steady and numbers and tuple(map(np.shape, self[2:5])) == sizes
+        return told and numbers and tuple(map(np.shape, self[2:5])) == sizes

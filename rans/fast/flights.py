@@ -1,4 +1,4 @@
-"""Very many flights of one policy, one scenario each, of which nothing is kept but what became of them."""
+"""Very many whole flights of one policy, one scenario each, of which only the verdicts are kept."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ import torch
 from rans.episode import Episode, Outcome, World, step
 from rans.errors import ConfigError, brief
 from rans.fast.cpu_flights import CpuFlights
+from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
-from rans.fast.verdicts import Tally, Verdicts
 from rans.flight import Setup
-from rans.model.fields import Field
+from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
 from rans.processes import deaths_told, processors, submitted
+from rans.verdict import FlightAccumulator
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
@@ -65,7 +66,8 @@ class Flights:
         plain: bool = False,
     ) -> None:
         craft, task, timing, conditions = self._setup = setup
-        self._backend = backend = Backend.of(device, torch.float32, None, plain)
+        self.backend = backend = Backend.of(device, torch.float32, None, plain)
+        """Library of the fields that are stepped."""
         self.device = backend.device
         self.listed = listed
         self.world = World(craft, task, timing, backend.nodes, conditions)
@@ -89,20 +91,20 @@ class Flights:
 
     def fly(
         self, first: int, count: int, seed: int, progress: Callable[[int], object] = lambda _: None
-    ) -> Verdicts:
+    ) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
 
         Raises:
             ConfigError: see `parts`.
         """
-        found = Verdicts.none(self.world.timing.episode_steps, self.listed)
+        found = FlightStatistics.none(self.world.timing.episode_steps, self.listed)
         with closing(self.parts(first, count, seed)) as parts:
             for part in parts:
                 found += part
                 progress(part.flights)
         return found
 
-    def parts(self, first: int, count: int, seed: int) -> Generator[Verdicts]:
+    def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
         """The same part by part, in the order of their numbers, as they are flown.
 
         Raises:
@@ -123,12 +125,12 @@ class Flights:
                 part = self._part(begin, share, seed)
             yield part
 
-    def _part(self, first: int, count: int, seed: int) -> Verdicts:
+    def _part(self, first: int, count: int, seed: int) -> FlightStatistics:
         if self._whole is not None:
             return self._whole.fly(first, count, seed, self.listed)
-        return self._stepped(seed_words(seed), np.arange(first, first + count, dtype=np.int32))
+        return self._stepped(seed, np.arange(first, first + count, dtype=np.int32))
 
-    def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[Verdicts]:
+    def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[FlightStatistics]:
         """By one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
         given = self._network, self._setup, self.listed
@@ -136,45 +138,59 @@ class Flights:
         with submitted(_work, jobs, workers, _load, given) as futures, deaths_told("flew"):
             yield from (future.result() for future in futures)
 
-    def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
-        """One batch, step by step."""
-        world = self.world
-        tally = None
-        # What is no longer finite flies on in vain: nothing of it is counted.
-        with np.errstate(all="ignore"):
-            for episode, outcome in self.steps(words, numbers):
-                tally = (tally or Tally.of(world, episode)).after(world, outcome)
-        assert tally is not None
-        found = (
-            tally.failure(),
-            tally.going & tally.inside,
-            tally.settled,
-            tally.gained,
-            tally.impulse,
-            tally.opened,
-        )
+    def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
+        """Statistics of one batch that is flown step by step."""
+        verdict = self.judged(self.draws(seed, numbers), effort=True)
+        found = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
         arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
-        return Verdicts.of(
-            world, numbers, arrays[:3], arrays[3:], self.listed, f"stepping, {self.device.type}"
+        return FlightStatistics.of(
+            self.world,
+            numbers,
+            arrays[:3],
+            arrays[3:],
+            self.listed,
+            f"stepping, {self.device.type}",
         )
 
-    @torch.no_grad()
-    def steps(
-        self, words: tuple[int, int], numbers: np.ndarray
-    ) -> Iterator[tuple[Episode, Outcome]]:
-        """Every step of the scenarios with these numbers, (N,) int32, of a seed's two words.
+    def draws(self, seed: int, numbers: np.ndarray) -> Draws:
+        """Random numbers of a seed's scenarios with these numbers, (N,) int32, on the device."""
+        first = self.backend.put(numbers, torch.int32)
+        return Draws(*seed_words(seed), first, 0, self.backend.fields)
 
-        As fields (N,) of the device: the episodes acted in, and what that gave.
+    def judged(self, draws: Draws, effort: bool = False, worst: bool = False) -> FlightAccumulator:
+        """Verdict on N flights, stepped, of fields (N,) of the device.
+
+        Args:
+            draws: random numbers of the flights, see `draws`.
+            effort: see `rans.verdict.FlightAccumulator.begin`.
+            worst: see `rans.verdict.FlightAccumulator.begin`.
         """
         world = self.world
-        backend = self._backend
+        verdict = None
+        # A state that is no longer finite flies on and may overflow: nothing of it is counted.
+        with np.errstate(all="ignore"):
+            for episode, outcome in self.steps(draws):
+                if verdict is None:
+                    verdict = FlightAccumulator.begin(world, episode, effort, worst)
+                verdict = verdict.after(world, outcome)
+        assert verdict is not None, "an episode has at least one step"
+        return verdict
+
+    @torch.no_grad()
+    def steps(self, draws: Draws) -> Iterator[tuple[Episode, Outcome]]:
+        """Every step of N flights: the episodes acted in and the outcome, of fields (N,) of the device.
+
+        All are flown for the full time, those that are over too. See `draws`.
+        """
+        world = self.world
+        backend = self.backend
         network = self._network
-        draws = Draws(*words, backend.put(numbers, torch.int32), 0, backend.fields)
-        clock = backend.put(np.zeros_like(numbers), torch.int32)
+        clock = draws.first * 0
+        count = len(clock)
         now = world.begin(*world.scenario(clock, draws), clock, draws)
-        memory = network.blank(len(numbers))
+        memory = network.blank(count)
         for _ in range(world.timing.episode_steps):
-            seen = self._seen(world.observe(now, draws), len(numbers))
+            seen = self._seen(world.observe(now, draws), count)
             command, memory = likeliest(network, seen, memory)
             columns = command.T.contiguous()
             outcome = step(
@@ -186,7 +202,7 @@ class Flights:
     def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
         """Observations (N, width); columns that are the same for all are numbers or of one element."""
         rows = torch.empty((len(columns), count), dtype=torch.float32, device=self.device)
-        into = rows.numpy() if self._backend.on_numpy else rows
+        into = rows.numpy() if self.backend.on_numpy else rows
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
@@ -201,7 +217,7 @@ def _load(network: Network, setup: Setup, listed: int) -> None:
     _given[:] = [Flights(network, setup, listed=listed)]
 
 
-def _work(first: int, count: int, seed: int) -> Verdicts:
+def _work(first: int, count: int, seed: int) -> FlightStatistics:
     return _given[0].fly(first, count, seed)
 
 

@@ -10,14 +10,10 @@ import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import NoReturn
 
-import torch
-from torch import Tensor
-
-from rans.errors import ConfigError, RansError
-from rans.fast.archives import bound, content, opened
-from rans.files import first_line, regular
+from rans.errors import ConfigError
+from rans.fast.archives import content, opened
 
 _HARMLESS = {
     "__future__",
@@ -69,59 +65,6 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
     """
     names = (name for pickle in _pickles(archive, where) for name in named(pickle))
     return next(filter(_is_foul, names), None)
-
-
-def read_tensors(file: Path, device: str) -> Any:
-    """What torch saved in a file, if it is tensors, numbers and texts only.
-
-    Raises:
-        ConfigError: it cannot be read, is damaged, would take too much memory, or holds anything
-            else, which is not run.
-    """
-    regular(file)
-    try:
-        with file.open("rb") as stream:
-            with opened(stream, file) as archive:
-                name = foul(archive, file)
-            if name is not None:
-                refuse(file, name)
-            stream.seek(0)
-            return load_tensors(stream, file, device)
-    except RansError:
-        raise
-    except Exception as error:  # a damaged pickle raises anything
-        raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
-
-
-def load_tensors(stream: IO[bytes], where: object, device: str = "cpu") -> Any:
-    """What torch saved in an archive that was `opened`, if it is tensors, numbers and texts only.
-
-    Raises:
-        ConfigError: its tensors claim to be larger than an archive may be: a view may show one
-            number as often as it likes.
-        Exception: whatever torch raises on a damaged file, or one that holds anything else.
-    """
-    most = bound(stream)
-    stream.seek(0)
-    if not zipfile.is_zipfile(stream):  # torch's older format takes as much memory as it is told
-        raise ValueError("its arrays are not those of an agent")
-    stream.seek(0)
-    tree = torch.load(stream, map_location=device, weights_only=True)
-    size = sum(x.numel() * x.element_size() for x in _tensors(tree))
-    if size > most:
-        raise ConfigError(
-            f"{where} was not opened: its tensors claim {size:,} bytes, and at most "
-            f"{most:,} are read; it is damaged or meant to fill the memory."
-        )
-    return tree
-
-
-def _tensors(tree: Any) -> Iterator[Tensor]:
-    if isinstance(tree, Tensor):
-        yield tree
-    elif isinstance(tree, dict | list | tuple):
-        for inner in tree.values() if isinstance(tree, dict) else tree:
-            yield from _tensors(inner)
 
 
 def refuse(file: Path, name: str) -> NoReturn:

@@ -6,7 +6,7 @@ import inspect
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,7 +21,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
-from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
+from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network, Output
@@ -48,20 +48,18 @@ _SHARED = (
 class NormalisedMlp(BaseFeaturesExtractor):
     """Change to the body frame, observation normaliser, and trunk: a `Network` without its heads.
 
-    As SB3's features extractor it travels with the policy's weights, statistics included. Files say what
-    differs from the defaults of `Architecture`, with symmetries only in an `AgentPolicy`; those without a
-    layout have that of the paper's tasks.
+    As SB3's features extractor it travels with the policy's weights, statistics included. Arguments are
+    those of `Architecture`, with symmetries only in an `AgentPolicy`.
     """
 
     def __init__(
         self,
         observation_space: spaces.Box,
+        layout: Layout,
+        thrusters: int,
         layers: Sequence[int] = (128, 128),
-        layout: Layout | None = None,
-        thrusters: int = 0,
         **others: Any,
     ) -> None:
-        layout = layout or paper_layout(observation_space.shape[0])
         architecture = Architecture(layout, thrusters, tuple(layers), **others)
         super().__init__(observation_space, architecture.features)
         self.architecture = architecture
@@ -73,9 +71,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
     def network(self, heads: Mapping[str, Tensor]) -> Network:
         """The network with these heads, by their names in SB3's policy; weights are shared, not copied."""
         own = {EXTRACTOR + name: x for name, x in (*self.named_parameters(), *self.named_buffers())}
-        count = len(heads.get("action_net.bias", ())) // (1 if self.architecture.continuous else 2)
-        # Older files do not say how many thrusters there are.
-        return Network(replace(self.architecture, thrusters=count), {**own, **heads})
+        return Network(self.architecture, {**own, **heads})
 
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
@@ -201,10 +197,6 @@ class _Written(torch.optim.Adam):
 
     add_param_group = inspect.unwrap(torch.optim.Optimizer.add_param_group)
     state_dict = inspect.unwrap(torch.optim.Optimizer.state_dict)
-
-
-OnOffPolicy = AgentPolicy
-"""Its name in the files of RANS 1, whose thrusters were on or off."""
 
 
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:

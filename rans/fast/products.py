@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rans.fast.vectors import FLOAT, FLOATS, INTS, LANES, LONG, ROWS, TILE, Code, Value, constant
+from rans.fast.vectors import FLOAT, LANES, LONG, ROWS, TILE, Code, Value, constant
 
 WIDTH = LANES * TILE
 """Columns that are computed together."""
-DOT = "llvm.x86.avx512.vpdpbusd.512"
-"""Adds products of four unsigned and four signed bytes to each of sixteen sums."""
 
 
 def product(
@@ -20,7 +18,6 @@ def product(
     source: Value,
     stride: Value,
     finish: Callable[[Value, list[Sequence[Value]]], object],
-    whole: bool = False,
 ) -> None:
     """Of weights (rows, length) and `WIDTH` columns of a source (length, ...).
 
@@ -32,10 +29,8 @@ def product(
         source: where the columns begin.
         stride: of the source's rows, in numbers.
         finish: is given the number of the first of some rows, and their `TILE` vectors each.
-        whole: whether each number of both is four bytes, the source's unsigned, and sums are whole numbers.
     """
     (rows, length) = shape
-    kind = INTS if whole else FLOATS
 
     def group(first: Value, count: int) -> None:
         begins = [
@@ -46,15 +41,15 @@ def product(
         def summand(k: Value, sums: list[Value]) -> list[Value]:
             place = code.mul(k, stride)
             along = code.mul(k, LONG(steps[1]))
-            x = [code.read(source, code.add(place, LONG(v * LANES)), kind) for v in range(TILE)]
-            w = [code.everywhere(code.read(begin, along, kind.element)) for begin in begins]
+            x = [code.read(source, code.add(place, LONG(v * LANES))) for v in range(TILE)]
+            w = [code.everywhere(code.read(begin, along, FLOAT)) for begin in begins]
             pairs = [(one, other) for one in w for other in x]
             return [
-                code.intrinsic(DOT, old, other, one) if whole else code.times_plus(one, other, old)
+                code.times_plus(one, other, old)
                 for old, (one, other) in zip(sums, pairs, strict=True)
             ]
 
-        sums = code.repeat(length, [constant(0 if whole else 0.0)] * (count * TILE), summand)
+        sums = code.repeat(length, [constant(0.0)] * (count * TILE), summand)
         finish(first, [sums[TILE * u : TILE * (u + 1)] for u in range(count)])
 
     code.groups(rows, ROWS, group)

@@ -1,6 +1,8 @@
-"""Agents as RANS keeps them: weights as safetensors and what they mean as JSON, within a ``policy.zip``.
+"""Agent files: weights as safetensors, and what they mean as JSON in its header. Reading one runs nothing.
 
-What Stable-Baselines3 reads of that file is pickled, so RANS does not read it (decision 014).
+A training keeps its agent in ``policy.zip``, where ``agent.safetensors`` lies beside what Stable-Baselines3
+reads, which is pickled, so that RANS does not read it (decision 014). An agent to hand on is one file
+``agent.safetensors`` without critic and optimizer.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,38 +19,42 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError, RansError
-from rans.fast import older
 from rans.fast.archives import content, opened
 from rans.fast.filters import Filters
-from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.packed import pack, unpack
 from rans.fast.pickled import foul, refuse
 from rans.fast.symmetry import Symmetries
-from rans.files import first_line, plain, regular
-from rans.model.spacecraft import Spacecraft
-from rans.tasks.base import Task
+from rans.files import first_line, plain, read_bytes, regular
+from rans.structure import structure
 from rans.tasks.sight import Block, Entry, Layout
 
 AGENT = "agent.safetensors"
-"""Name of our part in the archive."""
+"""Name of the file, and of RANS's part of a ``policy.zip``."""
+_LARGEST = 2**28
+"""Bytes of such a file on its own: a hundred times what any agent here has."""
+_CRITIC = "value_net.", f"{EXTRACTOR}critic."
+"""How the names of the weights begin that only training needs."""
 _LISTS = {"layers": int, "averages": float, "nominal": float, "bounds": float}
 
 
 class SavedPolicy(NamedTuple):
-    """What is in a ``policy.zip``."""
+    """A trained agent as its file keeps it."""
 
     network: Network
     """Of one member, on the CPU."""
     settings: dict[str, Any]
-    """Of `PPOSettings`."""
+    """Fields of `PPOSettings`; none without a critic."""
     steps: int
     """Environment steps learned from."""
     adam: dict[Any, Any]
     """As `rans.fast.learn.policy_file.moments` gives it."""
     rate: float
     """Adam's step size."""
+    has_critic: bool = True
+    """Whether the file holds the critic; the network's is zero if not, and cannot be trained on."""
 
 
 def packed_agent(
@@ -59,7 +65,10 @@ def packed_agent(
     adam: dict[Any, Any],
     rate: float,
 ) -> bytes:
-    """What goes into the archive as `AGENT`; arguments are as those of `rans.fast.policy.write_policy`."""
+    """The agent with critic and optimizer, for `AGENT` in a ``policy.zip``.
+
+    Arguments are those of `rans.fast.policy.write_policy`.
+    """
     return pack(
         {
             "architecture": _table(architecture),
@@ -72,76 +81,113 @@ def packed_agent(
     )
 
 
-def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
-    """An agent for a spacecraft and a task, as `rans train` or `rans.PPO` of any version saved it.
+def packed_actor(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
+    """The content of an ``agent.safetensors``: what flies, without critic and optimizer.
+
+    Args:
+        architecture: of the network.
+        tensors: its weights and statistics, as `Network.member` gives them.
+        steps: environment steps learned from.
+    """
+    return pack(
+        {
+            "architecture": _table(replace(architecture, privileged=0, nominal=())),
+            "weights": {name: x for name, x in tensors.items() if not name.startswith(_CRITIC)},
+            "steps": steps,
+        }
+    )
+
+
+def read_policy(file: Path) -> SavedPolicy:
+    """The agent in an ``agent.safetensors``, or in a ``policy.zip`` of `rans train` or `rans.PPO`.
 
     Nothing in the file is run.
 
     Raises:
-        ConfigError: it is none, is damaged or for another spacecraft or task, or holds code.
+        ConfigError: it is none, is damaged, or holds code.
     """
+    if file.suffix == ".safetensors":
+        with _errors_told(file):
+            return _read(unpack(read_bytes(file, _LARGEST), file))
     with _checked(file) as archive:
         if AGENT not in archive.namelist():
-            return _older(archive, craft, task)
-        table = unpack(content(archive, AGENT), f"{file}/{AGENT}")
-        made = _architecture(table["architecture"])
-        settings = older.known(table["settings"])
-        adam = {int(place): moments for place, moments in table["adam"].items()}
-        return SavedPolicy(
-            _network(made, table["weights"]),
-            settings,
-            int(table["steps"]),
-            adam,
-            float(table["rate"]),
-        )
+            raise ConfigError(
+                f"{file} holds no {AGENT}: an early version of RANS wrote it, which kept weights "
+                "in pickles, or Stable-Baselines3 itself. Train the agent anew, or fly what "
+                f"Stable-Baselines3 saved as sb3:{file} with --trust."
+            )
+        return _read(unpack(content(archive, AGENT), f"{file}/{AGENT}"))
 
 
 def is_agent(file: Path) -> bool:
     """Whether a file is a ``policy.zip`` that RANS wrote; ConfigError where it is damaged or holds code."""
     with _checked(file) as archive:
-        return AGENT in archive.namelist() or older.is_ours(archive)
+        return AGENT in archive.namelist()
 
 
 @contextmanager
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
     regular(file)
+    with _errors_told(file), opened(file, file) as archive:
+        if spoilt := archive.testzip():
+            raise ValueError(f"the checksum of {spoilt} is wrong")
+        if name := foul(archive, file):
+            refuse(file, name)
+        yield archive
+
+
+@contextmanager
+def _errors_told(file: Path) -> Iterator[None]:
+    """Make a `ConfigError` of whatever goes wrong with a file."""
     try:
-        with opened(file, file) as archive:
-            if spoilt := archive.testzip():
-                raise ValueError(f"the checksum of {spoilt} is wrong")
-            if name := foul(archive, file):
-                refuse(file, name)
-            yield archive
+        yield
     except RansError:
         raise
     except Exception as error:  # a damaged file raises anything
         raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
 
 
-def _older(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> SavedPolicy:
-    if not older.is_ours(archive):
-        raise ValueError("it holds no agent that RANS wrote")
-    adam = older.arrays(archive, "policy.optimizer.pth")
-    network = _network(older.architecture(archive, craft, task), older.weights(archive))
-    return SavedPolicy(
-        network,
-        older.settings(archive),
-        older.steps(archive),
-        adam["state"],
-        float(adam["param_groups"][0]["lr"]),
-    )
+def _read(table: dict[str, Any]) -> SavedPolicy:
+    """The agent in the table that `packed_agent` or `packed_actor` packed."""
+    made = _architecture(table["architecture"])
+    weights = table["weights"]
+    steps = int(table["steps"])
+    if not any(name.startswith(_CRITIC) for name in weights):
+        return SavedPolicy(_network(made, weights, False), {}, steps, {}, 0.0, has_critic=False)
+    adam = {int(place): moments for place, moments in table["adam"].items()}
+    rate = float(table["rate"])
+    return SavedPolicy(_network(made, weights), _settings(table["settings"]), steps, adam, rate)
 
 
-def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Network:
-    """In single precision, in which agents fly; ValueError where the weights are of another one.
+def _settings(table: dict[str, Any]) -> dict[str, Any]:
+    """The entries that `PPOSettings` has, in their types and ranges; others are as by default."""
+    own = {name: value for name, value in table.items() if name in PPOSettings.__dataclass_fields__}
+    return asdict(structure(own, PPOSettings, "settings"))
 
-    ConfigError where one of them is no finite number, at once or in single precision.
+
+def _network(
+    architecture: Architecture, weights: Mapping[str, Tensor], has_critic: bool = True
+) -> Network:
+    """The network of these weights in single precision, in which agents fly; a critic that it lacks is zero.
+
+    Raises:
+        ValueError: the weights are of another architecture.
+        ConfigError: one of them is no finite number, at once or in single precision.
     """
     shapes = architecture.shapes() if len(architecture.layers) <= len(weights) else {}
-    if {name: x.shape for name, x in weights.items()} != shapes:
+    # A zero critic is one layer on the actor's features, whose size the actor's weights bound.
+    needed = {
+        name: shape
+        for name, shape in shapes.items()
+        if has_critic or not name.startswith("value_net.")
+    }
+    if {name: x.shape for name, x in weights.items()} != needed:
         raise ValueError("its weights are not those of the network that it describes")
-    tensors = {name: weights[name].float() for name in shapes}
+    tensors = {
+        name: weights[name].float() if name in needed else torch.zeros(shape)
+        for name, shape in shapes.items()
+    }
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
             raise ConfigError(
@@ -178,6 +224,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
     filters = table.pop("filters", None)  # which agents of before did not have
+    if filters is not None and isinstance(filters.get("steady"), int | float):
+        raise ConfigError(
+            "the agent has one variance of steady accelerations for all its filters, as early "
+            "versions of RANS wrote it, which this one does not read: train it anew."
+        )
     bank = (
         None
         if filters is None

@@ -7,12 +7,12 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, named
+from rans.errors import ConfigError, brief, named
 from rans.files import distinct, read_text
 from rans.model.conditions import Conditions
-from rans.registry import Registry
+from rans.registry import Registry, resolve
 from rans.shown import default
-from rans.structure import LARGEST_TOML, read_toml, structure
+from rans.structure import LARGEST_TOML, merged, read_toml, structure
 
 
 class Described(NamedTuple):
@@ -25,7 +25,8 @@ class Described(NamedTuple):
 def _described(found: Any) -> Described:
     """A TOML text or `Conditions`."""
     if isinstance(found, str):
-        return Described(found, structure(read_toml(found), Conditions, "conditions"))
+        table = _inherited(read_toml(found))
+        return Described(found, structure(table, Conditions, "conditions"))
     if not isinstance(found, Conditions):
         raise ConfigError(
             "they must be rans.Conditions or a TOML file of the package, got "
@@ -34,12 +35,43 @@ def _described(found: Any) -> Described:
     return Described(conditions_text(found), found)
 
 
+def _inherited(table: dict[str, Any]) -> dict[str, Any]:
+    """The table of conditions over that of its ``base``, by the name of conditions of the package."""
+    others = table.get("others")
+    if isinstance(others, list):
+        others = [_inherited(one) if isinstance(one, dict) else one for one in others]
+        table = table | {"others": others}
+    base = table.pop("base", None)
+    if base is None:
+        return table
+    if not isinstance(base, str) or base not in CONDITIONS.built_in:
+        known = ", ".join(CONDITIONS.built_in)
+        raise ConfigError(
+            f"base must be the name of conditions that come with RANS, one of {known}, got "
+            f"{brief(base)}."
+        )
+    return merged(_inherited(read_toml(resolve(CONDITIONS.built_in[base]))), table)
+
+
 CONDITIONS = Registry(
     "set of conditions",
     "rans.conditions",
     {
         name: f"rans:data/conditions/{name}.toml"
-        for name in ("perfect", "lab", "lab-dropouts", "roboran", "orbit", "harsh", "faults")
+        for name in (
+            "perfect",
+            "lab",
+            "lab-dropouts",
+            "roboran",
+            "orbit",
+            "harsh",
+            "faults",
+            "train-robust",
+            "train-robust-pose-2d",
+            "train-robust-pose-3d",
+            "train-faults-2d",
+            "train-faults-3d",
+        )
     },
     _described,
     ", or a file whose name ends in .toml",
@@ -65,7 +97,8 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     Given as such they are themselves.
 
     Keys of the file are those of `Conditions`: tables ``[body]``, ``[thrusters]``, ``[faults]``,
-    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` ... with numbers or [least, largest].
+    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` ... with numbers or [least, largest]. A key
+    ``base`` names conditions that come with RANS, whose values hold where the file has none of its own.
 
     Raises:
         ConfigError: no such name or file, or it does not describe conditions.

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rans.fast.verdicts import Failure
 from rans.show.page import Table
+from rans.verdict import Failure
 
 
 def verdict(found: Mapping[str, Any]) -> str:

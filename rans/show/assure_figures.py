@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from rans.fast.verdicts import last_fifth
 from rans.flight import Flight
 from rans.show import panels
 from rans.show.figures import styled
 from rans.show.panels import BLUE, GREY, ORANGE, PLAIN, RED, label
+from rans.verdict import last_fifth
 
 _SIZE = (3.9, 2.9)
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
 from rans.evaluation.measure.metrics import DISPLAY
-from rans.fast.verdicts import Failure
 from rans.flight import Flight
 from rans.show.assure_counts import counts, verdict
 from rans.show.page import Finding, Page, Picture, Section, Table, header
+from rans.verdict import Failure
 
 _JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
 _TEXT = (

@@ -59,9 +59,9 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert page.index(f"{failed} of 60 flights failed") < page.index("<h2")
     assert f"rans {' '.join(command)}" in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
-    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d/policy.zip"
+    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d/agent.safetensors"
     told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
-    assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
+    assert found["about"]["hashes"]["weights (agent.safetensors)"] == told.split()[0]
     assert main(["report", str(folder)]) == 0
     report = (folder / "report.html").read_text("utf-8")
     rows = re.findall(

@@ -38,11 +38,17 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         *(
             ("evaluate run --episodes 2", name)
-            for name in ("config.json", "spacecraft.toml", "policy.zip", "evaluation.json")
+            for name in (
+                "config.json",
+                "spacecraft.toml",
+                "policy.zip",
+                "agent.safetensors",
+                "evaluation.json",
+            )
         ),
         *(
             ("train --resume run", name)
-            for name in ("metrics.jsonl", "checkpoint.safetensors", "checkpoint.pt", ".lock")
+            for name in ("metrics.jsonl", "checkpoint.safetensors", ".lock")
         ),
         ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
         ("assure run --episodes 8", "assurance.json"),

@@ -6,13 +6,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-import torch
 
 from rans.cli import main
-from rans.fast.learn.config import to_table
-from rans.files import write_json
-from tests.fast.training import CONFIG, after, ignore, tiny_trainer
-from tests.strangers import Code, older, trapped
+from tests.fast.training import after, ignore, tiny_trainer
+from tests.strangers import trapped
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +21,10 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy with a trap in its agent and in its checkpoint."""
+    """A copy with a trap in its agent."""
     monkeypatch.chdir(tmp_path)
     folder = Path(shutil.copytree(trained, tmp_path / "run"))
     trapped(folder / "policy.zip", tmp_path / "ran")
-    (folder / "checkpoint.safetensors").unlink()
-    torch.save({"steps": Code(tmp_path / "ran")}, folder / "checkpoint.pt")
-    shutil.copytree(folder, tmp_path / "sweep" / "batches" / "0")
-    write_json(tmp_path / "sweep" / "configs.json", {"command": "", "configs": [to_table(CONFIG)]})
     return folder
 
 
@@ -41,18 +34,11 @@ COMMANDS = [
     "compare lqr:go-to-pose-2d sb3:run/policy.zip --with --episodes 2 --certified 0",
     "view run --save page.html",
     "export run --output shipped",
-    "train --resume run",
-    "sweep --resume sweep",
 ]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
-def test_a_trap_is_a_sentence(
-    run: Path, command: str, with_ours: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    if not with_ours:
-        older(run / "policy.zip")
+def test_a_trap_is_a_sentence(run: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(command.split()) in (1, 2)
     said = capsys.readouterr()
     text = " ".join((said.out + said.err).split())

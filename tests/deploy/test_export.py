@@ -17,6 +17,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
+from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.scenario import scenarios
 from tests.fast.training import CONFIG, tiny_trainer
@@ -88,7 +89,8 @@ def test_it_comes_with_rans_by_name(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(rans.pretrained, "FOLDER", shipped.parent)
+    export(shipped, tmp_path / "pretrained" / "small-pose-2d", "rans")
+    monkeypatch.setattr(rans.pretrained, "FOLDER", tmp_path / "pretrained")
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
     assert (tmp_path / "runs/evaluations/pretrained-small-pose-2d/evaluation.json").exists()
@@ -110,9 +112,47 @@ def test_what_comes_with_the_package_is_exported_already(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
-        assert main(["export", name, "--output", "again"]) == 2
+        assert main(["export", name, "--format", "rans", "--output", "again"]) == 2
         told = " ".join(capsys.readouterr().err.split())
         assert "go-to-pose-2d comes with RANS as an export writes it" in told
+
+
+def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:
+    """A shipped agent is no file of Stable-Baselines3; its export is, and the same agent."""
+    folder = tmp_path / "go-to-pose-2d"
+    assert main(["export", "go-to-pose-2d", "--output", str(folder)]) == 0
+    observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
+    expected = contestant("pretrained:go-to-pose-2d").controller.act(None, None, observations)
+    again = load_agent(folder).controller.act(None, None, observations)
+    np.testing.assert_array_equal(again, expected)
+    model = stable_baselines3.PPO.load(folder / "policy.zip", device="cpu")
+    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], expected)
+    assert 0.02 < expected.mean() < 0.98
+
+
+def test_without_its_critic_it_is_the_same_agent_in_half(
+    run: Path, shipped: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "small"
+    assert main(["export", str(shipped), "--format", "rans", "--output", str(folder)]) == 0
+    observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
+    expected = load_agent(run).controller.act(None, None, observations)
+    np.testing.assert_array_equal(
+        load_agent(folder).controller.act(None, None, observations), expected
+    )
+    assert {file.name for file in folder.iterdir()} == {
+        "agent.safetensors",
+        "config.json",
+        "spacecraft.toml",
+        "card.json",
+        "contract.json",
+        "golden.json",
+    }
+    sizes = [(folder / "agent.safetensors").stat().st_size, (shipped / "policy.zip").stat().st_size]
+    assert sizes[0] < 0.5 * sizes[1]
+    engine = Engine(load_agent(run).craft, load_agent(run).task, 4)
+    with pytest.raises(ConfigError, match="without its critic"):
+        rans.PPO.load(folder / "agent.safetensors", engine)
 
 
 @pytest.mark.parametrize(

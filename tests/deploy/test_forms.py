@@ -45,7 +45,7 @@ def shipped(name: str) -> tuple[Network, Setup]:
     config = run.config()
     craft = run.spacecraft()
     return (
-        read_policy(run.policy_file, craft, config.settings).network,
+        read_policy(run.agent_file).network,
         Setup(craft, config.settings, config.timing),
     )
 

@@ -11,7 +11,6 @@ import torch
 from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_network import WIDTH, CpuNetwork
 from rans.fast.learn.selection import likeliest
-from rans.fast.vectors import FEATURES
 from rans.model.spacecraft import Spacecraft
 from tests.fast.engines import FLYER, PLATFORM
 from tests.fast.flying import policy
@@ -51,22 +50,3 @@ def shown(network: Any, rows: torch.Tensor) -> tuple[list[np.ndarray], np.ndarra
     way = body.ahead(tuple(columns.T))
     which = views.tensors_like(columns).which(way)
     return list(network.look(columns)[0].T.contiguous().numpy()), which.numpy()
-
-
-@pytest.mark.skipif("+avx512vnni" not in FEATURES, reason="this processor does not multiply bytes")
-def test_products_of_bytes_decide_as_float32() -> None:
-    network = policy(PLATFORM, layers=(64, 96, 64), zoom=8.0)
-    columns, view = shown(network, seen(40_000, network.architecture.layout.width))
-    quick = CpuNetwork(network)
-    exact = CpuNetwork(network, quick=False)
-    few, all_of_them = (CpuHistory(network.architecture, count) for count in (2000, len(view)))
-    quick([column[:2000] for column in columns], view[:2000], few)
-    quick.settle()
-    asked = list[int]()
-    through = quick._through
-    quick._through = lambda name, rows: (asked.append(rows.shape[1]), through(name, rows))[1]  # type: ignore[method-assign]
-    np.testing.assert_array_equal(
-        quick(columns, view, all_of_them), exact(columns, view, all_of_them)
-    )
-    assert len(asked) == 2
-    assert asked[1] < 0.9 * asked[0]

@@ -12,13 +12,15 @@ import torch
 from rans.fast.cpu_look import CpuLook
 from rans.fast.cpu_update import MachineGradients
 from rans.fast.engine import Engine
-from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
 from rans.fast.products import WIDTH
 from rans.fast.symmetry import symmetries
+from rans.tasks import MultiTask
+from rans.tasks.derived import layout
 from tests.fast.engines import FLYER, NEAR, PLATFORM
 from tests.fast.kernels.test_update import collected
 from tests.fast.training import scatter, tiny_learner
@@ -96,7 +98,7 @@ def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
         {"clip": 0.5},
         {"symmetries": None},
         {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))},
-        {"layout": paper_layout(10)},
+        {"layout": layout(MultiTask(), 2)},
     ],
     ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
 )

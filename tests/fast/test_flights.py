@@ -21,13 +21,14 @@ from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.filters import Filters
+from rans.fast.flight_statistics import QUANTITIES, FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
-from rans.fast.verdicts import QUANTITIES, Failure, Verdicts
 from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
+from rans.verdict import Failure
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
 from tests.fast.flying import BRIEF, WIDE, policy, setup
 from tests.worlds import EFFECTS
@@ -35,7 +36,9 @@ from tests.worlds import EFFECTS
 COUNT = 300
 
 
-def alike(a: Verdicts, b: Verdicts, different: int = 0, share: float = 1e-5) -> None:
+def alike(
+    a: FlightStatistics, b: FlightStatistics, different: int = 0, share: float = 1e-5
+) -> None:
     """The same flights failed, but for so many, and means agree."""
     assert a.flights == b.flights
     failed = [set(zip(found.numbers, found.kinds, strict=True)) for found in (a, b)]
@@ -144,7 +147,7 @@ def test_stepping_on_torch_is_stepping_on_numpy() -> None:
     network = policy(PLATFORM, history=1)
     given = setup(PLATFORM, conditions=EFFECTS["body"])
     numpy, torches = (Flights(network, given, generated=False) for _ in range(2))
-    torches._backend = Backend(torch.device("cpu"), torch.float32)
+    torches.backend = Backend(torch.device("cpu"), torch.float32)
     alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
 
 

@@ -206,7 +206,7 @@ def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
         Flights(network.network, run.judged, plain=plain).fly(0, 256, 1) for plain in (True, False)
     )
     assert plain.settled == fast.settled
-    assert plain.failed == fast.failed
+    assert plain.failures == fast.failures
     assert plain.ways == {"stepping, cpu"}
 
 

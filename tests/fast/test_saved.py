@@ -1,4 +1,4 @@
-"""What is read of a ``policy.zip``: arrays and known settings, whatever else is in it."""
+"""What is read of agents' files: arrays and known settings, whatever else is in a ``policy.zip``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import shutil
 import tracemalloc
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,50 +20,52 @@ import stable_baselines3
 import torch
 from stable_baselines3.common.save_util import load_from_zip_file
 
+from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.fast import archives, packed, saved
+from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
-from rans.fast.saved import AGENT, SavedPolicy, is_agent, read_policy
+from rans.fast.saved import AGENT, SavedPolicy, is_agent, packed_actor, read_policy
 from rans.pretrained import pretrained_folder, pretrained_names
 from tests.strangers import older, rewritten, trapped, trapped_weights
 
 
 def opened(folder: Path) -> SavedPolicy:
-    run = RunFolder(folder)
-    return read_policy(run.policy_file, run.spacecraft(), run.config().settings)
+    return read_policy(RunFolder(folder).agent_file)
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Path:
+    """A shipped agent that a test may spoil."""
+    return Path(shutil.copytree(pretrained_folder("track-velocity-heading-2d"), tmp_path / "alone"))
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A shipped agent that a test may spoil."""
-    return Path(shutil.copytree(pretrained_folder("track-velocity-heading-2d"), tmp_path / "agent"))
+    """The same as ``policy.zip``, as trainings and `rans export` write it."""
+    return zipped("track-velocity-heading-2d", tmp_path / "agent")
 
 
-@pytest.mark.parametrize(
-    ("name", "with_ours"),
-    [
-        *(pytest.param(name, True, id=f"{name}-ours") for name in pretrained_names()),
-        # Networks with moving averages are newer than our part of the file.
-        *(
-            pytest.param(name, False, id=f"{name}-older")
-            for name in pretrained_names()
-            if not name.endswith(("-robust", "-faults"))
-        ),
-    ],
-)
-def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path: Path) -> None:
-    """Every bit of it, also of files that older versions wrote."""
-    folder = Path(shutil.copytree(pretrained_folder(name), tmp_path / "agent"))
+def zipped(name: str, folder: Path) -> Path:
+    """A folder with a shipped agent's ``policy.zip``."""
+    run = RunFolder(pretrained_folder(name))
+    folder.mkdir()
+    write_agent(folder, "sb3", read_policy(run.agent_file), run.config().ppo, name)
+    return folder
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
+    """Every bit of it."""
+    folder = zipped(name, tmp_path / "agent")
     data, parameters, _ = load_from_zip_file(folder / "policy.zip", device="cpu")
     assert data is not None
     policy = data["policy_class"](
         data["observation_space"], data["action_space"], lambda _: 1e-3, **data["policy_kwargs"]
     )
     policy.load_state_dict(parameters["policy"])
-    if not with_ours:
-        older(folder / "policy.zip")
     expected = network_of(policy)
     found = opened(folder).network
     assert found.tensors.keys() == expected.tensors.keys()
@@ -90,15 +93,12 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path
 
 
 @pytest.mark.parametrize("trap", [trapped, trapped_weights])
-@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
 def test_code_is_told_and_not_run(
-    folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None], with_ours: bool
+    folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None]
 ) -> None:
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     trap(file, ran)
-    if not with_ours:
-        older(file)
     for open_ in (lambda: opened(folder), lambda: is_agent(file)):
         with pytest.raises(
             ConfigError, match=r"policy\.zip holds code that would run posix\.mkdir"
@@ -121,12 +121,41 @@ def test_code_that_no_list_knows_is_not_run_either(
     before = opened(folder).network.tensors
     trapped(file, ran)
     assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
-    older(file)
-    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
     trapped_weights(file, ran)
-    with pytest.raises(ConfigError, match=r"policy\.zip is damaged: "):
-        opened(folder)
+    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
     assert not ran.exists()
+
+
+def test_pickles_alone_are_refused_with_what_to_do(folder: Path) -> None:
+    """As early versions of RANS wrote them, and as Stable-Baselines3 does."""
+    older(folder / "policy.zip")
+    with pytest.raises(ConfigError, match=r"holds no agent\.safetensors.* [Tt]rain the agent anew"):
+        opened(folder)
+    assert not is_agent(folder / "policy.zip")
+
+
+@pytest.mark.parametrize(
+    "name", ["go-to-pose-2d", "go-to-pose-3d-faults", "track-velocity-3d-robust"]
+)
+def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -> None:
+    """Commands of an agent without its critic, which may have had layers of its own, are the agent's."""
+    shipped = read_policy(RunFolder(pretrained_folder(name)).agent_file).network
+    given = replace(shipped.architecture, privileged=3, nominal=(1.0, 2.0, 3.0))
+    tensors = given.initial(1, 0.5)[0] | {
+        key: x for key, x in shipped.tensors.items() if not key.startswith("value_net.")
+    }
+    whole = Network(given, tensors)
+    file = tmp_path / AGENT
+    file.write_bytes(packed_actor(given, whole.member(0), 128))
+    saved = read_policy(file)
+    assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
+    assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())
+    rows = torch.randn(50, given.layout.width, generator=torch.Generator().manual_seed(1))
+    memory = whole.blank(50)
+    with torch.no_grad():
+        commands = [one.evaluate(rows, memory).policy.mode() for one in (whole, saved.network)]
+    assert torch.equal(*commands)
+    assert 0.02 < commands[0].mean() < 0.98
 
 
 MUCH = bytes(11 * 2**20)
@@ -164,16 +193,13 @@ BOMBS: dict[str, Callable[[Path], None]] = {
 }
 
 
-@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
 @pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
 def test_a_bomb_is_not_unpacked(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, bomb: Callable[[Path], None], with_ours: bool
+    folder: Path, monkeypatch: pytest.MonkeyPatch, bomb: Callable[[Path], None]
 ) -> None:
     """Much in little, on its own, within another archive, and what becomes objects of Python."""
     monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
     monkeypatch.setattr(archives, "_LARGEST_TEXT", 2**20)
-    if not with_ours:
-        older(folder / "policy.zip")
     bomb(folder / "policy.zip")
     sentence = (
         r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
@@ -212,44 +238,6 @@ def test_members_are_packed_as_agents_are(folder: Path) -> None:
         opened(folder)
 
 
-class Room:
-    """As many bytes as it is told when it is unpickled."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return bytearray, (2**12,)
-
-
-def saved_by_torch(value: Any, **how: Any) -> bytes:
-    stream = io.BytesIO()
-    torch.save(value, stream, **how)
-    return stream.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        (saved_by_torch({"steps": Room()}), "bytearray"),
-        (
-            saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}),
-            "claim 4,294,967,296 bytes",
-        ),
-        (
-            saved_by_torch({"steps": torch.zeros(1)}, _use_new_zipfile_serialization=False),
-            "damaged",
-        ),
-        (deflated(MUCH), r"would unpack to 11,534,336 bytes"),
-    ],
-    ids=["bytes", "view", "older", "bomb"],
-)
-def test_an_older_checkpoint_takes_no_more_memory_than_it_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, sentence: str
-) -> None:
-    monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
-    (tmp_path / "checkpoint.pt").write_bytes(content)
-    with pytest.raises(ConfigError, match=sentence):
-        RunFolder(tmp_path).load_checkpoint("cpu")
-
-
 def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
     content = pack({"steps": 1, "more": "x" * 2000})
     assert unpack(content, "here")["steps"] == 1
@@ -281,6 +269,13 @@ def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float
     )
 
 
+def test_an_agent_is_not_read_that_is_larger_than_any(alone: Path) -> None:
+    with (alone / AGENT).open("wb") as file:
+        file.truncate(2**40)  # which takes no room on the disk
+    with pytest.raises(ConfigError, match="has 1,099,511,627,776 bytes"):
+        opened(alone)
+
+
 def test_a_pipe_is_refused_at_once(folder: Path) -> None:
     (folder / "policy.zip").unlink()
     os.mkfifo(folder / "policy.zip")
@@ -298,7 +293,10 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
         change(table)
         return pack(table)
 
-    rewritten(folder / "policy.zip", changed)
+    if (folder / AGENT).exists():
+        (folder / AGENT).write_bytes(changed(AGENT, (folder / AGENT).read_bytes()))
+    else:
+        rewritten(folder / "policy.zip", changed)
     with pytest.raises(ConfigError) as caught:
         opened(folder)
     return str(caught.value)
@@ -315,6 +313,7 @@ _FILTERS = {
 _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
 
 
+@pytest.mark.parametrize("form", ["folder", "alone"])
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -368,25 +367,51 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
         ),
         (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
         (
+            lambda t: t["architecture"].update(filters=_OWN | {"steady": 25.0}),
+            "train it anew",
+        ),
+        (
             lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"),
             "unknown kind os.system",
         ),
+        (lambda t: t.pop("steps"), "is damaged"),
+        (lambda t: t.update(weights=[1, 2]), "is damaged"),
+    ],
+)
+def test_a_table_that_somebody_changed(
+    request: pytest.FixtureRequest,
+    form: str,
+    change: Callable[[dict[str, Any]], object],
+    sentence: str,
+) -> None:
+    text = spoilt(request.getfixturevalue(form), change)
+    assert sentence in text
+    assert len(text) < 600
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
         (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
         (
             lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}),
             "not those of the network",
         ),
         (lambda t: t["settings"].update(gamma="high"), "gamma"),
-        (lambda t: t.pop("steps"), "is damaged"),
-        (lambda t: t.update(weights=[1, 2]), "is damaged"),
+        (
+            lambda t: (
+                [t["weights"].pop(f"value_net.{part}") for part in ("weight", "bias")]
+                and t["architecture"].update(privileged=2**40)
+            ),
+            "not those of the network",
+        ),
     ],
 )
-def test_a_table_that_somebody_changed(
+def test_a_critic_that_somebody_changed(
     folder: Path, change: Callable[[dict[str, Any]], object], sentence: str
 ) -> None:
-    text = spoilt(folder, change)
-    assert sentence in text
-    assert len(text) < 600
+    """One that is left out may not claim layers of its own, which would be made of zeros."""
+    assert sentence in spoilt(folder, change)
 
 
 def test_what_is_packed_comes_back() -> None:
@@ -442,10 +467,9 @@ def test_every_bit_counts(tmp_path: Path) -> None:
             unpack(bytes(spoilt), "there")
 
 
-def test_the_header_is_readable_without_us(folder: Path) -> None:
+def test_the_header_is_readable_without_us(alone: Path) -> None:
     """Length, JSON, arrays: as the format of safetensors has it, with any library for it."""
-    with zipfile.ZipFile(folder / "policy.zip") as archive:
-        content = archive.read(AGENT)
+    content = (alone / AGENT).read_bytes()
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
     table = json.loads(header["__metadata__"]["rans"])
     assert table["architecture"]["layers"] == [256, 256]

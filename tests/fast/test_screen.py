@@ -201,7 +201,7 @@ def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str)
     promised = 0.95 if world == "outages" else 0.97
     # Fewer than promised, by three standard deviations of what that many flights would show.
     lost = (1.0 - promised) * flights
-    assert found.failed <= lost + 3.0 * np.sqrt(lost)
+    assert found.unsolved <= lost + 3.0 * np.sqrt(lost)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
@@ -26,7 +26,8 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
 from rans.model.actuators import Throttle
-from rans.tasks import GoToPose, observation, observation_width
+from rans.tasks import GoToPose, observation
+from rans.tasks.derived import layout
 from tests.crafts import random_states
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 
@@ -181,8 +182,8 @@ def after(count: int) -> Any:
 
 def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
     """A float64 network with large random weights and statistics."""
-    layout = paper_layout(observation_width(GoToPose(), craft.dimension))
-    given = Architecture(layout, len(craft.thrusters), (16,), continuous=continuous, **settings)
+    columns = layout(GoToPose(), craft.dimension)
+    given = Architecture(columns, len(craft.thrusters), (16,), continuous=continuous, **settings)
     tensors, _ = given.initial(0, 0.5)
     network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
     network.update_statistics(network.in_body(seen(craft, 500))[None])

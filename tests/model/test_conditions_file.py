@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,25 @@ def test_a_missing_file_is_told_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_conditions(tmp_path / "own.toml")
     assert str(caught.value).count("own.toml") == 1
+
+
+def test_a_base_gives_what_a_file_leaves_out(tmp_path: Path) -> None:
+    """In its parts too: of several worlds each has its own."""
+    file = tmp_path / "own.toml"
+    file.write_text(
+        """
+        base = "lab"
+        body.mass = 1.0
+        others = [{ base = "lab", thrusters.latency = 0.3 }, {}]
+        """,
+        "utf-8",
+    )
+    lab = load_conditions("lab")
+    found = load_conditions(file)
+    assert replace(found, others=()) == replace(lab, body=replace(lab.body, mass=1.0))
+    late = replace(lab, thrusters=replace(lab.thrusters, latency=0.3))
+    assert found.others == (late, Conditions())
+    for wrong in ('"nobody"', "3", "[1]", f'"{file}"'):
+        file.write_text(f"base = {wrong}", "utf-8")
+        with pytest.raises(ConfigError, match="base must be the name of conditions"):
+            load_conditions(file)

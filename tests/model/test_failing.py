@@ -86,7 +86,7 @@ class Period:
     def after(self, body: Body, then: Failing | None = None) -> Any:
         """The state in the end, of whoever flies this body, and another one from an instant on."""
         moved = self.world.move(self._start, replace(self._sound, body=body, failing=then))
-        return np.array(np.broadcast_arrays(*leaves(moved)))
+        return np.array(np.broadcast_arrays(*leaves(moved[-1])))
 
 
 @each_kind

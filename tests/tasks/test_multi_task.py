@@ -57,8 +57,8 @@ def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> No
     for ours, own in (
         (TASK.errors(state, goal), part.errors(its_state, its_goal)),
         (
-            TASK.reward(Transition(state, goal, *commands)),
-            part.reward(Transition(its_state, its_goal, *its_commands)),
+            TASK.reward(Transition(state, goal, commands[0], commands[1])),
+            part.reward(Transition(its_state, its_goal, its_commands[0], its_commands[1])),
         ),
     ):
         assert own.keys() < ours.keys()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from rans.fast.verdicts import Failure
+from rans.verdict import Failure
 from validation import assurances
 from validation.assurances import Assurances, _campaigns
 

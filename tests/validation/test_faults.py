@@ -11,6 +11,7 @@ import pytest
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import settling_times, solved
+from rans.fast.saved import AGENT as AGENT_FILE
 from rans.fast.saved import read_policy
 from rans.flight import fly
 from rans.model.conditions import Conditions, FaultConditions
@@ -29,7 +30,7 @@ PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverabl
 def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -> None:
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(faults=PAIRS), 24, 7, "cpu")
-    policy = read_policy(pretrained_folder("go-to-pose-2d-fast") / "policy.zip", *setup[:2]).network
+    policy = read_policy(pretrained_folder("go-to-pose-2d-fast") / AGENT_FILE).network
     starts = scenarios(setup.task, setup.craft, 7, 24)
     flight = fly(
         *setup[:2],

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from rans.evaluation.fly.agent import Agent
+from rans.fast.saved import AGENT as AGENT_FILE
 from rans.fast.saved import read_policy
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -71,7 +72,7 @@ def test_commands_are_those_of_evaluations() -> None:
     """In the engine in float32 and one by one in float64: a tie in rounding moves a pulse or two."""
     network, setup = loaded("pretrained:go-to-pose-2d", "cpu")
     found = last_commands(network, setup, 16, 7, "cpu").numpy()
-    policy = read_policy(pretrained_folder("go-to-pose-2d") / "policy.zip", *setup[:2]).network
+    policy = read_policy(pretrained_folder("go-to-pose-2d") / AGENT_FILE).network
     flight = fly(
         *setup[:2], Agent(policy, "agent"), scenarios(setup.task, setup.craft, 7, 16), setup.timing
     )

@@ -10,6 +10,7 @@ import pytest
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
+from rans.fast.saved import AGENT as AGENT_FILE
 from rans.fast.saved import read_policy
 from rans.flight import fly
 from rans.model.conditions import Conditions, ThrusterConditions, largest
@@ -26,7 +27,7 @@ def test_flights_are_those_of_evaluations() -> None:
     """In the engine in float32 and one by one in float64; a perfect world leaves no room for chaos."""
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(), 16, 7, "cpu")
-    policy = read_policy(pretrained_folder("go-to-pose-2d") / "policy.zip", *setup[:2]).network
+    policy = read_policy(pretrained_folder("go-to-pose-2d") / AGENT_FILE).network
     starts = scenarios(setup.task, setup.craft, 7, 16)
     flight = fly(*setup[:2], Agent(policy, "agent"), starts, setup.timing)
     assert found.held.all()

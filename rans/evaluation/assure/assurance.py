@@ -22,11 +22,11 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure
 from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
+from rans.verdict import Failure, kinds_of_failure
 
 
 @dataclass
@@ -186,7 +186,10 @@ class Assurance:
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
         campaign = self.campaign
-        kinds = {"any": None, **{kind.name: kind for kind in Failure}}
+        kinds = {
+            "any": None,
+            **{kind.name: kind for kind in kinds_of_failure(self.run.judged.task)},
+        }
         return {
             "about": self.about,
             "campaign": campaign.to_json(),

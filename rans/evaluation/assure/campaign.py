@@ -13,10 +13,11 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.fast.distributed import ALONE, Processes
+from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure, Verdicts
 from rans.flight import Setup
+from rans.verdict import Failure
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
 """Flights of one of several processes between two moments at which all learn of all."""
@@ -105,7 +106,7 @@ class Campaign:
                     keep()
                     began = time.monotonic()
 
-    def add(self, flown: Verdicts) -> None:
+    def add(self, flown: FlightStatistics) -> None:
         """Take in the flights that come next."""
         self.flights += flown.flights
         for kind in Failure:
@@ -135,8 +136,10 @@ class Campaign:
             self.flights = before["flights"]
             self.seconds = before["seconds"]
             self.ways = set(before["ways"])
-            self.events = {kind: before["failures"][kind.name] for kind in Failure}
-            self.listed = sorted((n, kind) for kind in Failure for n in before["listed"][kind.name])
+            self.events = {kind: before["failures"].get(kind.name, 0) for kind in Failure}
+            self.listed = sorted(
+                (n, kind) for kind in Failure for n in before["listed"].get(kind.name, ())
+            )
         except (KeyError, TypeError) as error:
             raise ConfigError(
                 f"what was flown before is damaged: it lacks {error}; begin anew with --restart."
@@ -145,7 +148,7 @@ class Campaign:
 
 def _parts(
     fleet: Flights, first: int, end: int, seed: int, processes: Processes
-) -> Generator[Verdicts]:
+) -> Generator[FlightStatistics]:
     """Of scenarios ``first`` to ``end - 1``, in this order: of several processes what all flew of a piece."""
     if processes.size == 1:
         yield from fleet.parts(first, end - first, seed)

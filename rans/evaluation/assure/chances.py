@@ -9,23 +9,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import partial, reduce
+from functools import reduce
 from typing import Any
 
 import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.episode import World, step
-from rans.fast.flights import BATCH
+from rans.episode import World
+from rans.fast.flights import BATCH, Flights
 from rans.fast.learn.network import Network
-from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
-from rans.fast.verdicts import last_fifth
 from rans.flight import Setup
 from rans.model.conditions import bounds
-from rans.model.fields import Field, finite, floor, leaves, where
+from rans.model.fields import Field, floor, where
 from rans.model.random import Draws, Random
 from rans.model.sensors import PER_STEP
 from rans.processes import processors
@@ -172,11 +170,11 @@ class Chances:
     def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:
         """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
 
-        It gives the largest error of the last fifth in tolerances, (N,): from 1 on a flight fails. It is
-        infinite where the task declared the flight failed or its state is not finite. The network is of one
-        member on the device.
+        It gives the largest error of the last fifth in tolerances, (N,): from 1 on a flight is not solved. It
+        is infinite where the flight failed (`rans.verdict`). The network is of one member on the device.
         """
-        backend = Backend.of(device, torch.float32, None)
+        flights = Flights(network, self.setup, device, generated=False)
+        backend = flights.backend
         batch = BATCH[device.type]
         workers = processors() if backend.on_numpy else 1
 
@@ -189,39 +187,24 @@ class Chances:
                 for part in parts
             ]
             with one_thread(), ThreadPoolExecutor(workers) as pool:
-                return np.concatenate([*pool.map(partial(self._score, network, backend), jobs)])
+                return np.concatenate([*pool.map(lambda draws: scored(flights, draws), jobs)])
 
         return score
 
-    @torch.no_grad()
-    def _score(self, network: Network, backend: Backend, draws: Chosen) -> np.ndarray:
-        craft, task, timing, conditions = self.setup
-        world = World(craft, task, timing, backend.nodes, conditions)
-        steps = timing.episode_steps
-        clock = draws.first * 0
-        zero = draws.real(clock)
-        tolerances = task.tolerances()
-        with np.errstate(all="ignore"):  # what fails may well overflow
-            now = world.begin(*world.scenario(clock, draws), clock, draws)
-            worst = zero
-            failed = zero > 1.0
-            memory = network.blank(len(zero))
-            for t in range(steps):
-                seen = backend.stack([zero + x for x in world.observe(now, draws)]).T
-                command, memory = likeliest(network, seen, memory)
-                columns = command.T.contiguous()
-                outcome = step(
-                    world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws
-                )
-                now = outcome.episode
-                failed = failed | outcome.terminated | ~finite(*leaves(now.state))
-                if t >= steps - last_fifth(steps):
-                    errors = task.errors(now.state, now.goal)
-                    ratios = [errors[name] * (1.0 / tolerances[name]) for name in tolerances]
-                    worst = reduce(_larger, ratios, worst)
-        return np.asarray(
-            torch.as_tensor(where(failed, zero + np.inf, worst)).cpu(), dtype=np.float64
-        )
+
+def scored(flights: Flights, draws: Draws) -> np.ndarray:
+    """Largest error of the last fifth in tolerances, (N,); infinite where a flight failed."""
+    verdict = flights.judged(draws, worst=True)
+    tolerances = flights.world.task.tolerances().values()
+    ratios = [
+        worst * (1.0 / tolerance)
+        for worst, tolerance in zip(verdict.worst, tolerances, strict=True)
+    ]
+    worst = reduce(_larger, ratios)
+    return np.asarray(
+        torch.as_tensor(where(verdict.failed, np.inf, worst)).cpu(),
+        dtype=np.float64,
+    )
 
 
 def _larger(a: Field, b: Field) -> Field:

@@ -24,7 +24,7 @@ def hashes(spec: str, setup: Setup) -> dict[str, str]:
     package = Path(rans.__file__).parent
     code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
     return {
-        "weights (policy.zip)": sha256([run.policy_file.read_bytes()]),
+        f"weights ({run.agent_file.name})": sha256([run.agent_file.read_bytes()]),
         "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
         "task and timing": sha256([repr(setup[1:3]).encode()]),
         "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),

@@ -11,10 +11,10 @@ import numpy as np
 
 from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import worst_errors
-from rans.fast.verdicts import Failure, last_fifth
 from rans.flight import Controller, Flight, Setup
-from rans.model.fields import finite, leaves, map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
+from rans.verdict import Failure, last_fifth
 
 Judge = Literal["numpy", "drake"]
 
@@ -146,23 +146,8 @@ def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
 
 
 def failures(flight: Flight) -> list[Failure | None]:
-    """How each of N flights failed, in the words of `rans.fast.verdicts`; None: it did not."""
-    task = flight.task
-    after = map_leaves(lambda x: x[1:], flight.states)
-    goals = map_leaves(lambda x: x[1:] if np.ndim(x) == 2 else x, flight.goals)
-    with np.errstate(invalid="ignore"):
-        lost = ~np.asarray(finite(*leaves(after))).all(axis=0)
-        ended = np.asarray(task.failed(after, goals)).any(axis=0)
-        inside = np.asarray(task.reached(flight.states, flight.goals))[
-            -1 - last_fifth(len(flight.commands)) :
-        ]
-    left = (inside[:-1] & ~inside[1:]).any(axis=0)
-    kinds = np.select(
-        [lost, ended, inside[1:].all(axis=0), left, inside[-1]],
-        [Failure.NOT_FINITE, Failure.TERMINATED, 0, Failure.LEFT, Failure.LATE],
-        Failure.UNSETTLED,
-    )
-    return [Failure(kind) if kind else None for kind in kinds.tolist()]
+    """How each of N flights failed to solve its task; None: it was solved."""
+    return [Failure(kind) if kind else None for kind in flight.verdict.failure().tolist()]
 
 
 def ending(flight: Flight, k: int) -> str:

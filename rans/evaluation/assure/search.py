@@ -19,11 +19,11 @@ from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, pi
 from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure
 from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
+from rans.verdict import Failure
 
 _LARGEST = 2.0
 """Size up to which it is looked for."""

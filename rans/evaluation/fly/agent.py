@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from rans.errors import ConfigError
-from rans.fast.learn.architecture import paper_layout
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
@@ -88,12 +87,12 @@ def load_agent(path: Path) -> LoadedRun:
     run = RunFolder(path)
     config = run.config()
     craft = run.spacecraft()
-    if not run.policy_file.exists():
+    if not run.agent_file.exists():
         raise ConfigError(
             f"{path} has no policy.zip: its training has not come to its first checkpoint "
             "yet, or was stopped before."
         )
-    network = read_policy(run.policy_file, craft, config.settings).network
+    network = read_policy(run.agent_file).network
     _check_fit(network, craft, config.settings, run)
     return LoadedRun(
         Agent(network, path.resolve().name),
@@ -112,16 +111,16 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
     needed = shown.width, len(craft.thrusters)
     if (seen, commanded) != needed:
         raise ConfigError(
-            f"{run.policy_file} observes {seen} columns and commands {commanded} thrusters, but "
+            f"{run.agent_file} observes {seen} columns and commands {commanded} thrusters, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
         )
-    if given.layout not in (shown, paper_layout(seen)):
+    if given.layout != shown:
         raise ConfigError(
-            f"{run.policy_file} observes other columns than the task in {run.config_file} "
+            f"{run.agent_file} observes other columns than the task in {run.config_file} "
             "shows: they are of different runs."
         )
     if given.continuous != craft.actuators.is_continuous:
         raise ConfigError(
-            f"{run.policy_file} does not command the {craft.actuators.kind} actuators of "
+            f"{run.agent_file} does not command the {craft.actuators.kind} actuators of "
             f"{run.spacecraft_file}: they are of different runs."
         )

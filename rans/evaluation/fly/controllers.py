@@ -230,7 +230,7 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
             f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
             "made it, add --trust."
         )
-    network = read_policy(file, craft, task).network
+    network = read_policy(file).network
     _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
     return lambda observation: predict(network, observation)[0]
 

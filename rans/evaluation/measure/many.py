@@ -1,4 +1,4 @@
-"""What very many flights are worth, of which nothing is kept but `rans.fast.verdicts.Verdicts`."""
+"""Metrics of very many flights, of which only `rans.fast.flight_statistics.FlightStatistics` is kept."""
 
 from __future__ import annotations
 
@@ -9,36 +9,37 @@ from scipy.stats import binomtest
 
 from rans.evaluation.measure.aggregate import Metric, Metrics
 from rans.evaluation.measure.statistics import NORMAL_95
-from rans.fast.verdicts import Failure, Sums, Verdicts
+from rans.fast.flight_statistics import FlightStatistics, Sums
 from rans.flight import Setup
+from rans.verdict import Failure
 
 
-def measure_many(verdicts: Verdicts, controller: str, setup: Setup) -> Metrics:
-    """The metrics that verdicts know, named and united as those of `rans.evaluation.measure.metrics`.
+def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) -> Metrics:
+    """Metrics that statistics hold, with names and units as in `rans.evaluation.measure.metrics`.
 
     Intervals hold 95 %: of shares Clopper and Pearson's exact one (Biometrika 26, 1934), of the median the
     order statistics that a binomial distribution says, of means two standard errors.
     """
     period = setup.timing.control_period
-    engine = f"fast; {', '.join(sorted(verdicts.ways))}"
+    engine = f"fast; {', '.join(sorted(statistics.ways))}"
     return Metrics(
         controller,
         engine,
         setup.craft.name,
-        verdicts.flights,
-        verdicts.steps,
+        statistics.flights,
+        statistics.steps,
         period,
-        tuple(_rows(verdicts, period)),
+        tuple(_rows(statistics, period)),
     )
 
 
-def _rows(found: Verdicts, period: float) -> Iterator[Metric]:
+def _rows(found: FlightStatistics, period: float) -> Iterator[Metric]:
     count = found.flights
     yield _share(
         "success",
         "solved",
         "within all tolerances at every step of the last fifth",
-        count - found.failed,
+        count - found.unsolved,
         count,
     )
     yield _share("success", "settled", "enters all tolerances and stays", found.settled, count)
@@ -51,7 +52,7 @@ def _rows(found: Verdicts, period: float) -> Iterator[Metric]:
     )
     ended = found.failures[Failure.TERMINATED] + found.failures[Failure.NOT_FINITE]
     yield _share("success", "failed", "declared failed by the task at any time", ended, count)
-    yield _share("failures", "not solved", "in any of these ways", found.failed, count)
+    yield _share("failures", "not solved", "in any of these ways", found.unsolved, count)
     for kind, failures in found.failures.items():
         yield _share("failures", kind.name.lower().replace("_", " "), kind.meaning, failures, count)
     for name, meaning, unit, factor in (

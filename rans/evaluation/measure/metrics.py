@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.fast import verdicts
+from rans import verdict
 from rans.flight import Flight
 from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
@@ -83,11 +83,9 @@ def samples(flight: Flight) -> Iterator[Sample]:
 
 
 def settling_times(flight: Flight) -> np.ndarray:
-    """Time at which each episode enters all tolerances for good, (N,) s; infinite if it never does."""
-    inside = flight.task.reached(flight.states, flight.goals)
-    stays = np.logical_and.accumulate(inside[::-1])[::-1]
-    waited = (~stays).sum(axis=0)
-    return np.where(waited < len(stays), waited * flight.timing.control_period, np.inf)
+    """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
+    found = flight.verdict
+    return np.where(found.settles, found.settled * flight.timing.control_period, np.inf)
 
 
 def on_times(flight: Flight) -> np.ndarray:
@@ -132,13 +130,13 @@ def returns(flight: Flight) -> np.ndarray:
 
 
 def solved(flight: Flight) -> np.ndarray:
-    """(N,) whether each episode is within all tolerances at every step of the last fifth."""
-    return np.asarray(last_fifth(flight.task.reached(flight.states, flight.goals)).all(axis=0))
+    """(N,) whether each episode was solved (`rans.verdict`)."""
+    return np.asarray(flight.verdict.solved)
 
 
 def last_fifth(instants: np.ndarray) -> np.ndarray:
     """The end of an array whose first axis is the T + 1 instants."""
-    return instants[-verdicts.last_fifth(len(instants) - 1) :]
+    return instants[-verdict.last_fifth(len(instants) - 1) :]
 
 
 def _success(flight: Flight) -> Iterator[Sample]:
@@ -247,7 +245,7 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
-    last = flight.commands[-verdicts.last_fifth(len(flight.commands)) :]
+    last = flight.commands[-verdict.last_fifth(len(flight.commands)) :]
     for name, meaning, unit, values in (
         (
             "duty",

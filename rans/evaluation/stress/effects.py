@@ -66,8 +66,8 @@ class Effect:
 def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     """Every effect, as far as this spacecraft can meet it.
 
-    Sizes reach beyond the ranges of `rans.fast.learn.troubles`, in which agents that knew one perfect world
-    broke; pushes and turns are shares of what the strongest thruster gives, least on-times whole periods.
+    Sizes reach beyond the ranges of the conditions ``train-robust``, in which agents that knew one perfect
+    world broke; pushes and turns are shares of what the strongest thruster gives, least on-times whole periods.
     """
     return [*_of_valves(craft, timing), *_of_body(), *_disturbances(craft), *_readings()]
 

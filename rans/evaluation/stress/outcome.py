@@ -18,18 +18,20 @@ WANTED = 0.99
 
 @dataclass(frozen=True)
 class Outcome:
-    """How N episodes of one contestant in one world ended, by their numbers."""
+    """How N episodes of one contestant in one world ended, in the order of their numbers."""
 
     errors: dict[str, np.ndarray]
     """The largest of every error that has a tolerance over the last fifth, (N,) SI; infinite if lost."""
     excess: np.ndarray
     """The largest of them in tolerances, (N,)."""
+    held: np.ndarray
+    """Whether the goal was held, (N,) (`rans.verdict`)."""
 
     @classmethod
     def of(cls, flight: Flight) -> Outcome:
-        """What flights came to, in truth."""
+        """Outcome of flights, by their true states."""
         excess, worst = worst_errors(flight)
-        return cls(worst, excess)
+        return cls(worst, excess, np.asarray(flight.verdict.held))
 
     @classmethod
     def joined(cls, parts: Sequence[Outcome]) -> Outcome:
@@ -37,12 +39,11 @@ class Outcome:
         errors = {
             name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors
         }
-        return cls(errors, np.concatenate([part.excess for part in parts]))
-
-    @property
-    def held(self) -> np.ndarray:
-        """(N,) within all tolerances at every step of the last fifth."""
-        return self.excess < 1.0
+        return cls(
+            errors,
+            np.concatenate([part.excess for part in parts]),
+            np.concatenate([part.held for part in parts]),
+        )
 
     @property
     def share(self) -> Estimate:

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.compare.roster import enlisted
+from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
 from rans.files import first_line
-from rans.flight import fly
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.processes import deaths_told, submitted
-from rans.scenario import draws, scenarios
+from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024
@@ -243,14 +243,6 @@ def _tried(*job: int) -> _Part | str:
 def _flown(level: int, contestant: int, first: int, count: int) -> _Part:
     contest, controllers, worlds = _given
     controller = controllers[contestant]
-    (craft, task, timing, _) = contest.setup
-    flight = fly(
-        craft,
-        task,
-        controller,
-        scenarios(task, craft, contest.seed, count, first),
-        timing,
-        conditions=worlds[level],
-        draws=draws(contest.seed, count, first),
-    )
+    setup = contest.setup._replace(conditions=worlds[level])
+    flight = fly_drawn(controller, setup, draws(contest.seed, count, first))
     return _Part(Outcome.of(flight), getattr(controller, "failures", 0))

@@ -10,14 +10,15 @@ import numpy as np
 import torch
 
 from rans.episode import World
+from rans.fast.flight_statistics import QUANTITIES, FlightStatistics, Sums
 from rans.fast.kernels.design import Design, DoesNotFit
 from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.kernels.flight_source import flight_source
 from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import QUANTITIES, Failure, Sums, Verdicts, last_fifth
 from rans.model.random import seed_words
 from rans.model.trace import UNTRACEABLE
+from rans.verdict import Failure, last_fifth
 
 _OLDEST = (8, 0)
 """Capability of a GPU that multiplies bfloat16."""
@@ -94,7 +95,7 @@ class FlightKernel:
                 self.source, "flights", torch.cuda.get_device_capability(), self.design.used
             )
 
-    def fly(self, first: int, count: int, seed: int, listed: int) -> Verdicts:
+    def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         steps = self._world.timing.episode_steps
         device = self._device
@@ -111,7 +112,7 @@ class FlightKernel:
         totals = sums.view(-1, 2).cpu().numpy() * self._scales()
         ended = counts.cpu().numpy()
         failures = dict(zip(Failure, ended[: len(Failure)].tolist(), strict=True))
-        return Verdicts(
+        return FlightStatistics(
             count,
             steps,
             ended[len(Failure) :],

@@ -11,11 +11,11 @@ import numpy as np
 from rans.episode import World, step
 from rans.fast.learn.architecture import Architecture
 from rans.fast.symmetry import AIM, Symmetries
-from rans.fast.verdicts import Tally
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Draws
 from rans.model.trace import Kind, Symbol
 from rans.tasks.sight import Layout
+from rans.verdict import FlightAccumulator
 
 _Row = tuple[Symbol, ...]
 
@@ -50,9 +50,9 @@ class FlightProgram:
     view: Symbol
     """Which side that is, int."""
     going: Symbol
-    """Of the tally's, over what is carried; it says whether the flight still counts."""
+    """Whether the flight is not over, of `rans.verdict.FlightAccumulator`, over what is carried."""
     failure: Symbol
-    """The number of a `rans.fast.verdicts.Failure`, int."""
+    """The number of a `rans.verdict.Failure`, int."""
     settles: Symbol
     """Whether it settled, bool, and at which instant."""
     settled: Symbol
@@ -66,7 +66,7 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     draws = Draws(low, high, number, 0, None)
     clock = Symbol.constant(0)
     first = world.begin(*world.scenario(clock, draws), clock, draws)
-    begun = (first, Tally.of(world, first))
+    begun = (first, FlightAccumulator.begin(world, first, effort=True))
     commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     kinds = dict[int, Kind]()
     while True:
@@ -74,9 +74,9 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
         inputs = [
             _carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))
         ]
-        now, tally = unflatten(begun, inputs)
+        now, verdict = unflatten(begun, inputs)
         outcome = step(world, now, commands, draws)
-        after = leaves((outcome.episode, tally.after(world, outcome)))
+        after = leaves((outcome.episode, verdict.after(world, outcome)))
         known = len(kinds)
         for place, (new, old) in enumerate(zip(map(Symbol.constant, after), inputs, strict=True)):
             if not isinstance(old, Symbol) and new is not Symbol.constant(old):
@@ -101,11 +101,11 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
         seen,
         then,
         view,
-        tally.going,
-        Symbol.constant(tally.failure()),
-        tally.going & tally.inside,
-        Symbol.constant(tally.settled),
-        tuple(map(Symbol.constant, (tally.gained, tally.impulse, tally.opened))),
+        verdict.going,
+        Symbol.constant(verdict.failure()),
+        verdict.settles,
+        Symbol.constant(verdict.settled),
+        tuple(map(Symbol.constant, leaves(verdict.effort))),
     )
 
 

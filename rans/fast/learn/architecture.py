@@ -20,41 +20,11 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
 from rans.model.fields import Field
 from rans.tasks.derived import example
-from rans.tasks.sight import (
-    Block,
-    Columns,
-    Drawn,
-    Layout,
-    OwnAttitude,
-    Scalar,
-    Spin,
-    Turn,
-    VectorInW,
-)
+from rans.tasks.sight import Columns, Layout
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
-
-
-def paper_layout(width: int) -> Layout:
-    """The layout of policies that were saved without one: 10 or 22 columns of any of the paper's tasks.
-
-    Data beside the way to go are a rotation, or with the flag of TrackTwist (3) an angular velocity.
-    """
-    axes, spins, turn = (2, 1, 2) if width == 10 else (3, 3, 6)
-    twist = (Block(Spin, spins), *(Block(Scalar, 1),) * (turn - spins))
-    choices = (*((float(flag), (Block(Turn, turn),)) for flag in (0, 1, 2, 4)), (3.0, twist))
-    return Layout(
-        (
-            Block(OwnAttitude, turn),
-            Block(VectorInW, axes),
-            Block(Spin, spins),
-            Block(Scalar, 1),
-            Block(VectorInW, axes),
-            Block(Drawn, turn, choices),
-        )
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,6 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
 from rans.fast.step import begin_as, varying
 from rans.flight import Setup
-from rans.model.random import seed_words
 from rans.scenario import FAILURES_SEED
 
 _FOLLOWED = 1024
@@ -101,10 +100,10 @@ class FailedStarts:
             flights = Flights(
                 alone, setup, self._engine.device, listed=_FOLLOWED, plain=config.plain
             )
-            verdicts = flights.fly(first, count, FAILURES_SEED)
-            self.found[number] = {"failures/share": verdicts.failed / count}
-            if len(verdicts.numbers):
-                new = self._followed(flights, verdicts.numbers)
+            statistics = flights.fly(first, count, FAILURES_SEED)
+            self.found[number] = {"failures/share": statistics.unsolved / count}
+            if len(statistics.numbers):
+                new = self._followed(flights, statistics.numbers)
                 old = self._starts[number]
                 self._starts[number] = (
                     [torch.cat(pair)[:_KEPT] for pair in zip(new, old, strict=True)] if old else new
@@ -118,7 +117,7 @@ class FailedStarts:
         going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
         with np.errstate(all="ignore"):
             for episode, outcome in flights.steps(
-                seed_words(FAILURES_SEED), numbers.astype(np.int32)
+                flights.draws(FAILURES_SEED, numbers.astype(np.int32))
             ):
                 stands.append([column[going] for column in varying(episode, engine.episode)])
                 going &= ~torch.as_tensor(outcome.terminated)

@@ -115,24 +115,24 @@ class PPO:
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
         """Go on with an agent that `rans train` or `save` wrote, on an engine for its spacecraft.
 
-        Settings are as in the constructor, where they are others than it was trained with; ConfigError where
-        the file is damaged, or not for this engine.
+        Settings are as in the constructor, where they are others than it was trained with.
+
+        Raises:
+            ConfigError: the file is damaged, not for this engine, or holds no critic to go on with.
         """
         engine = _engine_of(env)
-        saved = read_policy(Path(file), engine.craft, engine.task)
+        saved = read_policy(Path(file))
+        if not saved.has_critic:
+            raise ConfigError(
+                f"{file} is an agent without its critic, as one ships, so that PPO cannot go on with "
+                "it: train it anew from its recipe or config.json, or load the policy.zip of a run "
+                "folder."
+            )
         count = engine.num_envs
         kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
             kept.pop("batch_size", None)
-        # An older file's settings do not say what its network is.
-        given = saved.network.architecture
-        network = {
-            "layers": given.layers,
-            "activation": given.activation,
-            "zoom": given.zoom,
-            "symmetric": given.symmetries is not None,
-        }
-        model = cls(env, **kept | network | settings)
+        model = cls(env, **kept | settings)
         model.num_timesteps = saved.steps
         try:
             adopt(model.learner, saved)

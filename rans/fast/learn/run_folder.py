@@ -10,13 +10,13 @@ from rans import files
 from rans.errors import ConfigError, brief
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.packed import pack, unpack
-from rans.fast.pickled import read_tensors
+from rans.fast.saved import AGENT
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.tasks import TASKS
 
 CHECKPOINT = "checkpoint.safetensors"
-"""What continues a training; older versions wrote ``checkpoint.pt``."""
+"""What continues a training."""
 _LARGEST_CHECKPOINT = 2**33
 """Bytes: several times what a million environments take."""
 _COUNTS = "steps", "seconds", "success"
@@ -27,8 +27,9 @@ class RunFolder:
     """Names and formats of the files of one training.
 
     ``config.json`` re-runs it, ``spacecraft.toml`` is the spacecraft as it was, ``metrics.jsonl`` has
-    one row per report, ``checkpoint.safetensors`` continues it, ``policy.zip`` is the agent. Opening them
-    runs nothing that is in them (decision 014).
+    one row per report, ``checkpoint.safetensors`` continues it, ``policy.zip`` is the agent with its critic.
+    An agent that was handed on is ``agent.safetensors``, without. Opening them runs nothing that is in them
+    (decision 014).
 
     Args:
         path: the folder; need not exist.
@@ -44,7 +45,7 @@ class RunFolder:
         self.metrics_file = files.inside(path, "metrics.jsonl")
         self.checkpoint_file = files.inside(path, CHECKPOINT)
         self.policy_file = files.inside(path, "policy.zip")
-        self._older_checkpoint = files.inside(path, "checkpoint.pt")
+        self._actor_file = files.inside(path, AGENT)
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
@@ -132,19 +133,22 @@ class RunFolder:
         """Write everything needed to go on, or leave the old checkpoint in place."""
         content = pack(checkpoint)
         files.replace_file(self.checkpoint_file, lambda draft: draft.write_bytes(content))
-        self._older_checkpoint.unlink(missing_ok=True)
 
     @property
     def has_checkpoint(self) -> bool:
         """Whether there is something to go on from."""
-        return self.checkpoint_file.exists() or self._older_checkpoint.exists()
+        return self.checkpoint_file.exists()
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint; ConfigError where it cannot be read, is damaged or holds code."""
-        if self.checkpoint_file.exists():
-            content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
-            return unpack(content, self.checkpoint_file, device)
-        return read_tensors(self._older_checkpoint, device)
+        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
+        content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
+        return unpack(content, self.checkpoint_file, device)
+
+    @property
+    def agent_file(self) -> Path:
+        """The file to read the agent from: ``policy.zip`` of a training, or else ``agent.safetensors``."""
+        has_actor_only = self._actor_file.exists() and not self.policy_file.exists()
+        return self._actor_file if has_actor_only else self.policy_file
 
 
 def read_config(file: Path) -> TrainConfig:

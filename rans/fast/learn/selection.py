@@ -13,12 +13,13 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
 from rans.fast.step import field_dtype
-from rans.fast.verdicts import last_fifth
 from rans.model.conditions import Conditions
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
 from rans.tasks import Task
+from rans.verdict import FlightAccumulator, last_fifth
 
 EPISODES = 1024
 
@@ -68,10 +69,10 @@ class Selection:
     def judge(self) -> list[dict[str, float]]:
         """What every member has learnt.
 
-        "success" is the share of episodes that keep within all tolerances at every step of the last fifth, of
-        a multi-task that of the worst part; "duty" the mean share of open thrusters, and "error/..." the mean
-        errors of the states acted in over the last fifth. An episode that fails counts as not kept, and the
-        one that follows it enters the means. A multi-task's errors are named "error/go-to-pose/position".
+        "success" is the share of episodes that are solved (`rans.verdict`), of a multi-task that of the worst
+        part; "duty" the mean share of open thrusters, and "error/..." the mean errors of the states acted in
+        over the last fifth. The episode that follows one that failed enters the means. A multi-task's errors
+        are named "error/go-to-pose/position".
         """
         return [self._named(values) for values in self._flight().tolist()]
 
@@ -99,12 +100,12 @@ class Selection:
         mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
         observation = engine.reset(SELECTION_SEED)
         memory = self._network.blank(engine.num_envs)
-        ended = torch.zeros(engine.num_envs, dtype=torch.bool, device=engine.device)
-        kept = ~ended
-        duty = mean(ended)
-        total = mean(ended)[:, None]
+        verdict = map_leaves(torch.as_tensor, FlightAccumulator.begin(engine, engine.episode))
+        duty = mean(verdict.lost)
+        total = duty[:, None]
         for t in range(steps):
-            if t >= steps - last:
+            late = t >= steps - last
+            if late:
                 total = total + torch.stack(
                     [mean(error) for error in engine.errors().values()], dim=1
                 )
@@ -114,10 +115,9 @@ class Selection:
             observation = step.observation
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)
-            if t >= steps - last:
-                kept &= step.reached & ~ended
-            ended |= step.terminated
-        return torch.cat((duty[:, None], mean(kept)[:, None], total / last), dim=1)
+            # Once an episode is over, the steps of the one that follows it change no verdict.
+            verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost)
+        return torch.cat((duty[:, None], mean(verdict.solved)[:, None], total / last), dim=1)
 
 
 @torch.no_grad()

@@ -335,10 +335,11 @@ class Trainer:
             self.run.lock()
         if self.run.has_checkpoint:
             self._restore(self.run.load_checkpoint(self.config.device))
-        elif self.run.policy_file.exists():
+        elif self.run.agent_file.exists():
             raise ConfigError(
-                f"{self.run.path} holds an agent without a checkpoint to go on from, as a "
-                f"sweep leaves it; train it anew with --config {self.run.config_file}."
+                f"{self.run.path} holds an agent without a checkpoint to go on from, as a sweep, "
+                "an export or an early version of RANS leaves it; train it anew with --config "
+                f"{self.run.config_file}."
             )
         if self.processes.is_first:
             self.run.forget_after(self.steps)
@@ -347,12 +348,6 @@ class Trainer:
                 self.members[row.pop("member", 0)].rows.append(row)
 
     def _restore(self, saved: dict[str, Any]) -> None:
-        if isinstance(saved, dict) and "optimizer" in saved:
-            raise ConfigError(
-                f"{self.run.checkpoint_file} was written by an older RANS, whose optimiser "
-                "kept others; its agent, policy.zip, flies as before, but to train on, begin "
-                f"anew with --config {self.run.config_file}."
-            )
         try:
             # Weights of the same shapes may mean something else.
             if (network := saved["network"]) != self._network():

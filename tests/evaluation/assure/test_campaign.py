@@ -16,8 +16,9 @@ from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import solved
-from rans.fast.verdicts import Failure, Verdicts
+from rans.fast.flight_statistics import FlightStatistics
 from rans.flight import Flight
+from rans.verdict import Failure
 from tests.evaluation.policies import idle
 
 
@@ -29,16 +30,16 @@ class Fleet:
     def __init__(self, *_: object, **__: object) -> None:
         self.calls: list[tuple[int, int]] = []
 
-    def parts(self, first: int, count: int, seed: int) -> Iterator[Verdicts]:
+    def parts(self, first: int, count: int, seed: int) -> Iterator[FlightStatistics]:
         for begin in range(first, first + count, 20_000):
             yield self.part(begin, min(20_000, first + count - begin))
 
-    def part(self, first: int, count: int) -> Verdicts:
+    def part(self, first: int, count: int) -> FlightStatistics:
         numbers = np.array([n for n in range(first, first + count) if n % 100 == 7], dtype=np.int64)
         kinds = np.where(numbers % 1000 == 7, Failure.TERMINATED, Failure.LEFT).astype(np.uint8)
         counts = {kind: int((kinds == kind).sum()) for kind in Failure}
         return replace(
-            Verdicts.none(125),
+            FlightStatistics.none(125),
             flights=count,
             failures=counts,
             numbers=numbers,

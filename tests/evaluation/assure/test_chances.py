@@ -11,7 +11,7 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from rans.evaluation.assure import search
-from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
+from rans.evaluation.assure.chances import Chances, Chosen, Sized, scored, sized
 from rans.evaluation.assure.rare import rare
 from rans.evaluation.assure.replay import drawing
 from rans.evaluation.assure.search import drew, room, smallest
@@ -19,13 +19,14 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import worst_errors
+from rans.fast.flights import Flights
 from rans.fast.step import Backend
-from rans.fast.verdicts import Failure
 from rans.flight import Setup
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
 from rans.model.random import Random
+from rans.verdict import Failure
 
 COUNT = 64
 
@@ -81,7 +82,9 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
     np.testing.assert_allclose(score, exact, rtol=1e-3)
     backend = Backend(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
-    tensors = chances._score(network, backend, chances.draws(norm.cdf(z), number, None, backend))
+    flights = Flights(network, setup, generated=False)
+    flights.backend = backend
+    tensors = scored(flights, chances.draws(norm.cdf(z), number, None, backend))
     np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -73,21 +72,18 @@ def test_no_agent_yet(run_folder: Path) -> None:
 
 def refused(folder: Path, content: bytes) -> str:
     (folder / "policy.zip").write_bytes(content)
-    with pytest.raises(ConfigError, match=r"policy\.zip is damaged: ") as caught:
+    with pytest.raises(ConfigError, match=r"policy\.zip (is damaged: |holds no agent)") as caught:
         load_agent(folder)
     return str(caught.value)
 
 
-def test_a_damaged_policy(run_folder: Path, tmp_path: Path) -> None:
+def test_a_damaged_policy(run_folder: Path) -> None:
     good = (run_folder / "policy.zip").read_bytes()
-    empty = tmp_path / "empty.zip"
-    with zipfile.ZipFile(empty, "w") as archive:
-        archive.writestr("data", "{}")
     generator = np.random.default_rng(1)
     spoiled = [
         good[:n] + generator.bytes(40) + good[n + 40 :] for n in generator.integers(0, 3000, 5)
     ]
-    for content in (b"", b"rubbish", good[:2000], good[:-100], empty.read_bytes(), *spoiled):
+    for content in (b"", b"rubbish", good[:2000], good[:-100], *spoiled):
         assert "\n" not in refused(run_folder, content)
 
 

@@ -10,11 +10,12 @@ from scipy.stats import binom
 
 from rans.evaluation.measure.aggregate import Metrics
 from rans.evaluation.measure.many import measure_many
-from rans.fast.verdicts import Failure, Sums, Verdicts
+from rans.fast.flight_statistics import FlightStatistics, Sums
 from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
+from rans.verdict import Failure
 
 COUNT = 10_000
 SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(episode_steps=5))
@@ -26,7 +27,7 @@ def measured(at: list[int], failures: dict[Failure, int]) -> Metrics:
         "impulse": Sums(0.0, 0.0, COUNT),
         "duty at rest": Sums(1e3, 1e2, COUNT),
     }
-    found = Verdicts(
+    found = FlightStatistics(
         COUNT,
         5,
         np.array(at),

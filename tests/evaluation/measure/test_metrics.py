@@ -142,12 +142,13 @@ def test_return_of_resting_at_the_goal() -> None:
     )
 
 
-def test_failure_counts_even_if_the_episode_recovers() -> None:
+def test_an_episode_that_fails_and_recovers_is_neither_settled_nor_solved() -> None:
     distance = np.full((6, 4), 0.01)
     distance[2, 1] = 8.5  # the task fails beyond 8 m
     measured = measure(flight_of(distance, 0.0))
     assert measured["failed"].value == 25.0
-    assert measured["settled"].value == 100.0
+    assert measured["settled"].value == 75.0
+    assert measured["solved"].value == 75.0
 
 
 def test_shared_supply_halves_two_open_thrusters() -> None:

@@ -7,11 +7,13 @@ from torch import Tensor
 
 from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
-from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.network import Network
 from rans.fast.learn.policy_file import moments, remember
+from rans.tasks import GoToPose
+from rans.tasks.derived import layout
 
-GIVEN = Architecture(paper_layout(10), 2, (5, 3))
+GIVEN = Architecture(layout(GoToPose(), 2), 2, (5, 3))
 RATES = torch.tensor([1e-2, 3e-3], dtype=torch.float64)
 NORMS = torch.tensor([0.5, 1e3], dtype=torch.float64)
 """The first member's gradients are longer, the second's shorter."""

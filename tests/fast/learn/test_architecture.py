@@ -10,8 +10,9 @@ import pytest
 import torch
 from scipy.stats import norm
 
-from rans.fast.learn.architecture import paper_layout
 from rans.fast.learn.distributions import Duty, OnOff
+from rans.tasks import GoToPose
+from rans.tasks.derived import layout
 from tests.fast.training import tiny_learner
 
 
@@ -59,7 +60,9 @@ def test_body_frame_in_the_plane() -> None:
     """Facing world y, what moves along world x moves to the body's right, its negative y."""
     row = [0.0, 1.0, 3.0, 0.0, 0.7, 1.0, 0.0, 2.0, 0.6, 0.8]
     expected = [0.0, -3.0, 0.7, 1.0, 2.0, 0.0, 0.6, 0.8]
-    torch.testing.assert_close(torch.tensor(paper_layout(10).in_body(row)), torch.tensor(expected))
+    torch.testing.assert_close(
+        torch.tensor(layout(GoToPose(), 2).in_body(row)), torch.tensor(expected)
+    )
 
 
 def test_body_frame_in_space() -> None:
@@ -86,7 +89,9 @@ def test_body_frame_in_space() -> None:
         *rest,
     ]
     expected = [4.0, -3.0, 5.0, 7.0, 8.0, 9.0, 1.0, 11.0, -10.0, 12.0, *rest]
-    torch.testing.assert_close(torch.tensor(paper_layout(22).in_body(row)), torch.tensor(expected))
+    torch.testing.assert_close(
+        torch.tensor(layout(GoToPose(), 3).in_body(row)), torch.tensor(expected)
+    )
 
 
 @pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])

@@ -241,11 +241,7 @@ def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
     expected = network.evaluate(observations).policy.mode().detach().numpy()
     said, _ = loaded.predict(observations.numpy(), deterministic=True)
     np.testing.assert_allclose(said, expected, rtol=0, atol=1e-6)  # float32
-    again = (
-        read_policy(tmp_path / "policy.zip", PLATFORM, NEAR)
-        .network.evaluate(observations)
-        .policy.mode()
-    )
+    again = read_policy(tmp_path / "policy.zip").network.evaluate(observations).policy.mode()
     np.testing.assert_array_equal(again.detach().numpy(), expected)
     assert 0.1 < said.mean() < 0.9
     assert (said.min(), said.max()) == (0.0, 1.0)

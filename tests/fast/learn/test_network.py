@@ -14,13 +14,14 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.filters import Filters
-from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.member import begin, set_precision
 from rans.fast.learn.network import Network, Output
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
+from rans.tasks.derived import layout
 from tests.crafts import random_states
 from tests.fast.engines import PLATFORM, both_crafts
 from tests.fast.training import make_network, scatter, seen
@@ -172,8 +173,8 @@ def test_turning_the_world_changes_nothing(craft: Any, angle: float) -> None:
     assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1
 
 
-def untrained(width: int = 10, dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
-    given = Architecture(paper_layout(width), 8, (16,), **settings)
+def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
+    given = Architecture(layout(GoToPose(), 2), 8, (16,), **settings)
     return Network.stacked(given, [given.initial(0, 0.5)[0]], torch.device("cpu"), dtype)
 
 
@@ -188,7 +189,9 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
     ]
     for part in parts:
         network.update_statistics(network.in_body(part)[None])
-    everything = np.stack(paper_layout(10).in_body(torch.cat(parts).double().unbind(1)), axis=1)
+    everything = np.stack(
+        layout(GoToPose(), 2).in_body(torch.cat(parts).double().unbind(1)), axis=1
+    )
     # Rounding of the dtype, and in float32 of the observations turned into the body frame.
     relative = 1e-12 if dtype == torch.float64 else 2e-5
     mean, variance, count = (

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from rans.errors import ConfigError
 from rans.fast.learn.config import from_table, to_table
-from rans.fast.learn.recipes import RECIPES, recipe
-from rans.fast.learn.troubles import TROUBLES
+from rans.fast.learn.curriculum import Ramp
+from rans.fast.learn.recipes import RECIPES, recipe, training
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.tasks import GoToPose
+from validation.robustness import SINGLE
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -27,11 +31,11 @@ def test_a_recipe_trains_what_its_name_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in RECIPES if name.endswith("-robust")])
-def test_robust_agents_meet_the_laboratory_and_every_trouble(name: str) -> None:
+def test_robust_agents_meet_the_laboratory_and_every_single_disturbance(name: str) -> None:
     config = recipe(name, "cuda")
     conditions = config.conditions
     assert replace(conditions, others=(), weight=1.0) == load_conditions("lab")
-    assert set(TROUBLES.values()) <= {replace(other, weight=1.0) for other in conditions.others}
+    assert set(SINGLE.values()) <= {replace(other, weight=1.0) for other in conditions.others}
     assert Conditions() in conditions.others
     lab_missed = load_conditions("lab-dropouts")
     laboratory = [
@@ -62,3 +66,68 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
         if name in _UNGATED:
             again["ppo"]["filtered_gate"] = 0.0
         assert config == again, name
+
+
+OWN = """
+base = "go-to-pose-2d"
+conditions = "lab"
+
+[ppo]
+memory = "history"
+
+[settings]
+thrust_weight = 0.2
+
+[gpu]
+step_factor = 3
+
+[gpu.ppo]
+n_envs = 8192
+"""
+
+
+def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(OWN, "utf-8")
+    found = training(str(file), device="cpu")
+    base = recipe("go-to-pose-2d", "cpu")
+    assert isinstance(base.settings, GoToPose)
+    assert found == replace(
+        base,
+        settings=replace(base.settings, thrust_weight=0.2),
+        ppo=replace(base.ppo, memory="history"),
+        conditions=load_conditions("lab"),
+    )
+    large = training(str(file), device="cuda")
+    assert large.total_timesteps == 75_000_000
+    assert large.curriculum == (Ramp("thrust_weight", 0.05, 45_000_000, shape="geometric"),)
+    # Of the base's [gpu] what the file does not say, of its own [ppo] what no [gpu] says.
+    assert (large.ppo.n_envs, large.ppo.layers) == (8192, (256, 256))
+    assert large.ppo.memory == "history"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('base = "nobody"', "base must be the name of a recipe .* got 'nobody'"),
+        ("base = [1]", r"base must be the name of a recipe .* got \[1\]"),
+        ('base = "../secret"', "base must be the name of a recipe"),
+        (OWN + "layer = [64]", r"unknown key 'layer' \(did you mean layers\?\)"),
+        (OWN.replace("thrust_weight", "thrust_wait"), "unknown key 'thrust_wait'"),
+        (OWN.replace("step_factor = 3", "step_factor = 0.5"), "step_factor must be a whole number"),
+        ("gpu = 3\n" + OWN.partition("[gpu]")[0], "gpu must be a table"),
+        ('base = "base-long"\nspacecraft = "free-flyer"', "must name its task"),
+        ("curriculum = 3\n" + OWN, "curriculum"),
+        ('base = "go-to-pose-2d"\ntask = "os:abort"', "would run that module's code"),
+        ('base = "go-to-pose-2d"\nspacecraft = "torch:os.abort"', "would run that module's code"),
+        ('base = "go-to-pose-2d"\nconditions = "torch:os.abort"', "would run that module's code"),
+        ('base = "go-to-pose-2d"\nconditions = "labb"', "no set of conditions named 'labb'"),
+        ('base = "go-to-pose-2d"\nconditions = 3', "conditions"),
+    ],
+)
+def test_a_wrong_recipe_says_what_and_where(text: str, sentence: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(text, "utf-8")
+    with pytest.raises(ConfigError, match=sentence) as caught:
+        training(str(file), device="cuda")
+    assert str(caught.value).startswith(f"{file}: ")

@@ -1,0 +1,165 @@
+"""Counts and sums over very many flights, of which nothing else is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rans.episode import World
+from rans.verdict import Failure, last_fifth
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Number, sum and sum of squares of one quantity over many flights."""
+
+    total: float = 0.0
+    squares: float = 0.0
+    """Sum of the squares."""
+    count: int = 0
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(
+            self.total + other.total, self.squares + other.squares, self.count + other.count
+        )
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> Sums:
+        """Sums of (N,) values."""
+        values = values.astype(np.float64)
+        return cls(float(values.sum()), float(np.square(values).sum()), len(values))
+
+    @property
+    def mean(self) -> float:
+        """Mean; NaN of no flight."""
+        return self.total / self.count if self.count else math.nan
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean; NaN of fewer than two."""
+        if self.count < 2:
+            return math.nan
+        spread = max(0.0, self.squares / self.count - self.mean**2) * self.count / (self.count - 1)
+        return math.sqrt(spread / self.count)
+
+
+QUANTITIES = ("return", "impulse", "duty at rest")
+"""Quantities that are summed, of failed flights up to their failure: return; impulse, N s; mean share of
+thrusters open in the last fifth."""
+
+
+@dataclass(frozen=True)
+class FlightStatistics:
+    """How many flights settled and failed, and when and how; statistics of different scenarios can be added."""
+
+    flights: int
+    steps: int
+    """Steps of each flight, T."""
+    settled_at: np.ndarray
+    """(T + 1,) int64: number of flights that settled at each instant (`rans.verdict`)."""
+    failures: dict[Failure, int]
+    """Number of flights that did not solve their task, by the kind of failure."""
+    numbers: np.ndarray
+    """(M,) int64: scenario numbers of unsolved flights, rising; at most ``listed``, those met first."""
+    kinds: np.ndarray
+    """(M,) uint8: the `Failure` of each."""
+    sums: dict[str, Sums]
+    """Of the `QUANTITIES`."""
+    listed: int = 100_000
+    """Largest number of unsolved flights that are listed."""
+    ways: frozenset[str] = field(default_factory=frozenset)
+    """What computed the flights, such as "CPU, float32"."""
+
+    @property
+    def unsolved(self) -> int:
+        """Number of flights that did not solve their task, in any way."""
+        return sum(self.failures.values())
+
+    @property
+    def settled(self) -> int:
+        """Number of flights that settled, however late."""
+        return int(self.settled_at.sum())
+
+    def settling_step(self, share: float = 0.5) -> float:
+        """Instant by which this share of all flights is settled; infinite if so many never are."""
+        reached = np.flatnonzero(np.cumsum(self.settled_at) >= share * self.flights)
+        return float(reached[0]) if len(reached) and self.flights else math.inf
+
+    def __add__(self, other: FlightStatistics) -> FlightStatistics:
+        numbers, kinds = (
+            np.concatenate(pair)
+            for pair in ((self.numbers, other.numbers), (self.kinds, other.kinds))
+        )
+        first = np.argsort(numbers, kind="stable")
+        listed = min(self.listed, other.listed)
+        return FlightStatistics(
+            self.flights + other.flights,
+            self.steps,
+            self.settled_at + other.settled_at,
+            {kind: self.failures[kind] + other.failures[kind] for kind in Failure},
+            numbers[first][:listed],
+            kinds[first][:listed],
+            {name: self.sums[name] + other.sums[name] for name in QUANTITIES},
+            listed,
+            self.ways | other.ways,
+        )
+
+    @classmethod
+    def none(cls, steps: int, listed: int = 100_000) -> FlightStatistics:
+        """Statistics of no flight."""
+        return cls(
+            0,
+            steps,
+            np.zeros(steps + 1, np.int64),
+            dict.fromkeys(Failure, 0),
+            np.zeros(0, np.int64),
+            np.zeros(0, np.uint8),
+            dict.fromkeys(QUANTITIES, Sums()),
+            listed,
+        )
+
+    @classmethod
+    def of(
+        cls,
+        world: World,
+        numbers: np.ndarray,
+        outcome: Sequence[np.ndarray],
+        totals: Sequence[np.ndarray],
+        listed: int,
+        way: str,
+    ) -> FlightStatistics:
+        """Statistics of N flights that have ended.
+
+        Args:
+            world: what flew.
+            numbers: (N,) numbers of the scenarios.
+            outcome: (N,) each: number of a `Failure` or 0, whether the flight settled, and at which instant.
+            totals: (N,) each: return, impulse, and open thrusters summed over the last fifth.
+            listed: largest number of unsolved flights that are listed.
+            way: what computed the flights.
+        """
+        steps = world.timing.episode_steps
+        (failure, settles, settled) = outcome
+        places = np.flatnonzero(failure)[:listed]
+        slots = last_fifth(steps) * len(world.craft.thrusters)
+        values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
+        return cls(
+            len(failure),
+            steps,
+            np.bincount(settled[settles], minlength=steps + 1),
+            dict(
+                zip(
+                    Failure,
+                    np.bincount(failure, minlength=len(Failure) + 1)[1:].tolist(),
+                    strict=True,
+                )
+            ),
+            numbers[places].astype(np.int64),
+            failure[places].astype(np.uint8),
+            {name: Sums.of(x * scale) for name, x, scale in values},
+            listed,
+            frozenset({way}),
+        )

@@ -1,0 +1,300 @@
+"""Verdict on a flight: what settled, held, solved and failed mean, as one fold over the outcomes of its steps.
+
+A flight has the instants 0 (its start) to T (the end of its last step); step k leads to instant k. These
+words mean the same in metrics, selection, assurance, stress, comparison and validation:
+
+over
+    The task ended the episode (`rans.episode.Outcome.terminated`): it failed, or its mission was won. What is
+    flown afterwards, by drivers that go on for the full time, changes no verdict.
+inside
+    At an instant: the flight is not over, and every error is within the task's tolerance
+    (`rans.episode.Outcome.reached`).
+violated
+    A margin of the task's constraints was negative at a look before the flight was over.
+failed
+    The flight is over and not won: the task declared a failure at the end of some step, a constraint was
+    violated that ends episodes, or a number of the state was NaN or infinite there.
+won
+    `rans.tasks.base.Task.done` said so at a look, before any failure. Only missions can be won; a mission
+    settles at the end of the step in which it is won.
+settled
+    Inside at instant T. The flight settled at the first instant since which it was inside without
+    interruption; the start counts, so that this may be instant 0.
+held
+    Inside at every instant of the last fifth: of the last T // 5 instants, at least of one.
+solved
+    Held, or in a mission won, and nothing violated. Such a flight is settled and has not failed. Every flight
+    that is not solved counts as one `Failure`, the first kind that fits.
+
+Everything is a pure function over fields (`rans.model.fields`): the same source judges batches of torch (in
+CUDA graphs too) and NumPy, and is traced into the programs that fly whole episodes on a CPU and a GPU.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import reduce
+from operator import add
+from typing import Protocol
+
+from rans.episode import Episode, Outcome
+from rans.model.dynamics import thrust
+from rans.model.fields import Field, finite, leaves, where
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks.base import Task
+
+
+class Failure(IntEnum):
+    """How a flight failed to solve its task; the first of these that fits."""
+
+    NOT_FINITE = 1
+    """A number of the state became NaN or infinite; the flight ends there."""
+    TERMINATED = 2
+    """The task declared it failed; the flight ends there."""
+    LEFT = 3
+    """It was within all tolerances and left them at a step of the last fifth."""
+    UNSETTLED = 4
+    """It is outside at every step of the last fifth."""
+    LATE = 5
+    """It entered for good, but only in the last fifth."""
+    VIOLATED = 6
+    """A margin of the task's constraints was negative."""
+    UNFINISHED = 7
+    """Time was up before its mission was won."""
+
+    @property
+    def meaning(self) -> str:
+        """Description for tables."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    Failure.NOT_FINITE: "its state became NaN or infinite",
+    Failure.TERMINATED: "the task declared it failed",
+    Failure.LEFT: "left the tolerances in the last fifth",
+    Failure.UNSETTLED: "outside the tolerances all of the last fifth",
+    Failure.LATE: "within the tolerances for good only in the last fifth",
+    Failure.VIOLATED: "violated a constraint",
+    Failure.UNFINISHED: "time was up before the mission was won",
+}
+
+
+def kinds_of_failure(task: Task) -> tuple[Failure, ...]:
+    """Ways in which flights of a task can fail: only missions go unfinished, only others must hold."""
+    own = type(task)
+    lasts = own.done is Task.done
+    possible = [Failure.NOT_FINITE, Failure.TERMINATED]
+    possible += [Failure.LEFT, Failure.UNSETTLED, Failure.LATE] if lasts else [Failure.UNFINISHED]
+    if own.constraints is not Task.constraints:
+        possible.append(Failure.VIOLATED)
+    return tuple(sorted(possible))
+
+
+def last_fifth(steps: int) -> int:
+    """Number of steps in the last fifth of a flight of so many steps: a fifth rounded down, at least one."""
+    return max(1, steps // 5)
+
+
+class Setting(Protocol):
+    """Craft, task and timing of a flight: a `rans.episode.World`, `rans.flight.Setup` or `rans.flight.Flight`."""
+
+    @property
+    def craft(self) -> Spacecraft:
+        """Spacecraft that flies."""
+        ...
+
+    @property
+    def task(self) -> Task:
+        """Task that it flies."""
+        ...
+
+    @property
+    def timing(self) -> Timing:
+        """Control period and number of steps."""
+        ...
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Return and effort of N flights so far, each a field; nothing is added once a flight is over."""
+
+    gained: Field
+    """Return: sum of the rewards."""
+    impulse: Field
+    """Force times time summed over thrusters, N s."""
+    opened: Field
+    """Open thrusters summed over the steps of the last fifth."""
+
+    def after(
+        self, setting: Setting, outcome: Outcome, going: Field, lost: Field, late: Field
+    ) -> Effort:
+        """Effort after one more step, of flights that were ``going`` before it.
+
+        Where the state is no longer finite (``lost``), neither is the reward, which is left out. ``late``
+        says whether the step belongs to the last fifth.
+        """
+        craft = setting.craft
+        forces = [
+            share * t.force
+            for share, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
+        ]
+        zero = self.gained * 0.0
+        spent = where(going, reduce(add, forces), zero) * setting.timing.control_period
+        return Effort(
+            gained=self.gained + where(going & ~lost, outcome.reward, zero),
+            impulse=self.impulse + spent,
+            opened=self.opened + where(going & late, reduce(add, outcome.command), zero),
+        )
+
+
+@dataclass(frozen=True)
+class FlightAccumulator:
+    """Verdict on N flights so far: begun at their starts, folded over the outcome of every step.
+
+    Each attribute is a field; the module's text defines the words.
+    """
+
+    going: Field
+    """Whether the flight is not over."""
+    lost: Field
+    """Whether a number of the state was no longer finite before the flight was over."""
+    inside: Field
+    """Whether it is inside now."""
+    missed: Field
+    """Whether it was not inside at an instant of the last fifth."""
+    left: Field
+    """Whether it ceased to be inside at an instant of the last fifth."""
+    settled: Field
+    """Number of the first instant since which it is inside without interruption, int."""
+    effort: Effort | None = None
+    """Return and effort; None: not asked for."""
+    worst: tuple[Field, ...] = ()
+    """Largest error of the last fifth for each tolerance of the task, in their order, SI units; empty: not
+    asked for."""
+    won: Field | None = None
+    """Whether the mission was won; None: it cannot be."""
+    violated: Field | None = None
+    """Whether a constraint was violated; None: the task has none."""
+
+    @classmethod
+    def begin(
+        cls, setting: Setting, episode: Episode, effort: bool = False, worst: bool = False
+    ) -> FlightAccumulator:
+        """Verdict at the start of flights.
+
+        Args:
+            setting: what flies.
+            episode: the flights at instant 0.
+            effort: whether to sum return and effort.
+            worst: whether to keep the largest errors.
+        """
+        never = episode.clock < 0
+        zero = episode.clock * 0.0
+        task = setting.task
+        inside = task.reached(episode.state, episode.goal) | never
+        return cls(
+            going=~never,
+            lost=never,
+            inside=inside,
+            missed=never,
+            left=never,
+            settled=where(inside, episode.clock * 0, 1),
+            effort=Effort(zero, zero, zero) if effort else None,
+            worst=(zero,) * len(task.tolerances()) if worst else (),
+            won=None if task.done(episode.state, episode.goal) is None else never,
+            violated=never if task.constraints(episode.state, episode.goal) else None,
+        )
+
+    def after(self, setting: Setting, outcome: Outcome) -> FlightAccumulator:
+        """Verdict after one more step; flights that are over keep theirs."""
+        going = self.going
+        steps = setting.timing.episode_steps
+        instant = setting.timing.step(outcome.episode.clock)
+        late = instant > steps - last_fifth(steps)
+        lost = going & ~finite(*leaves(outcome.episode.state))
+        new = self.at(instant, late, outcome.reached, outcome.terminated, lost)
+        settled = new.settled
+        won = self.won
+        if won is not None:
+            won = won | (going & outcome.done)
+            settled = where(going, where(outcome.done, instant, instant + 1), self.settled)
+        violated = self.violated
+        for margin in outcome.margins.values():
+            violated = violated | (going & (margin < 0.0))
+        effort = self.effort
+        if effort is not None:
+            effort = effort.after(setting, outcome, going, lost, late)
+        worst = self.worst
+        if worst:
+            errors = setting.task.errors(outcome.episode.state, outcome.episode.goal)
+            worst = tuple(
+                where(late & going & (errors[name] > largest), errors[name], largest)
+                for name, largest in zip(setting.task.tolerances(), worst, strict=True)
+            )
+        return FlightAccumulator(
+            new.going,
+            new.lost,
+            new.inside,
+            new.missed,
+            new.left,
+            settled,
+            effort,
+            worst,
+            won,
+            violated,
+        )
+
+    def at(
+        self, instant: Field, late: Field, reached: Field, terminated: Field, lost: Field
+    ) -> FlightAccumulator:
+        """Verdict at the next instant, without effort and largest errors.
+
+        Args:
+            instant: its number.
+            late: whether it belongs to the last fifth.
+            reached: see `rans.episode.Outcome`.
+            terminated: see `rans.episode.Outcome`.
+            lost: whether a number of the state is no longer finite there.
+        """
+        inside = reached & self.going & ~terminated
+        return FlightAccumulator(
+            going=self.going & ~terminated,
+            lost=self.lost | lost,
+            inside=inside,
+            missed=self.missed | (late & ~inside),
+            left=self.left | (late & self.inside & ~inside),
+            settled=where(inside, self.settled, instant + 1),
+        )
+
+    def failure(self) -> Field:
+        """Number of a `Failure` of flights that have ended, int; 0: solved."""
+        if self.won is None:
+            lasts = where(self.missed, where(self.left, 3, where(self.inside, 5, 4)), 0)
+            kind = where(self.going, lasts, 2)
+        else:
+            kind = where(self.going, 7, where(self.won, 0, 2))
+        if self.violated is not None:
+            kind = where(self.violated, 6, kind)
+        return where(self.lost, 1, kind)
+
+    @property
+    def settles(self) -> Field:
+        """Whether flights that have ended settled; ``settled`` is the number of the instant then."""
+        return self.going & self.inside if self.won is None else self.won
+
+    @property
+    def held(self) -> Field:
+        """Whether flights that have ended held their goals, or won their missions."""
+        return self.going & ~self.missed if self.won is None else self.won
+
+    @property
+    def solved(self) -> Field:
+        """Whether flights that have ended solved their task."""
+        return self.held if self.violated is None else self.held & ~self.violated
+
+    @property
+    def failed(self) -> Field:
+        """Whether flights failed."""
+        return ~self.going if self.won is None else ~self.going & ~self.won
