@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -162,6 +163,8 @@ class ModelBased:
     """
 
     name: str
+    heeds_constraints: ClassVar[bool] = False
+    """Whether it keeps the margins of a task's constraints from being negative; others warn that they do not."""
 
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
@@ -170,6 +173,12 @@ class ModelBased:
         self._task = load_task(task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
+        if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
+            warnings.warn(
+                f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "
+                "them; MPC and MPPI keep them.",
+                stacklevel=3,
+            )
 
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"
