@@ -20,11 +20,11 @@ from rans.tasks import Task, load_task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound, Kind
+    from rans.evaluation.compare.entrants import Guest
     from rans.evaluation.compare.optima import Optimum
-    from rans.evaluation.compare.roster import Guest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.fly.judge import EngineName
+    from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.fly.lookahead import Lookahead
     from rans.evaluation.fly.protocols import ProtocolName
     from rans.evaluation.measure.aggregate import Metrics
@@ -87,7 +87,7 @@ def evaluate(
             NAME#TASK.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans.evaluation.fly.judge import EngineName, flown
+    from rans.evaluation.fly.episodes import EngineName, fly_episodes
     from rans.evaluation.measure.aggregate import measure
 
     one_of("engine", engine, get_args(EngineName))
@@ -99,7 +99,7 @@ def evaluate(
         )
     setup = run.under(conditions).judged
     count = whole("episodes", episodes)
-    flight, _ = flown(run.controller, setup, seed, count, engine)
+    flight, _ = fly_episodes(run.controller, setup, seed, count, engine)
     return measure(flight)
 
 
@@ -136,10 +136,10 @@ def compare(
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
-    from rans.evaluation.compare.roster import contest_of, enlisted, invitations
-    from rans.evaluation.compare.run import Comparison, fill
+    from rans.evaluation.compare.entrants import contest_of, enlisted, invitations
+    from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.controllers import CONTROLLERS
-    from rans.evaluation.fly.judge import EngineName
+    from rans.evaluation.fly.episodes import EngineName
 
     first, invited = invitations(contestants)
     one_of("engine", engine, get_args(EngineName))
@@ -151,7 +151,7 @@ def compare(
     whole("certified", certified, least=0)
     contest = contest_of(first, whole("episodes", episodes), seed, engine, conditions)
     found = Comparison(contest)
-    fill(found, enlisted(invited, contest, trust), beside, certified, workers=workers)
+    found.fly(enlisted(invited, contest, trust), beside, certified, workers=workers)
     return found
 
 

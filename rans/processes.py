@@ -9,18 +9,19 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import cloudpickle
 
 from rans.errors import RansError
 
 Answer = TypeVar("Answer")
+State = TypeVar("State")
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 """In the environment of a Python process: it does not put the current folder before its library."""
@@ -76,15 +77,126 @@ def submitted(
             raise
 
 
-@contextlib.contextmanager
-def deaths_told(who: str) -> Iterator[None]:
-    """Within it a worker process that dies becomes a `RansError`, which says who that was."""
-    try:
-        yield
-    except BrokenProcessPool as error:
-        raise RansError(
-            f"a process that {who} died; the usual cause is too little memory."
-        ) from error
+class Workers(Generic[State]):
+    """Processes that make a state each, once, and answer jobs with it.
+
+    They start afresh and end early as those of `submitted` do, and use one thread of torch each.
+
+    Args:
+        make: makes the state, such as a controller and what it flies; of a module's top level.
+        arguments: those of ``make``; they can be pickled.
+        count: number of processes, None: one per processor; with 1, jobs are done in this process.
+        work: what the processes do, in the past tense, for the error when one dies: "flew episodes".
+    """
+
+    def __init__(
+        self,
+        make: Callable[..., State],
+        arguments: tuple[Any, ...] = (),
+        count: int | None = None,
+        work: str = "worked",
+    ) -> None:
+        self._make = make
+        self._arguments = arguments
+        self._count = count or processors()
+        self._work = work
+
+    def ordered(
+        self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
+    ) -> Generator[Answer]:
+        """Answers in the order of the jobs, each as soon as it and those before it are known.
+
+        Args:
+            function: called with the state and one tuple a job; of a module's top level.
+            jobs: what is to be done.
+
+        Raises:
+            RansError: a process died.
+        """
+        if self._count == 1:
+            yield from self._here(function, jobs)
+            return
+        with self._submitted(function, jobs) as futures:
+            for future in futures:
+                yield self._answer(future)
+
+    def finished(
+        self,
+        function: Callable[..., Answer],
+        jobs: Sequence[tuple[Any, ...]],
+        dead: Callable[..., Answer] | None = None,
+    ) -> Generator[tuple[int, Answer]]:
+        """Number and answer of every job, in the order in which they end.
+
+        Args:
+            function: called with the state and one tuple a job; of a module's top level.
+            jobs: what is to be done.
+            dead: called with one tuple a job for the answer where a process died; None: an error.
+
+        Raises:
+            RansError: a process died, and there is no answer for that.
+        """
+        if self._count == 1:
+            yield from enumerate(self._here(function, jobs))
+            return
+        with self._submitted(function, jobs) as futures:
+            numbers = {future: k for k, future in enumerate(futures)}
+            for future in as_completed(futures):
+                number = numbers[future]
+                if dead is not None and isinstance(future.exception(), BrokenProcessPool):
+                    yield number, dead(*jobs[number])
+                else:
+                    yield number, self._answer(future)
+
+    def _here(
+        self, function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]]
+    ) -> Iterator[Answer]:
+        state = self._make(*self._arguments)
+        for job in jobs:
+            yield function(state, *job)
+
+    def _submitted(
+        self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
+    ) -> contextlib.AbstractContextManager[list[Future[Answer]]]:
+        return submitted(
+            _with_state,
+            [(function, *job) for job in jobs],
+            max(1, min(self._count, len(jobs))),
+            _make_state,
+            (self._make, self._arguments),
+        )
+
+    def _answer(self, future: Future[Answer]) -> Answer:
+        try:
+            return future.result()
+        except BrokenProcessPool as error:
+            raise RansError(
+                f"a process that {self._work} died; the usual cause is too little memory."
+            ) from error
+
+
+_state: list[Any] = []
+"""What `Workers` made in this worker process."""
+
+
+def _make_state(make: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+    _use_one_thread()
+    _state[:] = [make(*arguments)]
+    _use_one_thread()  # if only this imported torch
+
+
+def _use_one_thread() -> None:
+    """There is one process per processor; where nobody imported torch, it need not be."""
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
+
+
+def _with_state(function: Callable[..., Answer], *job: Any) -> Answer:
+    return function(_state[0], *job)
+
+
+def nothing() -> None:
+    """State of `Workers` whose jobs need none."""
 
 
 @contextlib.contextmanager

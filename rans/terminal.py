@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from functools import partial
 from textwrap import fill
 from typing import Any
 
@@ -14,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rans.errors import legible
+from rans.progress import Stages
 
 _LONGEST = 20_000
 """Characters of one cell or sentence: more than any of ours has."""
@@ -140,6 +142,11 @@ def progress() -> Progress:
         transient=True,
         disable=not terminal.is_terminal,
     )
+
+
+def stages(bars: Progress) -> Stages:
+    """Show every stage of some work as a bar of its own."""
+    return lambda name, total, /: partial(bars.advance, bars.add_task(name, total=total))
 
 
 @contextmanager

@@ -22,7 +22,7 @@ HEAVY = {
 }
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.shown", "rans.safe_path"},
+    {"rans.errors", "rans.shown", "rans.safe_path", "rans.progress"},
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},

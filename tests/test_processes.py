@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from rans.processes import beside, submitted
+from rans.errors import RansError
+from rans.processes import Workers, beside, submitted
 from tests.processes import wait_until
 
 _made: list[str] = []
@@ -148,3 +149,46 @@ def test_something_runs_beside_a_block_and_no_longer(tmp_path: Path) -> None:
     last = (tmp_path / "beat").read_text()
     time.sleep(0.1)  # ten beats
     assert (tmp_path / "beat").read_text() == last
+
+
+def counted_from(start: int) -> list[int]:
+    return [start]
+
+
+def counts(state: list[int], number: int) -> tuple[int, int]:
+    """The next number of this process, and the job's."""
+    state[0] += 1
+    return state[0], number
+
+
+def dies(_: list[int], number: int) -> int:
+    if number == 1:
+        os._exit(9)
+    time.sleep(0.2)
+    return number
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_workers_make_their_state_once_and_answer_every_job(count: int) -> None:
+    workers = Workers(counted_from, (10,), count)
+    jobs = [(k,) for k in range(6)]
+    answers = [*workers.ordered(counts, jobs)]
+    assert [number for _, number in answers] == list(range(6))
+    # Each process counts on from 10: six answers of one, or more of some and fewer of others.
+    assert sorted(value for value, _ in answers)[0] == 11
+    assert max(value for value, _ in answers) <= 16
+    ended = dict(workers.finished(counts, jobs))
+    assert {k: number for k, (_, number) in ended.items()} == {k: k for k in range(6)}
+
+
+def test_one_worker_is_this_process() -> None:
+    [(number, pid)] = Workers(counted_from, (0,), 1).finished(lambda *_: os.getpid(), [(5,)])
+    assert (number, pid) == (0, os.getpid())
+
+
+def test_a_worker_that_dies_is_an_error_or_an_answer() -> None:
+    workers = Workers(counted_from, (0,), 2, "counted")
+    with pytest.raises(RansError, match="a process that counted died"):
+        list(workers.ordered(dies, [(0,), (1,)]))
+    found = dict(workers.finished(dies, [(1,), (1,)], lambda number: -number))
+    assert found == {0: -1, 1: -1}

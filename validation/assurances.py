@@ -95,8 +95,7 @@ class Assurances:
         assurance.go_on(file)
         assurance.fly(
             "cuda" if torch.cuda.is_available() else "cpu",
-            lambda _: None,
-            lambda: write_json(file, assurance.to_json()),
+            keep=lambda: write_json(file, assurance.to_json()),
         )
         if self.replay:
             assurance.replay(_WORST, _WORST)

@@ -29,7 +29,7 @@ from rans.optimal.certificate.certificate import Effort, Problem, least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.processes import submitted
+from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
 from rans.terminal import Terminal, table
 from validation.batch import Rows, flown, study
@@ -129,13 +129,10 @@ def certified(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -
     Of thrusters that are dead or stuck open; ConfigError where there is no certificate.
     """
     jobs = [(setup, one, health) for one, health in met(setup, faults, episodes, seed)]
-    with submitted(
-        _certified, jobs, None, Lattice, (setup.craft, setup.timing.control_period)
-    ) as futures:
-        return np.array([future.result() for future in futures])
+    return np.array([*Workers(nothing, work="certified flights").ordered(_certified, jobs)])
 
 
-def _certified(setup: Setup, scenario: Scenario, health: Health) -> float:
+def _certified(_: None, setup: Setup, scenario: Scenario, health: Health) -> float:
     """Of one episode."""
     near = setup.task.tolerances()
     timing = setup.timing

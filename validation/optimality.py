@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -31,7 +31,7 @@ from rans.optimal.certificate.certificate import (
 )
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import settling_set
-from rans.processes import submitted
+from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
 from rans.terminal import Terminal
@@ -91,9 +91,13 @@ class Optimality:
         jobs = [
             (*common, map_leaves(lambda x, k=k: float(x[k]), batch)) for k in range(self.starts)
         ]
-        with submitted(certificate, jobs, self.workers, leaves, (batch.start,)) as futures:
-            for future in futures:
-                yield future.result()
+        yield from Workers(nothing, (), self.workers, "certified starts").ordered(
+            _certificate, jobs
+        )
+
+
+def _certificate(_: None, *job: Any) -> Certificate:
+    return certificate(*job)
 
 
 def certificate(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from rans.errors import ConfigError, brief, meant
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
+from rans.progress import Stages, unseen_stages
 from validation.checks import Check, Curve, Skipped, Study
 from validation.closed_loop import closed_loop_checks
 from validation.conditions import condition_checks
@@ -92,7 +93,7 @@ def study(
     seed: int = 0,
     quick: bool = False,
     layer: str | None = None,
-    progress: Callable[[str, int], object] = lambda _name, _count: None,
+    stages: Stages = unseen_stages,
     conditions: Conditions | None = None,
 ) -> Study:
     """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
@@ -102,7 +103,7 @@ def study(
         seed: of every random state and command.
         quick: fewer states and flights, and the quick layers only.
         layer: the only layer to look at.
-        progress: called before each layer with its name and the number of layers in all.
+        stages: reports progress; every layer is a stage of one unit.
         conditions: under which flights are checked too, effect by effect.
 
     Raises:
@@ -117,10 +118,11 @@ def study(
     found: list[Check | Skipped | Curve] = []
     seconds: dict[str, float] = {}
     for name, look in layers.items():
-        progress(name, len(layers))
+        progress = stages(name, 1)
         begun = time.perf_counter()
         found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
         seconds[name] = round(time.perf_counter() - begun, 2)
+        progress(1)
     settings = {
         "spacecraft": craft.name,
         "seed": seed,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, kept, progress
+from rans.terminal import Terminal, kept, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
@@ -120,7 +119,7 @@ class Assure:
         written = time.monotonic()
         processes = join(device, apart=True)
         if not processes.is_first:
-            assurance.fly(device, lambda _: None, lambda: None, processes)
+            assurance.fly(device, processes=processes)
             return False
 
         def keep() -> None:
@@ -136,15 +135,15 @@ class Assure:
         if not self.restart:
             assurance.go_on(file)
         with kept(show), progress() as bars:
-            bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
-            assurance.fly(device, partial(bars.advance, bar), keep, processes)
-            bars.update(bar, description="failed flights again", total=None)
+            stage = stages(bars)
+            assurance.fly(device, stage, keep, processes)
+            stage("failed flights again", None)
             assurance.replay(self.worst, self.worst)
             if self.rare:
-                bars.update(bar, description="rarer failures")
+                stage("rarer failures", None)
                 assurance.sample(self.rare, device)
             if self.search:
-                bars.update(bar, description="the worst case")
+                stage("the worst case", None)
                 assurance.search(self.search, device)
         return True
 

@@ -15,7 +15,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress
+from rans.terminal import Terminal, kept, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -67,8 +67,8 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.evaluation.compare.roster import contest_of, enlisted, turned
-        from rans.evaluation.compare.run import Comparison, fill, trace
+        from rans.evaluation.compare.entrants import contest_of, enlisted, turned
+        from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestants import output_folder
 
         self._check()
@@ -87,13 +87,9 @@ class Compare:
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
         with kept(partial(_write, comparison, folder)), progress() as bars:
-
-            def track(what: str, count: int) -> Callable[..., None]:
-                return partial(bars.advance, bars.add_task(what, total=count))
-
-            fill(comparison, flying, self.beside, self.certified, cache, track)
+            comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
             if self.front:
-                trace(comparison, between, self.budget, cache, track)
+                comparison.trace(between, self.budget, cache, stages(bars))
         return 1 if comparison.failures else 0
 
     def _check(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,7 +19,7 @@ from rans.files import (
     write_json,
 )
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
@@ -133,7 +132,7 @@ class Evaluate:
             run.controller.network, run.judged, device, listed=_LISTED, plain=self.plain
         )
         with progress() as bars:
-            step = partial(bars.advance, bars.add_task("fast engine", total=self.episodes))
+            step = stages(bars)("fast engine", self.episodes)
             statistics = flights.fly(0, self.episodes, self.seed, step)
         metrics = measure_many(statistics, run.controller.name, run.judged)
         console = Terminal(room=ROOM)
@@ -159,7 +158,7 @@ class Evaluate:
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
-        from rans.evaluation.fly.judge import EngineName, flown
+        from rans.evaluation.fly.episodes import EngineName, fly_episodes
         from rans.evaluation.measure.metrics import outran
 
         engines: tuple[EngineName, ...] = (
@@ -168,8 +167,8 @@ class Evaluate:
         flights = {}
         with progress() as bars:
             for engine in engines:
-                step = partial(bars.advance, bars.add_task(f"{engine} engine", total=self.episodes))
-                flights[engine], stopped = flown(
+                step = stages(bars)(f"{engine} engine", self.episodes)
+                flights[engine], stopped = fly_episodes(
                     run.controller, run.judged, self.seed, self.episodes, engine, progress=step
                 )
                 if stopped:

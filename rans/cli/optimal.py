@@ -15,9 +15,10 @@ from rans.errors import ConfigError
 from rans.files import distinct, ready_folder
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
+from rans.progress import Progress
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound
@@ -83,7 +84,7 @@ class Optimal:
         folder = ready_folder(self.output or Path("runs") / name)
         answers = self._with_progress(
             "optimal trajectories",
-            lambda tick: optima(craft, task, objective, starts, self.guesses, self.workers, tick),
+            lambda step: optima(craft, task, objective, starts, self.guesses, self.workers, step),
         )
         Terminal().print(
             table(
@@ -154,8 +155,8 @@ class Optimal:
                 for _, answer in sorted(
                     self._with_progress(
                         "bounds",
-                        lambda tick, q=questions: [
-                            *bounds.bounds(q, range(self.episodes), self.workers, tick)
+                        lambda step, q=questions: [
+                            *bounds.bounds(q, range(self.episodes), self.workers, step)
                         ],
                     ),
                     key=lambda pair: pair[0],
@@ -166,7 +167,6 @@ class Optimal:
             every += found
         return every
 
-    def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:
+    def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:
-            bar = bars.add_task(what, total=self.episodes)
-            return work(lambda: bars.advance(bar))
+            return work(stages(bars)(what, self.episodes))

@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress
+from rans.terminal import Terminal, kept, progress, stages
 
 if TYPE_CHECKING:
     from rans.show.stress_page import StressReport
@@ -56,9 +56,9 @@ class Stress:
 
     def run(self) -> int:
         """Print what each bears."""
-        from rans.evaluation.compare.roster import contest_of
+        from rans.evaluation.compare.entrants import contest_of
         from rans.evaluation.fly.contestants import output_folder
-        from rans.evaluation.stress.run import fill, prepared
+        from rans.evaluation.stress.run import prepared
         from rans.show.stress_page import StressReport
 
         if not self.contestants:
@@ -74,11 +74,9 @@ class Stress:
         inside(
             folder, "stress"
         )  # where conditions are written: a link is told before anybody flies
-        flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         report = StressReport(stress, folder, self.worst, command_line())
         with kept(partial(_show, report)), progress() as bars:
-            bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
-            fill(stress, partial(bars.advance, bar), self.workers)
+            stress.fly(stages(bars), self.workers)
         return 1 if stress.failures else 0
 
 

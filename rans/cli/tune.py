@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.files import command_line, ready_folder
-from rans.terminal import Terminal, progress, table
+from rans.terminal import Terminal, progress, stages, table
 
 
 @dataclass(frozen=True)
@@ -60,9 +59,7 @@ class Tune:
             None if self.output else tuned(self.controller, setup)
         )  # what is damaged is told before
         with progress() as bars:
-            step = partial(
-                bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates)
-            )
+            step = stages(bars)(f"tuning {self.controller}", self.candidates)
             found = tune(
                 self.controller,
                 setup,

@@ -11,7 +11,7 @@ from rans.cli import laboratory
 from rans.files import ready_folder
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
-from rans.terminal import Terminal, progress, verdict
+from rans.terminal import Terminal, progress, stages, verdict
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,12 @@ class Validate:
         if self.output is not None:
             ready_folder(self.output)
         with progress() as bars:
-            bar = bars.add_task("validating", total=None)
-
-            def show(name: str, count: int) -> None:
-                done = bars.tasks[0].completed if bars.tasks[0].total else -1
-                bars.update(bar, total=count, completed=done + 1, description=name)
-
             report = study(
                 load_spacecraft(self.spacecraft),
                 self.seed,
                 self.quick,
                 self.layer,
-                show,
+                stages(bars),
                 None if self.conditions is None else load_conditions(self.conditions),
             )
         console.print(report.table())

@@ -13,7 +13,7 @@ import tyro
 from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
     from rans.flight import Flight
@@ -53,7 +53,7 @@ class View:
     def run(self) -> int:
         """Serve the page, or write what was asked for."""
         from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.fly.judge import flown
+        from rans.evaluation.fly.episodes import fly_episodes
 
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
@@ -76,7 +76,7 @@ class View:
             for spec in self.contestants[1:]
         ]
         flights = [
-            flown(
+            fly_episodes(
                 run.controller,
                 run.judged,
                 self.seed,
@@ -122,8 +122,7 @@ class View:
         from rans.show.video import save_video
 
         with progress() as bars:
-            task = bars.add_task("rendering", total=None)
-            save_video(flights, file, lambda k, count: bars.update(task, completed=k, total=count))
+            save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a film of {', '.join(names)}.")
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network
@@ -65,7 +65,7 @@ def observed(
     recorder = Recorder(Agent(network, "agent"))
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
-    flown(recorder, setup._replace(timing=short), seed, count)
+    fly_episodes(recorder, setup._replace(timing=short), seed, count)
     return recorder.seen
 
 

@@ -14,7 +14,7 @@ from rans.deploy.program import agent_program
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.config import PPOSettings, to_table
@@ -172,7 +172,7 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
     found = {}
     for one in judged_separately(spec):
         run = contestant(one, protocol)
-        rows = measure(flown(run.controller, run.judged, seed, episodes).flight).rows
+        rows = measure(fly_episodes(run.controller, run.judged, seed, episodes).flight).rows
         found[one.removeprefix(spec).removeprefix("#")] = {
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 
 import numpy as np
@@ -23,7 +23,8 @@ from rans.flight import Setup
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
-from rans.processes import deaths_told, processors, submitted
+from rans.processes import Workers, processors
+from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
@@ -90,7 +91,7 @@ class Flights:
             return program and CpuFlights(self.world, self._network, program)
 
     def fly(
-        self, first: int, count: int, seed: int, progress: Callable[[int], object] = lambda _: None
+        self, first: int, count: int, seed: int, progress: Progress = unseen
     ) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
 
@@ -133,10 +134,8 @@ class Flights:
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[FlightStatistics]:
         """By one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
-        given = self._network, self._setup, self.listed
-        workers = min(len(jobs), _processors())
-        with submitted(_work, jobs, workers, _load, given) as futures, deaths_told("flew"):
-            yield from (future.result() for future in futures)
+        given = self._network, self._setup, "cpu", self.listed
+        yield from Workers(Flights, given, _processors(), "flew").ordered(Flights.fly, jobs)
 
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
         """Statistics of one batch that is flown step by step."""
@@ -206,19 +205,6 @@ class Flights:
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
-
-
-_given: list[Flights] = []
-"""In each worker process."""
-
-
-def _load(network: Network, setup: Setup, listed: int) -> None:
-    torch.set_num_threads(1)  # one process per processor
-    _given[:] = [Flights(network, setup, listed=listed)]
-
-
-def _work(first: int, count: int, seed: int) -> FlightStatistics:
-    return _given[0].fly(first, count, seed)
 
 
 def _processors() -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rans.errors import ConfigError
 from rans.files import replace_file
 from rans.flight import Flight
+from rans.progress import Stages, unseen_stages
 from rans.show.camera import fit
 from rans.show.render import (
     DIRECTION,
@@ -76,13 +77,11 @@ def check_video(file: Path) -> None:
     require_egl()
 
 
-def save_video(
-    flights: Sequence[Flight], file: Path, told: Callable[[int, int], object] = lambda *_: None
-) -> None:
+def save_video(flights: Sequence[Flight], file: Path, stages: Stages = unseen_stages) -> None:
     """Write a film: a column for each flight, a row for each episode, each with a camera of its own.
 
-    In each stand who flies, the time and the task's errors. ``told`` is called with the number of a frame and
-    of all. `ConfigError` if FFmpeg fails or the disk refused; whatever ends it, no half film is left.
+    In each stand who flies, the time and the task's errors. Progress is reported frame by frame.
+    `ConfigError` if FFmpeg fails or the disk refused; whatever ends it, no half film is left.
     """
     ending = file.suffix.lower()
     panels = [
@@ -95,13 +94,14 @@ def save_video(
     size = (len(flights) * width, len(panels) * height)
 
     def frames() -> Iterator[Image.Image]:
-        for number, time in enumerate(times):
-            told(number, len(times))
+        progress = stages("rendering", len(times))
+        for time in times:
             picture = Image.new("RGB", size, "white")
             for row, some in enumerate(panels):
                 for column, panel in enumerate(some):
                     picture.paste(panel.draw(float(time)), (column * width, row * height))
             yield picture
+            progress(1)
 
     replace_file(file, lambda draft: _encode(draft, size, ending, frames()))
 

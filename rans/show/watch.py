@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from rans.evaluation.fly.agent import load_agent
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.run_folder import RunFolder
 from rans.scenario import EVALUATION_SEED
 from rans.show.view import View
@@ -38,7 +38,9 @@ def watch(run: Path, port: int) -> None:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != shown:
             agent = load_agent(run)
-            view.show([flown(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight])
+            view.show(
+                [fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight]
+            )
             served.renew()
             shown = changed
             time.sleep(_SECONDS)

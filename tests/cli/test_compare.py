@@ -46,7 +46,7 @@ def test_writes_page_and_numbers(
 def test_who_is_not_there_is_told_before_anybody_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rans.evaluation.compare.run.fill", None)
+    monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", None)
     assert (
         main(
             [
@@ -121,7 +121,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
 
     for name in ("compare.html", "compare.json"):
         (tmp_path / name).write_text("an earlier one")
-    monkeypatch.setattr("rans.evaluation.compare.run.fill", interrupted)
+    monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", interrupted)
     assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 130
     assert {file.read_text() for file in tmp_path.iterdir()} == {"an earlier one"}
     assert "Nobody has flown yet" in " ".join(capsys.readouterr().out.split())
@@ -169,7 +169,7 @@ def test_every_option_reaches_the_comparison(
         told.append(((contest.episodes, contest.seed, contest.engine), tuple(flying), *given[:-1]))
 
     told: list[Any] = []
-    monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)
+    monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
     assert (
         main(
             [

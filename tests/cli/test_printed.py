@@ -253,11 +253,13 @@ def test_engines_that_disagree_end_with_code_1(
 def test_a_solver_that_stopped_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from rans.evaluation.fly import judge
+    from rans.evaluation.fly import episodes
 
     monkeypatch.chdir(tmp_path)
-    true = judge.flown
-    monkeypatch.setattr(judge, "flown", lambda *a, **k: true(*a, **k)._replace(stopped=42))
+    true = episodes.fly_episodes
+    monkeypatch.setattr(
+        episodes, "fly_episodes", lambda *a, **k: true(*a, **k)._replace(stopped=42)
+    )
     assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "1"]) == 0
     assert "rans: warning: LQR's solver stopped 42 times; the plan before was flown on." in (
         capsys.readouterr().err
@@ -282,7 +284,7 @@ def test_notes_of_a_comparison_are_printed(
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 
-    monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)
+    monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
     assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 1
     assert capsys.readouterr().out.splitlines()[:2] == [
         "No certificate [/red].",

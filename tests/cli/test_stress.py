@@ -66,16 +66,16 @@ def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[st
 def test_interrupted_it_writes_what_was_flown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    true = run._flown
+    true = run._Flyer.flown
     calls = []
 
-    def interrupted(*job: int) -> Any:
+    def interrupted(*job: Any) -> Any:
         calls.append(job)
         if len(calls) > 1:
             raise KeyboardInterrupt
         return true(*job)
 
-    monkeypatch.setattr(run, "_flown", interrupted)
+    monkeypatch.setattr(run._Flyer, "flown", interrupted)
     assert main(["stress", "lqr:go-to-pose-2d", *QUICK, "--output", "here"]) == 130
     worlds = json.loads(Path("here/stress.json").read_text())["worlds"]
     assert [name for name, world in worlds.items() if world["contestants"]] == ["perfect"]
@@ -109,7 +109,7 @@ def test_mistakes_end_in_a_sentence(
 
 def flown() -> Stress:
     stress = small(FIRST, "lqr", episodes=2)
-    run.fill(stress, workers=1)
+    stress.fly(workers=1)
     return stress
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from rans.cli import main
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import simple_controller
+from rans.evaluation.compare.entrants import simple_controller
 from rans.evaluation.fly.tuned import OWN
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

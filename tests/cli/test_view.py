@@ -159,7 +159,7 @@ def test_every_option_reaches_the_flights(
         asked.append((controller.name, *given, first))
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 
-    monkeypatch.setattr("rans.evaluation.fly.judge.flown", flown)
+    monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
     monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
     options = [
         "--episodes",

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 import torch
 
+from rans import processes
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
@@ -55,7 +56,7 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
     network = policy(craft, task)
     given = Setup(*setup(craft, task))
     found = Flights(network, given).fly(7, COUNT, 3)
-    flight = flown(Agent(network, ""), given, 3, COUNT, first=7).flight
+    flight = fly_episodes(Agent(network, ""), given, 3, COUNT, first=7).flight
     failed = 7 + np.flatnonzero(~metrics.solved(flight))
     # float32 and float64 may differ in a command, and in a state within rounding of a bound.
     assert len(set(found.numbers.tolist()) ^ set(failed.tolist())) <= COUNT // 100
@@ -183,7 +184,8 @@ def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> No
     network = policy(PLATFORM)
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(5, COUNT, 1)
-    monkeypatch.setattr(module, "submitted", here)
+    monkeypatch.setattr(processes, "submitted", here)
+    monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 200)
     monkeypatch.setattr(module, "_SHARE", 128)
     told: list[int] = []
@@ -199,7 +201,8 @@ def test_a_process_that_died_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
             future.set_exception(BrokenProcessPool())
         yield futures
 
-    monkeypatch.setattr(module, "submitted", dying)
+    monkeypatch.setattr(processes, "submitted", dying)
+    monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 2)
     with pytest.raises(
         RansError, match="a process that flew died; the usual cause is too little memory"

@@ -43,7 +43,7 @@ _MANY = 10
 _HEAVY = (
     "pydrake.multibody.plant",
     "rans.evaluation.compare.run",
-    "rans.evaluation.fly.judge",
+    "rans.evaluation.fly.episodes",
     "rans.show.report",
     "rans.show.view",
     "rans.deploy.export",

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR
 from rans.fast.learn.network import Network
 from rans.terminal import Terminal, table
@@ -46,7 +46,7 @@ def differing(name: str, flights: int = FLIGHTS) -> Iterator[tuple[str, float, f
     assert isinstance(run.controller, Agent)
     network = run.controller.network
     agent = _Watched(network)
-    flown(agent, run.judged, 0, flights)
+    fly_episodes(agent, run.judged, 0, flights)
     seen = torch.cat(agent.seen)
     exact = logits(network, seen, 0) > 0
     for products, parts in PARTS.items():

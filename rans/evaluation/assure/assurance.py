@@ -26,6 +26,7 @@ from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
+from rans.progress import Progress, Stages, unseen, unseen_stages
 from rans.verdict import Failure, kinds_of_failure
 
 
@@ -90,14 +91,16 @@ class Assurance:
     def fly(
         self,
         device: str,
-        told: Callable[[int], object],
-        keep: Callable[[], object],
+        stages: Stages = unseen_stages,
+        keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
         """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
-        self.campaign.fly(self._network, self.run.judged, device, told, keep, processes)
+        progress = stages("flights", self.campaign.plan.flights)
+        progress(self.campaign.flights)
+        self.campaign.fly(self._network, self.run.judged, device, progress, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""
@@ -117,9 +120,7 @@ class Assurance:
             self.campaign.seed,
         )
 
-    def search(
-        self, world: str, device: str, told: Callable[[int], object] = lambda _: None
-    ) -> None:
+    def search(self, world: str, device: str, progress: Progress = unseen) -> None:
         """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
         self.searched = searched(
             world,
@@ -128,7 +129,7 @@ class Assurance:
             on_device(self._network, device),
             self.run.judged,
             self.campaign.seed,
-            told,
+            progress,
         )
 
     @property

@@ -17,6 +17,7 @@ from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.flight import Setup
+from rans.progress import Progress, unseen
 from rans.verdict import Failure
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
@@ -80,7 +81,7 @@ class Campaign:
         network: Network,
         setup: Setup,
         device: str,
-        told: Callable[[int], object] = lambda _: None,
+        progress: Progress = unseen,
         keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
@@ -90,7 +91,7 @@ class Campaign:
             network: of one member.
             setup: what flies, with the starts to fly from.
             device: torch device.
-            told: called with the number of flights that were flown since the last call.
+            progress: reports flights.
             keep: called after every part.
             processes: those that share the flights, and all learn of all.
         """
@@ -102,7 +103,7 @@ class Campaign:
                 for part in parts:
                     self.add(part)
                     self.seconds += time.monotonic() - began
-                    told(part.flights)
+                    progress(part.flights)
                     keep()
                     began = time.monotonic()
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.flight import Controller, Flight, Setup
 from rans.model.fields import leaves, map_leaves
@@ -97,7 +97,7 @@ def replays(
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
     if not kinds or not worst + sample:
         return Replays([], None)
-    flight = fly_drawn(controller, setup, drawing(seed, [number for number, _ in kinds]))
+    flight = fly_draws(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again = failures(flight)
     (excess, largest) = worst_errors(flight)
     chosen: list[int] = []
@@ -108,7 +108,7 @@ def replays(
     told: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])
-        told["drake"] = failures(fly_drawn(controller, setup, own, "drake"))
+        told["drake"] = failures(fly_draws(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[
         -last_fifth(len(flight.commands)) :
     ]

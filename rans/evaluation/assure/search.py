@@ -16,13 +16,14 @@ from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import numbers
 from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, picked
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
 from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
+from rans.progress import Progress, unseen
 from rans.verdict import Failure
 
 _LARGEST = 2.0
@@ -147,7 +148,7 @@ def searched(
     network: Network,
     setup: Setup,
     seed: int,
-    told: Callable[[int], object] = lambda _: None,
+    progress: Progress = unseen,
 ) -> Searched:
     """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
 
@@ -159,13 +160,13 @@ def searched(
         network: its own, of one member on the device to search on.
         setup: what flies, and what for.
         seed: of the search.
-        told: called with the number of flights flown since the last call.
+        progress: reports flights.
     """
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
     device = next(iter(network.tensors.values())).device
     score = chances.scores(network, device)
     largest = min(_LARGEST, room(conditions))
-    found = smallest(score, len(chances.places), largest, generator(seed), told)
+    found = smallest(score, len(chances.places), largest, generator(seed), progress)
     return Searched(
         world,
         largest,
@@ -190,7 +191,7 @@ def smallest(
     dimensions: int,
     largest: float,
     random: np.random.Generator,
-    told: Callable[[int], object],
+    progress: Progress,
 ) -> list[Candidate]:
     """Flights that failed, by size, found by the cross-entropy method (Rubinstein and Kroese, 2004).
 
@@ -216,7 +217,7 @@ def smallest(
         spread = np.maximum(
             _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
         )
-        told(_COUNT)
+        progress(_COUNT)
     return sorted(found, key=lambda one: one.size)
 
 
@@ -226,7 +227,7 @@ def _confirmed(
     """The smallest that fails again in NumPy, and in Drake if any of them does."""
     if not found:
         return None
-    flight = fly_drawn(controller, chances.setup, _draws(chances, found))
+    flight = fly_draws(controller, chances.setup, _draws(chances, found))
     still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
     if not still:
         return None
@@ -235,7 +236,7 @@ def _confirmed(
     }
     if has_drake():
         own = _draws(chances, [found[k] for k in still[:_DRAKE]])
-        again["drake"] = failures(fly_drawn(controller, chances.setup, own, "drake"))
+        again["drake"] = failures(fly_draws(controller, chances.setup, own, "drake"))
     at = next(
         (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
     )

@@ -6,8 +6,7 @@ docs/certificate.md proves both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -18,7 +17,6 @@ from rans import terminal
 from rans.errors import ConfigError
 from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
-from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
 from rans.optimal.certificate import hull
@@ -32,7 +30,8 @@ from rans.optimal.certificate.certificate import (
     least_time,
 )
 from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
-from rans.processes import deaths_told, submitted
+from rans.processes import Workers, nothing
+from rans.progress import Progress, unseen
 from rans.scenario import Scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
@@ -207,7 +206,7 @@ def bounds(
     questions: Sequence[Question],
     starts: Sequence[int],
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
 ) -> Iterator[tuple[int, Bound]]:
     """The answers as they are found, each with the number of its question; `RansError` if a process died.
 
@@ -215,20 +214,16 @@ def bounds(
         questions: what is asked.
         starts: number of the scenario of each.
         workers: processes, by default one per processor; 1 works in this process.
-        progress: called once per answer.
+        progress: reports answers.
     """
     jobs = list(zip(starts, questions, strict=True))
-    if workers == 1 or not jobs:
-        for k, job in enumerate(jobs):
-            yield k, bound(*job)
-            progress()
-        return
-    with submitted(bound, jobs, workers, leaves, (jobs[0][1].scenario.start,)) as futures:
-        numbers = {future: k for k, future in enumerate(futures)}
-        with deaths_told("searched for bounds"):
-            for future in as_completed(futures):
-                yield numbers[future], future.result()
-                progress()
+    for answer in Workers(nothing, (), workers, "searched for bounds").finished(_bound, jobs):
+        yield answer
+        progress(1)
+
+
+def _bound(_: None, start: int, question: Question) -> Bound:
+    return bound(start, question)
 
 
 @dataclass(frozen=True)

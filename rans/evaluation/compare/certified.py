@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -15,6 +15,7 @@ from rans.evaluation.compare.contest import Contest
 from rans.files import number, one_at_a_time, read_json, write_json
 from rans.model.spacecraft_file import to_toml
 from rans.optimal.certificate.certificate import Effort
+from rans.progress import Progress, unseen
 from rans.scenario import each
 
 _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
@@ -30,7 +31,7 @@ def certify(
     events: Sequence[Event],
     cache: Path | None = None,
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
 ) -> Iterator[Bound]:
     """Bounds of events from the first so many starts, as they are found; see `certify_each`."""
     wanted = product(range(min(count, contest.episodes)), events)
@@ -43,7 +44,7 @@ def certify_each(
     effort: Effort,
     cache: Path | None = None,
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
 ) -> Iterator[Bound]:
     """Bounds as they are found, those first that are kept already.
 
@@ -55,7 +56,7 @@ def certify_each(
         effort: for each.
         cache: JSON file that keeps the bounds for the next time; others may add theirs meanwhile.
         workers: see `bounds`.
-        progress: called once per bound.
+        progress: reports bounds.
     """
     known = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, contest.task, contest.timing.control_period)
@@ -68,7 +69,7 @@ def certify_each(
         ]
         if key in known:
             yield replace(known[key], start=start)
-            progress()
+            progress(1)
         else:
             asked.append((key, start, one))
     keys, starts, questions = zip(*asked, strict=True) if asked else ((), (), ())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -14,13 +13,14 @@ import numpy as np
 
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
-from rans.evaluation.fly.judge import EngineName, Flown, flown
+from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, Setup, fly
 from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.progress import Progress, unseen
 from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
 from rans.tasks.goal_set import arrived
@@ -67,10 +67,10 @@ class Contest:
         self,
         controller: Controller,
         workers: int | None = None,
-        progress: Callable[[int], object] = lambda _: None,
+        progress: Progress = unseen,
     ) -> Flown:
-        """All starts, see `rans.evaluation.fly.judge.flown`."""
-        return flown(
+        """All starts, see `rans.evaluation.fly.episodes.fly_episodes`."""
+        return fly_episodes(
             controller, self.setup, self.seed, self.episodes, self.engine, workers, progress
         )
 

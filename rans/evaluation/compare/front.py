@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from rans.evaluation.compare.certified import certify_each
 from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.certificate.certificate import Effort
+from rans.progress import Progress, unseen
 
 _EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)
 """Bounds only: no controls are looked for beyond the first level of fuel that cannot be excluded."""
@@ -238,7 +239,7 @@ def certify_front(
     seconds: float,
     cache: Path | None = None,
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
 ) -> None:
     """Bounds from one start after the other, for about so many seconds; none for 0.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from rans.optimal.trajectory.arrival import moves_goal
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import Trajectory
+from rans.progress import Progress, unseen
 from rans.reference.flight import replay
 from rans.scenario import Scenario, each
 from rans.tasks.base import Task
@@ -108,7 +109,7 @@ def optima(
     starts: Scenario,
     guesses: int = 1,
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
     timing: Timing = _AS_PLANNED,
 ) -> list[Optimum]:
     """Solve from every start and fly what was found in Drake: one answer per start, solved or not.
@@ -120,7 +121,7 @@ def optima(
         starts: fields of arrays (N,).
         guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`.
         workers: see `rans.optimal.trajectory.pool.solve_all`.
-        progress: called once per solved problem.
+        progress: reports solved problems.
         timing: how long flights last, see `episode`; by default as long as their trajectories.
     """
     [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)

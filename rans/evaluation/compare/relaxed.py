@@ -7,7 +7,7 @@ but for the greatest reward, arrive at the exact goal: marks to measure by, no c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, optima
 from rans.evaluation.measure.metrics import impulses, returns, settling_times
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
+from rans.progress import Progress, unseen
 
 _GUESSES = 2
 """For the greatest reward, whose local optima are many: turning either way round."""
@@ -55,7 +56,7 @@ def solve(
     contest: Contest,
     objective: Objective,
     workers: int | None = None,
-    progress: Callable[[], object] = lambda: None,
+    progress: Progress = unseen,
 ) -> list[Relaxed]:
     """The optimum from every start of a contest; see `optima` for workers and progress."""
     guesses = _GUESSES if isinstance(objective, MaximumReward) else 1

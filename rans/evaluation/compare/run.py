@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rans.errors import ConfigError, RansError, counted
-from rans.evaluation.compare import relaxed, roster
+from rans.evaluation.compare import entrants, relaxed
 from rans.evaluation.compare.bounds import (
     Amounts,
     Bound,
@@ -27,6 +29,7 @@ from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import check_goal
+from rans.progress import Stages, unseen_stages
 from rans.shown import Shown
 from rans.tasks.goal_set import aims
 
@@ -38,10 +41,6 @@ _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
 
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
-
-Track = Callable[[str, int], Callable[..., object]]
-"""Called with what begins and how many steps it has; what it returns is called after each, or after
-several with their number."""
 
 
 @dataclass
@@ -125,78 +124,98 @@ class Comparison(Shown):
         low = [entry.amounts(event)[starts].below(self.bounds(event)[0]) for event in self.events()]
         return [int(k) for k in starts[np.any(low, axis=0)]]
 
+    def fly(
+        self,
+        contestants: Mapping[str, Contestant],
+        beside: Sequence[str] = BESIDE,
+        certified: int = 4,
+        cache: Path | None = None,
+        stages: Stages = unseen_stages,
+        workers: int | None = None,
+    ) -> None:
+        """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
-def fill(
-    comparison: Comparison,
-    contestants: Mapping[str, Contestant],
-    beside: Sequence[str] = BESIDE,
-    certified: int = 4,
-    cache: Path | None = None,
-    track: Track = lambda *_: lambda *_: None,
-    workers: int | None = None,
-) -> None:
-    """Fly everyone and find what is possible; failures are noted and the rest goes on.
+        An interrupt leaves what was finished.
 
-    Args:
-        comparison: is filled step by step, so that an interrupt leaves what was finished.
-        contestants: see `rans.evaluation.compare.roster.enlisted`; the first gave the contest.
-        beside: names of controllers, and "optimal".
-        certified: starts whose bounds are certified.
-        cache: see `certify`.
-        track: shows progress.
-        workers: processes, by default one per processor.
-    """
-    for spec, one in contestants.items():
-        with _noted(comparison, spec):
-            comparison.entries.append(_entry(comparison, one, track, workers))
-    for name in dict.fromkeys(name for name in beside if name != "optimal"):
-        with _noted(comparison, name):
-            simple = roster.simple_controller(name, comparison.contest)
-            if simple.name not in comparison.names():  # nobody flies twice
-                comparison.entries.append(_entry(comparison, simple, track, workers))
-            comparison.curve += [
-                _entry(comparison, one, track, workers)
-                for one in roster.swept(name, comparison.contest)
-            ]
-    if "optimal" in beside and (reason := _nothing_claimed(comparison.contest)):
-        comparison.notes.append(reason)
-    elif "optimal" in beside:
-        _find_relaxed(comparison, track, workers)
-        _find_certified(comparison, certified, cache, track, workers)
-        comparison.failures += comparison.impossible()
+        Args:
+            contestants: see `rans.evaluation.compare.entrants.enlisted`; the first gave the contest.
+            beside: names of controllers, and "optimal".
+            certified: starts whose bounds are certified.
+            cache: see `certify`.
+            stages: reports progress.
+            workers: processes, by default one per processor.
+        """
+        for spec, one in contestants.items():
+            with _noted(self, spec):
+                self.entries.append(_entry(self, one, stages, workers))
+        for name in dict.fromkeys(name for name in beside if name != "optimal"):
+            with _noted(self, name):
+                simple = entrants.simple_controller(name, self.contest)
+                if simple.name not in self.names():  # nobody flies twice
+                    self.entries.append(_entry(self, simple, stages, workers))
+                self.curve += [
+                    _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
+                ]
+        if "optimal" in beside and (reason := _nothing_claimed(self.contest)):
+            self.notes.append(reason)
+        elif "optimal" in beside:
+            _find_relaxed(self, stages, workers)
+            _find_certified(self, certified, cache, stages, workers)
+            self.failures += self.impossible()
+
+    def trace(
+        self,
+        between: Mapping[str, Contestant],
+        seconds: float,
+        cache: Path | None = None,
+        stages: Stages = unseen_stages,
+        workers: int | None = None,
+    ) -> None:
+        """After `fly`: fly the positions of knobs that are no contestants, and certify the front.
+
+        The bounds take about so many seconds, see `certify_front`.
+        """
+        front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
+        self.front = front
+        for spec, one in between.items():
+            with _noted(self, spec):
+                front.entries.append(_entry(self, one, stages, workers))
+        if not front.lines():
+            self.notes.append("Nobody has a knob to turn: the front has points, but no line.")
+        if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
+            self.notes += [] if reason in self.notes else [reason]
+            return
+        with _noted(self, "the certified front"):
+            certify_front(
+                front, seconds, cache, workers, stages("certified front", len(front.questions()))
+            )
+        self.failures += front.impossible()
+        if not front.starts():
+            self.notes.append(
+                f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
+            )
 
 
-def trace(
-    comparison: Comparison,
-    between: Mapping[str, Contestant],
-    seconds: float,
-    cache: Path | None = None,
-    track: Track = lambda *_: lambda *_: None,
-    workers: int | None = None,
-) -> None:
-    """After `fill`: fly the positions of knobs that are no contestants, and certify the front.
+def fill(comparison: Comparison, *arguments: Any, **options: Any) -> None:
+    """Deprecated: call `Comparison.fly`."""
+    warnings.warn(
+        "rans.evaluation.compare.run.fill is deprecated and goes with the next version: call "
+        "comparison.fly(...) in place of fill(comparison, ...).",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    comparison.fly(*arguments, **options)
 
-    The bounds take about so many seconds, see `certify_front`.
-    """
-    front = Front(comparison.contest, comparison.horizons(_FRONT), [*comparison.entries])
-    comparison.front = front
-    for spec, one in between.items():
-        with _noted(comparison, spec):
-            front.entries.append(_entry(comparison, one, track, workers))
-    if not front.lines():
-        comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
-    if reason := _nothing_claimed(comparison.contest) or _uncertified(comparison.contest):
-        comparison.notes += [] if reason in comparison.notes else [reason]
-        return
-    with _noted(comparison, "the certified front"):
-        certify_front(
-            front, seconds, cache, workers, track("certified front", len(front.questions()))
-        )
-    comparison.failures += front.impossible()
-    if not front.starts():
-        comparison.notes.append(
-            f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
-        )
+
+def trace(comparison: Comparison, *arguments: Any, **options: Any) -> None:
+    """Deprecated: call `Comparison.trace`."""
+    warnings.warn(
+        "rans.evaluation.compare.run.trace is deprecated and goes with the next version: call "
+        "comparison.trace(...) in place of trace(comparison, ...).",
+        DeprecationWarning,
+        stacklevel=2,
+    )
+    comparison.trace(*arguments, **options)
 
 
 def _nothing_claimed(contest: Contest) -> str:
@@ -220,9 +239,9 @@ def _uncertified(contest: Contest) -> str:
 
 
 def _entry(
-    comparison: Comparison, contestant: Contestant, track: Track, workers: int | None
+    comparison: Comparison, contestant: Contestant, stages: Stages, workers: int | None
 ) -> Entry:
-    step = track(f"flying {contestant.name}", comparison.contest.episodes)
+    step = stages(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:
         comparison.failures.append(
@@ -242,10 +261,10 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
         comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
 
 
-def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> None:
+def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:
     contest = comparison.contest
     for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
-        step = track(f"relaxed optimum: {objective.name}", contest.episodes)
+        step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
             found = relaxed.solve(contest, objective, workers, step)
             comparison.relaxed[objective.name] = found
@@ -258,7 +277,7 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 
 
 def _find_certified(
-    comparison: Comparison, count: int, cache: Path | None, track: Track, workers: int | None
+    comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
 ) -> None:
     contest = comparison.contest
     events = comparison.events()
@@ -272,7 +291,7 @@ def _find_certified(
             f"No tight certificate exists: {missing} The bounds shown let translation "
             "and rotation use all thrusters each, and hold for throttled thrust too."
         )
-    step = track("certified bounds", count * len(events))
+    step = stages("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
         for answer in certify(contest, count, events, cache, workers, step):
             comparison.certified.append(answer)

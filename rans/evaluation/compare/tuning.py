@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
 from rans.flight import Setup
 from rans.model.spacecraft_file import to_toml
+from rans.progress import Progress, unseen
 from rans.scenario import TUNING_SEED
 
 _WIDE = 1 / 3
@@ -32,7 +33,7 @@ def tune(
     starts: int,
     price: float,
     command: str = "",
-    progress: Callable[[int], object] = lambda _: None,
+    progress: Progress = unseen,
 ) -> Tuned:
     """The settings of a controller with the least `cost`.
 
@@ -46,7 +47,7 @@ def tune(
         starts: scenarios 0 to N - 1 of `TUNING_SEED`, which no report uses.
         price: of thrust, s per N s.
         command: for the record.
-        progress: called with 1 after every candidate.
+        progress: reports candidates.
 
     Raises:
         ConfigError: the controller has no ``tunable``, or cannot fly this craft; the price is negative.

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.judge import EngineName, flown
+from rans.evaluation.fly.episodes import EngineName, fly_episodes
 from rans.evaluation.fly.paths import SPACING, LookAhead
 from rans.evaluation.measure.metrics import Sample
 from rans.flight import Controller, Flight, Setup
@@ -278,4 +278,4 @@ def follow(
         )
     long_enough = replace(timing, episode_steps=steps)
     setup = Setup(craft, Guided(task, planner), long_enough)
-    return Following(planner, flown(tracker, setup, seed, count, engine).flight)
+    return Following(planner, fly_episodes(tracker, setup, seed, count, engine).flight)

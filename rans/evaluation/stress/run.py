@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.compare.roster import enlisted
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.compare.entrants import enlisted
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
 from rans.files import first_line
+from rans.flight import Controller
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
-from rans.processes import deaths_told, submitted
+from rans.processes import Workers
+from rans.progress import Stages, unseen_stages
 from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
@@ -90,6 +91,48 @@ class Stress:
             ),
         )
 
+    def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
+        """Fly everyone; a contestant that fails is named in ``failures`` and flies no more.
+
+        An interrupt leaves what was flown.
+
+        Args:
+            stages: reports progress.
+            workers: processes, by default one per processor; 1: this one.
+        """
+        total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
+        progress = stages(f"{len(self.levels)} worlds", total)
+        made = list(self.contestants.values())
+        jobs = list(_jobs(self))
+        given = (
+            self.contest,
+            [one.controller for one in made],
+            [level.conditions.or_none for level in self.levels],
+        )
+        pool = Workers(_Flyer, given, workers, "flew episodes")
+        parts: dict[tuple[int, int], dict[int, _Part]] = {}
+        lost: set[int] = set()
+        for number, answer in pool.finished(_Flyer.tried, jobs):
+            job = jobs[number]
+            progress(job.episodes)
+            name = made[job.contestant].name
+            level = self.levels[job.level]
+            if job.contestant in lost:
+                continue
+            if isinstance(answer, str):
+                lost.add(job.contestant)
+                self.failures.append(f"{name}, in {level.name}: {answer}")
+                continue
+            flown = parts.setdefault((job.level, job.contestant), {})
+            flown[job.first] = answer
+            self.stopped[name] = self.stopped.get(name, 0) + answer.stopped
+            if sum(len(part.outcome.excess) for part in flown.values()) == self.episodes(
+                made[job.contestant]
+            ):
+                self.outcomes[level.name, name] = Outcome.joined(
+                    [flown[k].outcome for k in sorted(flown)]
+                )
+
 
 def prepared(
     contest: Contest,
@@ -101,7 +144,7 @@ def prepared(
     """What is to be flown.
 
     Args:
-        contest: of the first contestant, see `rans.evaluation.compare.roster.contest_of`.
+        contest: of the first contestant, see `rans.evaluation.compare.entrants.contest_of`.
         specs: contestants; after the first also controllers by their bare names.
         conditions: by name or file.
         only: names of effects, or nothing for all, and for failed thrusters too.
@@ -152,46 +195,6 @@ class _Part(NamedTuple):
     stopped: int
 
 
-def fill(
-    stress: Stress, progress: Callable[[int], object] = lambda _: None, workers: int | None = None
-) -> None:
-    """Fly everyone; a contestant that fails is told in ``stress.failures`` and flies no more.
-
-    Args:
-        stress: is filled step by step, so that an interrupt leaves what was flown.
-        progress: called with the number of episodes that were flown since the last call.
-        workers: processes, by default one per processor; 1: this one.
-    """
-    made = list(stress.contestants.values())
-    jobs = list(_jobs(stress))
-    given = (
-        stress.contest,
-        [one.controller for one in made],
-        [level.conditions.or_none for level in stress.levels],
-    )
-    parts: dict[tuple[int, int], dict[int, _Part]] = {}
-    lost: set[int] = set()
-    for job, answer in _answers(jobs, given, workers):
-        progress(job.episodes)
-        name = made[job.contestant].name
-        level = stress.levels[job.level]
-        if job.contestant in lost:
-            continue
-        if isinstance(answer, str):
-            lost.add(job.contestant)
-            stress.failures.append(f"{name}, in {level.name}: {answer}")
-            continue
-        flown = parts.setdefault((job.level, job.contestant), {})
-        flown[job.first] = answer
-        stress.stopped[name] = stress.stopped.get(name, 0) + answer.stopped
-        if sum(len(part.outcome.excess) for part in flown.values()) == stress.episodes(
-            made[job.contestant]
-        ):
-            stress.outcomes[level.name, name] = Outcome.joined(
-                [flown[k].outcome for k in sorted(flown)]
-            )
-
-
 def _jobs(stress: Stress) -> Iterator[_Job]:
     """World by world, so that what is flown first can be compared."""
     for level in range(len(stress.levels)):
@@ -202,47 +205,28 @@ def _jobs(stress: Stress) -> Iterator[_Job]:
                 yield _Job(level, k, first, min(share, count - first))
 
 
-def _answers(
-    jobs: list[_Job], given: tuple[Any, ...], workers: int | None
-) -> Iterator[tuple[_Job, _Part | str]]:
-    """Each job with what came of it, or what went wrong, as they end."""
-    if workers == 1:
-        _given[:] = given
-        yield from ((job, _tried(*job)) for job in jobs)
-        return
-    with submitted(_tried, jobs, workers, _load, given) as futures, deaths_told("flew episodes"):
-        job_of = dict(zip(futures, jobs, strict=True))
-        for done in as_completed(futures):
-            yield job_of[done], done.result()
+class _Flyer(NamedTuple):
+    """Contestants and worlds, as each process has them."""
 
+    contest: Contest
+    controllers: Sequence[Controller]
+    worlds: Sequence[Conditions | None]
 
-_given: list[Any] = []
-"""Contest, controllers and worlds, in each worker process."""
+    def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
+        """Consecutive episodes of one contestant in one world, or what went wrong in a sentence."""
+        try:
+            with warnings.catch_warnings():
+                # A controller that cannot bear a world may well tumble and overflow there.
+                warnings.simplefilter("ignore")
+                return self.flown(level, contestant, first, count)
+        except RansError as error:
+            return str(error)
+        except Exception as error:  # solvers and other people's code raise anything
+            return f"{type(error).__name__}: {first_line(error)}."
 
-
-def _load(*given: Any) -> None:
-    import torch
-
-    torch.set_num_threads(1)  # one process per processor
-    _given[:] = given
-
-
-def _tried(*job: int) -> _Part | str:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # who cannot bear a world may well tumble and overflow there
-            return _flown(*job)
-    except RansError as error:
-        return str(error)
-    except Exception as error:  # solvers and other people's code raise anything
-        return f"{type(error).__name__}: {first_line(error)}."
-
-
-def _flown(level: int, contestant: int, first: int, count: int) -> _Part:
-    contest, controllers, worlds = _given
-    controller = controllers[contestant]
-    setup = contest.setup._replace(conditions=worlds[level])
-    flight = fly_drawn(controller, setup, draws(contest.seed, count, first))
-    return _Part(Outcome.of(flight), getattr(controller, "failures", 0))
+    def flown(self, level: int, contestant: int, first: int, count: int) -> _Part:
+        """Consecutive episodes of one contestant in one world."""
+        controller = self.controllers[contestant]
+        setup = self.contest.setup._replace(conditions=self.worlds[level])
+        flight = fly_draws(controller, setup, draws(self.contest.seed, count, first))
+        return _Part(Outcome.of(flight), getattr(controller, "failures", 0))

@@ -116,7 +116,10 @@ class Selection:
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)
             # Once an episode is over, the steps of the one that follows it change no verdict.
-            verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost)
+            if late:
+                verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost)
+            else:
+                verdict = verdict.without_instant(step.terminated)
         return torch.cat((duty[:, None], mean(verdict.solved)[:, None], total / last), dim=1)
 
 

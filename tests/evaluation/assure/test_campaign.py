@@ -14,7 +14,7 @@ from rans.evaluation.assure.campaign import Campaign
 from rans.evaluation.assure.replay import drawing, failures, replays
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import solved
 from rans.fast.flight_statistics import FlightStatistics
 from rans.flight import Flight
@@ -114,7 +114,7 @@ def run() -> LoadedRun:
 def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(
     run: LoadedRun,
 ) -> None:
-    flight = fly_drawn(run.controller, run.judged, drawing(2026, range(100, 228)))
+    flight = fly_draws(run.controller, run.judged, drawing(2026, range(100, 228)))
     found = failures(flight)
     right = solved(flight)
     assert [one is None for one in found] == right.tolist()
@@ -122,7 +122,7 @@ def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved
 
 
 def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
-    flight = fly_drawn(run.controller, run.judged, drawing(2026, [0] * 6))
+    flight = fly_draws(run.controller, run.judged, drawing(2026, [0] * 6))
     steps = len(flight.commands)
     tolerance = flight.task.tolerances()["position"]
     distance = np.zeros((steps + 1, 6))

@@ -17,7 +17,7 @@ from rans.evaluation.assure.replay import drawing
 from rans.evaluation.assure.search import drew, room, smallest
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
@@ -61,7 +61,7 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: 
     chances = Chances.of(setup)
     chosen = chances.draws(_hashed(chances, 0, numbers), numbers)
     ours, theirs = (
-        fly_drawn(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist()))
+        fly_draws(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist()))
     )
     assert (
         len(chances.places) == 6
@@ -78,7 +78,7 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     assert isinstance(agent, Agent)
     network = agent.network
     score = chances.scores(network, torch.device("cpu"))(z, number)
-    exact = worst_errors(fly_drawn(agent, setup, chances.draws(norm.cdf(z), number)))[0]
+    exact = worst_errors(fly_draws(agent, setup, chances.draws(norm.cdf(z), number)))[0]
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
     np.testing.assert_allclose(score, exact, rtol=1e-3)
     backend = Backend(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
@@ -99,7 +99,7 @@ def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(
 
     def states(size: float | None, of: Setup) -> np.ndarray:
         own = chances.draws(units, number, None if size is None else np.full(8, size))
-        return np.stack(leaves(fly_drawn(run.controller, of, own).states))
+        return np.stack(leaves(fly_draws(run.controller, of, own).states))
 
     perfect = setup._replace(conditions=None)
     usual = setup._replace(conditions=delayed)
@@ -190,7 +190,7 @@ def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
         np.array([breaking.number], np.int32),
         np.array([breaking.size]),
     )
-    again = fly_drawn(run.controller, measured.setup, own)
+    again = fly_draws(run.controller, measured.setup, own)
     np.testing.assert_array_equal(
         np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states))
     )

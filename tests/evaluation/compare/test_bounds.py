@@ -43,9 +43,7 @@ def asked(craft: Spacecraft, task: Task, starts: Scenario, horizon: float | None
     common = (craft, tuple(sorted(aims(task))), goal_set(task), 0.2, horizon, Effort(5.0))
     questions = [Question(*common, one) for one in each(starts)]
     ticks: list[int] = []
-    found = [
-        answer for _, answer in bounds(questions, range(len(questions)), 1, lambda: ticks.append(1))
-    ]
+    found = [answer for _, answer in bounds(questions, range(len(questions)), 1, ticks.append)]
     assert len(ticks) == len(found) == len(questions)
     return found
 

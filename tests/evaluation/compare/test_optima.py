@@ -35,7 +35,7 @@ def test_every_trajectory_is_flown_in_drake() -> None:
     ticks: list[int] = []
     for objective in (FUEL, MinimumTime(12)):
         answers = optima.optima(
-            PLATFORM, TASK, objective, starts(), workers=1, progress=lambda: ticks.append(1)
+            PLATFORM, TASK, objective, starts(), workers=1, progress=ticks.append
         )
         assert [answer.start for answer in answers] == [0, 1, 2]
         for answer in answers:

@@ -16,8 +16,8 @@ from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import contest_of, enlisted
-from rans.evaluation.compare.run import Comparison, fill, trace
+from rans.evaluation.compare.entrants import contest_of, enlisted
+from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
 from rans.model.conditions_file import load_conditions
@@ -56,7 +56,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def comparison(cache: Path) -> Comparison:
     found = Comparison(CONTEST)
-    fill(found, enlisted(SPECS, CONTEST), ("lqr", "optimal"), certified=2, cache=cache, workers=1)
+    found.fly(enlisted(SPECS, CONTEST), ("lqr", "optimal"), certified=2, cache=cache, workers=1)
     return found
 
 
@@ -200,7 +200,7 @@ def test_a_front_between_flights_and_proofs(
     monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", Effort(0.2, 0.1, 1))
     monkeypatch.setattr("rans.evaluation.compare.front._MOST_STARTS", 1)
     told = replace(comparison, failures=[], notes=[])
-    trace(told, enlisted(["switching:go-to-pose-2d"], CONTEST), 1e3, workers=1)
+    told.trace(enlisted(["switching:go-to-pose-2d"], CONTEST), 1e3, workers=1)
     front = told.front
     assert front
     assert [entry.name for entry in front.entries] == ["LQR", IDLE, "switching"]
@@ -212,13 +212,13 @@ def test_a_front_between_flights_and_proofs(
         assert 1.0 <= found.until <= found.episode
     assert told.failures == []
     assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
-    trace(told, {}, seconds=0.0)
+    told.trace({}, seconds=0.0)
     assert (
         told.notes[-1]
         == "No start has all bounds of the front after 0 s: give it a larger --budget."
     )
     rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
-    trace(rough, {}, 1e3)
+    rough.trace({}, 1e3)
     assert rough.front
     assert not rough.front.certified
     assert "under these conditions none is claimed" in rough.notes[-1]
@@ -279,7 +279,7 @@ def test_files_for_others(comparison: Comparison) -> None:
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
-    fill(found, enlisted([spec], found.contest), ["optimal"], certified=2, workers=1)
+    found.fly(enlisted([spec], found.contest), ["optimal"], certified=2, workers=1)
     assert found.failures == []
     assert len(found.notes) == 1
     assert "certificate exists" in found.notes[0]
@@ -294,7 +294,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):
-        fill(found, enlisted(["lqr:go-to-pose-2d"], CONTEST), ["optimal"])
+        found.fly(enlisted(["lqr:go-to-pose-2d"], CONTEST), ["optimal"])
     assert [entry.name for entry in found.entries] == ["LQR"]
     assert "LQR settles from 3 of 3 starts, " in page(found).html()
 
@@ -327,18 +327,18 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
     told: dict[str, int] = {}
     done: list[object] = []
 
-    def track(what: str, count: int) -> Callable[..., object]:
+    def stages(what: str, count: int | None) -> Callable[..., object]:
+        assert count is not None
         told[what] = count
         return lambda *_: done.append(what)
 
     found = Comparison(CONTEST)
     monkeypatch.setattr(run, "certify", lambda *given: iter(()))
-    fill(
-        found,
+    found.fly(
         enlisted(["lqr:go-to-pose-2d"], found.contest),
         ["optimal"],
         certified=99,
-        track=track,
+        stages=stages,
     )
     assert told == {"flying LQR": 3, "certified bounds": 3 * 8}  # no more starts than there are
     assert found.curve == []
@@ -347,7 +347,7 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
 def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
     thrice = ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"]
-    fill(found, enlisted(thrice, found.contest), ["lqr"])
+    found.fly(enlisted(thrice, found.contest), ["lqr"])
     assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
     assert len(found.curve) == len(SWEEP)
     assert found.failures == []

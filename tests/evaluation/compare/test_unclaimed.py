@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import enlisted
-from rans.evaluation.compare.run import Comparison, fill, trace
+from rans.evaluation.compare.entrants import enlisted
+from rans.evaluation.compare.run import Comparison
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -57,8 +57,8 @@ def test_what_cannot_be_said_is_a_note_and_no_failure(
     found = Comparison(
         Contest(load_spacecraft("floating-platform"), task, Timing(episode_steps=30), 4, 3)
     )
-    fill(found, enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
-    trace(found, {}, 1.0)
+    found.fly(enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
+    found.trace({}, 1.0)
     assert [entry.name for entry in found.entries] == ["LQR"]
     assert found.failures == []
     note, knob = found.notes  # the front has the first in common

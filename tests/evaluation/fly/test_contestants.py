@@ -1,11 +1,7 @@
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +15,7 @@ from rans.evaluation.fly.contestants import (
     output_folder,
     view_command,
 )
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
 from rans.flight import Setup, fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -227,22 +223,12 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
         contestant(f"{multi}#go-to-pose")
 
 
-@contextlib.contextmanager
-def at_once(
-    function: Any, jobs: Any, _: Any, prepare: Any, arguments: Any
-) -> Iterator[list[Future[Any]]]:
-    """`rans.processes.submitted` in this process; tests of the engines' agreement have another."""
-    with ThreadPoolExecutor(1, initializer=prepare, initargs=arguments) as pool:
-        yield [pool.submit(function, *job) for job in jobs]
-
-
-def test_slow_controllers_fly_in_shares(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_controllers_fly_in_shares() -> None:
     """Ten episodes of an MPC are two; together they are what flies at once."""
-    monkeypatch.setattr("rans.evaluation.fly.judge.submitted", at_once)
     controller, craft, task, _, _ = contestant("mpc:go-to-pose-2d")
     setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
     counted = []
-    together, stopped = flown(controller, setup, 1, 10, progress=counted.append)
+    together, stopped = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
     alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
     assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
     assert together.commands.any()
@@ -258,7 +244,7 @@ def test_drake_flies_contestants_by_name() -> None:
     controller, craft, task, timing, _ = contestant(spec)
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
-    judged, _ = flown(controller, Setup(craft, task, timing), 1, 3, "drake")
+    judged, _ = fly_episodes(controller, Setup(craft, task, timing), 1, 3, "drake")
     assert judged.engine == "drake"
     np.testing.assert_array_equal(judged.commands, ours.commands)
     np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)

@@ -18,7 +18,7 @@ import rans
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -87,7 +87,7 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
         pickle.dumps(found.controller)
     )  # as processes get it that share the flights
     assert made.slow  # so that they do
-    flight, failures = flown(made, SETUP, 1, 4)
+    flight, failures = fly_episodes(made, SETUP, 1, 4)
     np.testing.assert_array_equal(flight.commands, np.tile([1.0, 0.0] * 4, (3, 4, 1)))
     assert failures == 5
 
@@ -113,7 +113,7 @@ def test_only_controllers_are_controllers() -> None:
 def test_answers_are_checked(name: str, said: str) -> None:
     made = controller(f"{HERE}:{name}", SETUP)
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
-        flown(made, SETUP, 1, 2)
+        fly_episodes(made, SETUP, 1, 2)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.evaluation.compare.roster import contest_of, enlist, turned
+from rans.evaluation.compare.entrants import contest_of, enlist, turned
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.model.fields import leaves

@@ -11,7 +11,7 @@ import torch
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.compare.roster import contest_of, enlist
+from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.knob import HeldKnob

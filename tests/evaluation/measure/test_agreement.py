@@ -15,7 +15,7 @@ from rich.console import Console
 
 from rans.cli import main
 from rans.evaluation.fly.agent import load_agent
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.agreement import compare_engines
 from rans.files import write_json
 from rans.flight import Setup
@@ -146,11 +146,11 @@ def test_another_process_flies_what_this_one_would(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In two shares; the network's sums depend on the batch in the last bits only."""
-    monkeypatch.setattr("rans.evaluation.fly.judge._SHARE", 8)
+    monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 8)
     counted: list[int] = []
     agent, craft, task, timing, _ = load_agent(run)
     task = task.for_evaluation()
-    together, _ = flown(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
+    together, _ = fly_episodes(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 11), timing)
     assert sorted(counted) == [3, 8]
     assert 0.1 < together.commands.mean() < 0.9

@@ -10,11 +10,11 @@ import pytest
 
 import rans.evaluation.stress.run as run
 from rans.errors import ConfigError
-from rans.evaluation.compare.roster import contest_of
+from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
-from rans.evaluation.stress.run import Stress, fill, prepared
+from rans.evaluation.stress.run import Stress, prepared
 
 FIRST = "pretrained:go-to-pose-2d"
 
@@ -40,13 +40,13 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     stress = small(FIRST, conditions=("lab",))
     stress.effects = []
     told = list[int]()
-    fill(stress, told.append, workers=1)
+    stress.fly(lambda *_: told.append, workers=1)
     assert sum(told) == 4 * len(stress.levels)
     agent = contestant(FIRST).under("lab")
-    flight = flown(agent.controller, agent.judged, 7, 4).flight
+    flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
     found = stress.outcomes["lab", "go-to-pose-2d"]
     assert found.held.tolist() == solved(flight).tolist()
-    alone = flown(agent.controller, agent.judged, 7, 1, first=2).flight
+    alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2).flight
     error = alone.errors()["position"][-25:, 0].max()
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
 
@@ -54,7 +54,7 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
 def test_the_lqr_bears_late_valves_longer() -> None:
     """With valves 0.1 s late it holds its goal, where the agent does not (audit: 100 %, 0 %)."""
     stress = small(episodes=16)
-    fill(stress, workers=1)
+    stress.fly(workers=1)
     effect = stress.effects[0]
     sizes, shares = stress.curve(effect, "LQR")
     assert sizes == [0.0, *effect.sizes]
@@ -70,9 +70,9 @@ def test_another_process_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None
     """One per processor, of which there is one here."""
     alone = small()
     together = small()
-    fill(alone, workers=1)
+    alone.fly(workers=1)
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
-    fill(together)
+    together.fly()
     assert alone.outcomes.keys() == together.outcomes.keys()
     for key, found in alone.outcomes.items():
         np.testing.assert_allclose(together.outcomes[key].excess, found.excess, rtol=1e-9)
@@ -86,7 +86,7 @@ def test_slow_controllers_fly_fewer() -> None:
 
 def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
     stress = small("lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", episodes=2)
-    fill(stress, workers=1)
+    stress.fly(workers=1)
     assert len(stress.failures) == 1
     assert "no such layer" in stress.failures[0]
     assert {name for _, name in stress.outcomes} == {"LQR"}
@@ -94,26 +94,26 @@ def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
 
 
 def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = run._flown
+    true = run._Flyer.flown
     calls = []
 
-    def interrupted(*job: int) -> Any:
+    def interrupted(*job: Any) -> Any:
         calls.append(job)
         if len(calls) > 3:
             raise KeyboardInterrupt
         return true(*job)
 
-    monkeypatch.setattr(run, "_flown", interrupted)
+    monkeypatch.setattr(run._Flyer, "flown", interrupted)
     stress = small(episodes=2)
     with pytest.raises(KeyboardInterrupt):
-        fill(stress, workers=1)
+        stress.fly(workers=1)
     assert len(stress.outcomes) == 3
     assert stress.curve(stress.effects[0], "LQR")[0] == [0.0]
 
 
 def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
     stress = small("pretrained:track-velocity-2d", "lqr", episodes=2, only=("force",))
-    fill(stress, workers=1)
+    stress.fly(workers=1)
     assert list(stress.outcomes["perfect", "LQR"].errors) == ["velocity"]
     assert np.isfinite(stress.outcomes["perfect", "LQR"].excess).all()
 

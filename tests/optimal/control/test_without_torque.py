@@ -10,7 +10,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import simple_controller
+from rans.evaluation.compare.entrants import simple_controller
 from rans.evaluation.compare.run import Comparison, fill
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly

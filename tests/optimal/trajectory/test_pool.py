@@ -33,9 +33,7 @@ def test_pool_equals_serial() -> None:
     objectives = [MinimumTime(10), MinimumFuel(20.0, 1.0)]
     ticks: list[int] = []
     serial = solve_all(PLATFORM, TASK, objectives, starts, workers=1)
-    pooled = solve_all(
-        PLATFORM, TASK, objectives, starts, workers=2, progress=lambda: ticks.append(1)
-    )
+    pooled = solve_all(PLATFORM, TASK, objectives, starts, workers=2, progress=ticks.append)
     assert len(ticks) == 6
     for alone, shared in zip(serial, pooled, strict=True):
         assert [t.objective for t in alone] == [t.objective for t in shared]
@@ -64,7 +62,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 craft, task = load_spacecraft("floating-platform"), GoToPose()
 try:
     solve_all(craft, task, [MinimumFuel()], scenarios(task, craft, 0, 5000), 2,
-              lambda: print("solved", flush=True))
+              lambda _: print("solved", flush=True))
 except KeyboardInterrupt:
     print("interrupted")
 """

@@ -1,9 +1,7 @@
-"""Flights on all processors where one would take long: in Drake, and of controllers that are slow."""
+"""Episodes of a seed flown by any controller; on all processors where it is slow, or flies in Drake."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import as_completed
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
@@ -12,7 +10,8 @@ import numpy as np
 from rans.flight import Controller, Flight, Setup, fly
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
-from rans.processes import deaths_told, submitted
+from rans.processes import Workers
+from rans.progress import Progress, unseen
 from rans.scenario import drawn, draws
 
 EngineName = Literal["fast", "drake"]
@@ -31,76 +30,72 @@ class Flown(NamedTuple):
     """Times that the controller's solver found nothing; 0 of a controller without one."""
 
 
-def flown(
+def fly_episodes(
     controller: Controller,
     setup: Setup,
     seed: int,
     episodes: int,
     engine: EngineName = "fast",
     workers: int | None = None,
-    progress: Callable[[int], object] = lambda _: None,
+    progress: Progress = unseen,
     first: int = 0,
 ) -> Flown:
-    """Fly from the task's starts; `RansError` if Drake refuses the mass properties, or a process died.
+    """Fly consecutive episodes of a seed.
 
     Args:
-        controller: can be pickled; one that is slow has a true attribute ``slow``.
-        setup: what flies, what for and how long; with the starts to fly from.
-        seed: of starts and goals; they are those of `rans.scenario.scenarios`.
-        episodes: how many.
+        controller: can be pickled; one that takes its time for every episode has a true attribute ``slow``.
+        setup: what flies, with the starts to fly from.
+        seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
+        episodes: number of episodes.
         engine: what computes the motion.
-        workers: processes (see `rans.processes.submitted`); by default one per processor.
-        progress: called with the number of episodes that were flown since the last call.
-        first: number of the first episode of the seed.
+        workers: processes, by default one per processor; 1: this one (see `rans.processes.Workers`).
+        progress: reports episodes.
+        first: number of the first episode.
+
+    Raises:
+        RansError: Drake refuses the mass properties, or a process died.
     """
     slow = getattr(controller, "slow", False)
     share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
     end = first + episodes
     jobs = [(seed, begin, min(share, end - begin)) for begin in range(first, end, share)]
-    if len(jobs) == 1:
-        only = _flown(controller, setup, engine, *jobs[0])
-        progress(episodes)
-        return only
-    with submitted(
-        _work,
-        jobs,
-        min(len(jobs), workers) if workers else None,
-        _load,
+    pool = Workers(
+        _Flyer,
         (controller, setup, engine),
-    ) as futures:
-        with deaths_told(f"flew {controller.name}"):
-            for done in as_completed(futures):
-                progress(done.result().flight.commands.shape[1])
-        return _joined([future.result() for future in futures])
+        1 if len(jobs) == 1 else workers,
+        f"flew {controller.name}",
+    )
+    parts: dict[int, Flown] = {}
+    for number, part in pool.finished(_Flyer.fly, jobs):
+        parts[number] = part
+        progress(part.flight.commands.shape[1])
+    return parts[0] if len(jobs) == 1 else _joined([parts[k] for k in range(len(jobs))])
 
 
-_given: list[Any] = []
-"""Controller, setup and engine, in each worker process."""
+class _Flyer(NamedTuple):
+    """A controller with what it flies, as each process has it."""
+
+    controller: Controller
+    setup: Setup
+    engine: EngineName
+
+    def fly(self, seed: int, first: int, count: int) -> Flown:
+        """Fly consecutive episodes of a seed."""
+        flight = fly_draws(self.controller, self.setup, draws(seed, count, first), self.engine)
+        return Flown(flight, getattr(self.controller, "failures", 0))
 
 
-def _load(*given: Any) -> None:
-    import torch
-
-    torch.set_num_threads(1)  # one process per processor
-    _given[:] = given
-
-
-def _work(seed: int, first: int, count: int) -> Flown:
-    controller, setup, engine = _given
-    return _flown(controller, setup, engine, seed, first, count)
-
-
-def _flown(
-    controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int, count: int
-) -> Flown:
-    flight = fly_drawn(controller, setup, draws(seed, count, first), engine)
-    return Flown(flight, getattr(controller, "failures", 0))
-
-
-def fly_drawn(
+def fly_draws(
     controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast"
 ) -> Flight:
-    """The N episodes that draw like this, in this process; ``own.first`` are their numbers, (N,)."""
+    """Fly the N episodes that draw these random numbers, in this process.
+
+    Args:
+        controller: see `fly_episodes`.
+        setup: see `fly_episodes`.
+        own: random numbers of the episodes; ``own.first`` are the episodes' numbers, (N,).
+        engine: what computes the motion.
+    """
     craft, task, timing, conditions = setup
     starts = drawn(task, craft, own)
     if engine == "fast":

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.compare import roster
+from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import contest_of, enlist, simple_controller, swept
+from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller, swept
 from rans.evaluation.fly import contestants
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
@@ -97,13 +97,17 @@ def test_the_cost_of_an_agent_is_that_on_its_card(
         contestants, "pretrained_folder", lambda name: tmp_path if name == "mine" else Path("no")
     )
     said = "training: 26.2 M steps, 0.255 s on a GPU"
-    assert roster._tuning("pretrained:mine") == roster._tuning("pretrained:mine#go-to-pose") == said
-    assert roster._tuning(str(tmp_path)) == said
+    assert (
+        entrants._tuning("pretrained:mine")
+        == entrants._tuning("pretrained:mine#go-to-pose")
+        == said
+    )
+    assert entrants._tuning(str(tmp_path)) == said
     card["training"]["device"] = "cpu"
     (tmp_path / "card.json").write_text(json.dumps(card))
-    assert roster._tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
+    assert entrants._tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
     (tmp_path / "card.json").unlink()
-    assert roster._tuning("pretrained:mine") == "training: not known"
+    assert entrants._tuning("pretrained:mine") == "training: not known"
 
 
 def test_the_cost_of_a_run_is_in_its_last_row(
@@ -119,8 +123,8 @@ def test_the_cost_of_a_run_is_in_its_last_row(
         def config(self) -> object:
             return type("Config", (), {"device": "cpu"})
 
-    monkeypatch.setattr(roster, "RunFolder", Folder)
-    assert roster._tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
+    monkeypatch.setattr(entrants, "RunFolder", Folder)
+    assert entrants._tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
 
 
 def test_the_sweep_scales_every_weight(contest: Contest) -> None:

@@ -1,0 +1,225 @@
+"""Contestants of a comparison: agents and controllers by name, and what each of them cost to make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, cast
+
+from rans.errors import ConfigError, RansError, brief
+from rans.evaluation.compare.contest import Contest, Contestant
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
+from rans.evaluation.fly.controllers import (
+    CONTROLLERS,
+    CheckedController,
+    Maker,
+    controller,
+    is_user_policy,
+)
+from rans.evaluation.fly.episodes import EngineName
+from rans.evaluation.fly.knob import without_knob
+from rans.evaluation.fly.lookahead import PREFIX
+from rans.evaluation.fly.tuned import tuned
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import inside, read_json
+from rans.flight import Controller, Setup
+from rans.model.conditions import Conditions
+from rans.model.random import seed_words
+from rans.scenario import EVALUATION_SEED
+from rans.tasks.derived import check_dimension
+from rans.tasks.go_to_pose_priced import KnobPositions
+
+Guest = Controller | Maker
+"""A controller that was made for the contest's setup, or what makes one of it."""
+
+_OBSERVATION = "observation"
+_MODEL = "state, exact model"
+_UNTUNED = "none: default settings"
+_UNKNOWN = "not known"
+
+
+def invitations(contestants: Sequence[object]) -> tuple[str, list[str | Guest]]:
+    """The name of the first contestant, and all of them as `enlisted` takes them.
+
+    Raises:
+        ConfigError: there is none, the first one is not named, or one is neither a name nor a controller.
+    """
+    if not contestants:
+        raise ConfigError("name at least one contestant, for example the folder of a run.")
+    invited: list[Any] = [str(one) if isinstance(one, PathLike) else one for one in contestants]
+    for one in invited:
+        if not (isinstance(one, str) or callable(one) or hasattr(one, "act")):
+            raise ConfigError(
+                "a contestant is a name, a run folder, a controller or what makes one of "
+                f"spacecraft, task and timing, got {brief(one)}."
+            )
+    if not isinstance(first := invited[0], str):
+        raise ConfigError(
+            "the first contestant gives task, spacecraft and rate, which a controller does not "
+            f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
+        )
+    return first, invited
+
+
+def contest_of(
+    spec: str,
+    episodes: int,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: str | Path | Conditions | None = None,
+) -> Contest:
+    """The setup of the first contestant, for all others too.
+
+    `ConfigError` if it knows no task, or one that works in the other dimension only.
+
+    Conditions by name, file or as such take the place of its own.
+    """
+    if episodes < 1:
+        raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
+    run = _single(spec, contestant(spec)).under(conditions)
+    craft, task, timing, world = run.judged
+    seed_words(seed)  # what is wrong here is told once: else every contestant would
+    check_dimension(task, craft.dimension)
+    return Contest(craft, task, timing, seed, episodes, engine, world)
+
+
+def _single(spec: str, run: LoadedRun) -> LoadedRun:
+    """The same, if it has one task; without a knob, if that is held."""
+    parts = run.task.parts()
+    if isinstance(parts, KnobPositions):
+        name = spec.rstrip("#")
+        raise ConfigError(
+            f"{name} has a knob: hold it, as in {name}#0.5, or let it turn with --front."
+        )
+    if first := next(iter(parts)):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+    plain = without_knob(run)
+    if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
+        return plain._replace(
+            controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
+        )
+    return plain
+
+
+def enlisted(
+    specs: Sequence[str | Guest], contest: Contest, trust: bool = False
+) -> dict[str, Contestant]:
+    """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
+
+    See `enlist`; who is named as somebody before is called by its text, a guest by its name and place.
+    """
+    found: dict[str, Contestant] = {}
+    wrong: list[str] = []
+    for place, spec in enumerate(specs, 1):
+        if isinstance(spec, str) and spec in found:
+            continue
+        try:
+            one = enlist(spec, contest, trust) if isinstance(spec, str) else _guest(spec, contest)
+        except RansError as error:
+            wrong.append(str(error))
+            continue
+        text = spec if isinstance(spec, str) else f"{one.name} ({place})"
+        taken = [other.name for other in found.values()]
+        found[text] = replace(one, name=text) if one.name in taken else one
+    if wrong:
+        raise ConfigError(" ".join(dict.fromkeys(wrong)))
+    return found
+
+
+def _guest(given: Guest, contest: Contest) -> Contestant:
+    """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
+    makes = isinstance(given, type) or not hasattr(given, "act")
+    who = getattr(given, "__name__", type(given).__name__)
+    made = CheckedController(
+        who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given)
+    )
+    return Contestant(made.name, made, _MODEL, _UNKNOWN)
+
+
+def turned(spec: str, count: int) -> list[str]:
+    """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
+    try:
+        has_knob = not controller_name(spec) and isinstance(
+            contestant(spec).task.parts(), KnobPositions
+        )
+    except RansError:
+        has_knob = False  # `enlisted` tells what is wrong with it
+    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]
+
+
+def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
+    """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate.
+
+    For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
+    """
+    run = _single(spec, contestant(spec, lent=contest.setup, trust=trust))
+    if type(run.task) is not type(contest.task):
+        raise ConfigError(
+            f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
+            f"{type(contest.task).__name__}; compare them separately."
+        )
+    if run.craft != contest.craft:
+        raise ConfigError(
+            f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
+            f"{contest.craft.name}, or for other values of it; compare them separately."
+        )
+    periods = run.timing.control_period, contest.timing.control_period
+    if periods[0] != periods[1]:
+        raise ConfigError(
+            f"{spec} acts every {periods[0]:g} s, but the first contestant every "
+            f"{periods[1]:g} s; compare them separately."
+        )
+    if name := controller_name(spec):
+        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
+    sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
+    return Contestant(
+        run.controller.name,
+        run.controller,
+        sees,
+        _tuning(spec),
+        getattr(run.controller, "knob", None),
+    )
+
+
+def _tuning(spec: str) -> str:
+    """What was spent on an agent or a policy, as far as its files tell."""
+    if is_user_policy(spec):
+        return _UNKNOWN
+    folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
+    card = inside(folder, "card.json")
+    run = RunFolder(folder)
+    if card.exists():
+        training = read_json(card)["training"]
+    elif rows := run.metrics():
+        training = {**rows[-1], "device": run.config().device}
+    else:
+        return "training: not known"
+    device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
+    return (
+        f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
+    )
+
+
+def _budget(name: str, contest: Contest) -> str:
+    """What was spent on a controller."""
+    found = tuned(name, contest.setup)
+    return found.budget() if found else _UNTUNED
+
+
+def simple_controller(name: str, contest: Contest) -> Contestant:
+    """A controller of `CONTROLLERS`, see `controller`; `ConfigError` if it cannot fly this craft."""
+    made = controller(name, contest.setup)
+    return Contestant(made.name, made, _MODEL, _budget(name, contest))
+
+
+def swept(name: str, contest: Contest) -> list[Contestant]:
+    """The controller with other weights, of those that have a ``sweep``."""
+    sweep = getattr(CONTROLLERS[name], "sweep", None)
+    found = sweep(*contest.setup[:3]) if sweep else {}
+    return [
+        Contestant(title, one, _MODEL, f"one of {len(found)} weights")
+        for title, one in found.items()
+    ]
