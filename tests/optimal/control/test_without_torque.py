@@ -11,7 +11,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import simple_controller
-from rans.evaluation.compare.run import Comparison, fill
+from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
@@ -89,7 +89,7 @@ def test_comparisons_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
     contest = Contest(deputy(), GoToPosition().for_evaluation(), timing, 3, 2)
     found = Comparison(contest)
     lqr = simple_controller("lqr", contest)
-    fill(found, {"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
+    found.fly({"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
     assert [entry.name for entry in found.entries] == ["LQR", "switching"]
     assert found.failures == []
     assert [one.solved for row in found.relaxed.values() for one in row] == [True] * 4
