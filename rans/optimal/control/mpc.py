@@ -45,6 +45,7 @@ from rans.optimal.trajectory.arrival import LEAST_MARGIN, path_margins
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
+from rans.tasks.derived import goal_stands_still
 
 
 @dataclass(frozen=True)
@@ -164,13 +165,19 @@ class MPC(ModelBased):
     def _goals(self, state: Any, goal: Any) -> np.ndarray:
         """(fields of the goal, horizon + 1, N): now and after every period of the plan."""
         period = self._timing.control_period
-        goals = [goal] + [
-            goal_ahead(self._task, goal, state, k * period)
-            for k in range(1, self._settings.horizon + 1)
-        ]
+        horizon = self._settings.horizon
         size = np.shape(state.p.columns()[0])
-        table: Any = [[np.broadcast_to(x, size) for x in leaves(one)] for one in goals]
-        return np.moveaxis(np.array(table, dtype=float), 0, 1)
+
+        def column(time: float) -> list[np.ndarray]:
+            there = goal_ahead(self._task, goal, state, time)
+            return [np.broadcast_to(x, size) for x in leaves(there)]
+
+        now: Any = column(0.0)
+        if goal_stands_still(self._task):
+            table = np.array(now, dtype=float)
+            return np.broadcast_to(table[:, None], (len(table), horizon + 1, *size))
+        ahead: Any = [now, *(column(k * period) for k in range(1, horizon + 1))]
+        return np.moveaxis(np.array(ahead, dtype=float), 0, 1)
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
         """Commands (N, thrusters) that keep the craft at its goal in its drift, with the attitude it has."""
