@@ -23,10 +23,11 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.certificate import Effort
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
 from rans.scenario import Scenario
 from rans.terminal import Terminal, progress, verdict
 from validation.checks import Check, Skipped, Study
@@ -221,7 +222,7 @@ def points(craft: Spacecraft, start: Any, goal: Any, loose: GoalSet, steps: int)
     """Of the lattice that a certificate of so many periods builds, in period, spin and heading; 0: none."""
     try:
         lattice = Lattice(craft, _PERIOD)
-        last = max(map(abs, loose.net_spins(lattice, start, goal)))
+        last = max(map(abs, lattice.net_spins(loose, start, goal)))
     except ConfigError:  # in space, of shared thrust, or of torques without a common quantum
         return 0
     most = int(np.abs(lattice.patterns.torque).max())

@@ -24,9 +24,10 @@ from rans.model.conditions import Conditions, FaultChoice, FaultConditions, Faul
 from rans.model.dynamics import PlanarState
 from rans.model.faults import fault_sets
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.certificate import Effort, least_time
+from rans.optimal.certificate.certificate import Effort, Problem, least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
-from rans.optimal.certificate.lattice import Lattice
+from rans.optimal.certificate.plane.bounder import PlanarBounder
+from rans.optimal.certificate.plane.lattice import Lattice
 from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
 from rans.terminal import Terminal, table
@@ -141,7 +142,8 @@ def _certified(_: None, setup: Setup, scenario: Scenario, health: Health) -> flo
     )
     start, goal = cast("tuple[PlanarState, PlanarState]", (scenario.start, scenario.goal))
     lattice = Lattice(setup.craft, timing.control_period, dead, stuck)
-    return least_time(lattice, start, goal, timing.episode_steps, within, _EFFORT).lower
+    problem = Problem(start, goal, within)
+    return least_time(PlanarBounder(lattice), problem, timing.episode_steps, _EFFORT).lower
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Run ``python -m validation.optimality --starts 128 --quantity time`` for a table: per start the certified
 bound, the best control found, both replayed and exact, and what it took. A process takes 0.4 GB, a start
 2 s of processor time, after 5 s of compiling; ``--quantity fuel --horizon 20`` up to a minute a start. With
-``--spacecraft free-flyer`` the bound is that of `rans.optimal.certificate.spatial`, some seconds a start, and
+``--spacecraft free-flyer`` the bound is that of `rans.optimal.certificate.space.reach`, some seconds a start, and
 the search takes one to three times ``--seconds``.
 """
 
@@ -21,11 +21,16 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import spatial_certificate
-from rans.optimal.certificate.certificate import Certificate, Effort, least_fuel, least_time
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    Effort,
+    Problem,
+    bounder,
+    least_fuel,
+    least_time,
+)
+from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import settling_set
-from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.spatial import SpinLattice
 from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
@@ -110,15 +115,9 @@ def certificate(
     if quantity == "settling":
         goals = settling_set(craft, goals.position, goals.heading, period)
         wanted -= {"spin"}  # of its bound the proof is for the plane, whose search always has it
-    start: Any = scenario.start
-    goal: Any = scenario.goal
-    if craft.dimension == 3:
-        search = (
-            spatial_certificate.least_fuel if quantity == "fuel" else spatial_certificate.least_time
-        )
-        return search(SpinLattice(craft, period), wanted, start, goal, steps, goals, effort)
+    problem = Problem(scenario.start, scenario.goal, goals, wanted)
     solve = least_fuel if quantity == "fuel" else least_time
-    return solve(Lattice(craft, period), start, goal, steps, goals, effort)
+    return solve(bounder(craft, period), problem, steps, effort)
 
 
 def report(

@@ -45,7 +45,6 @@ class Tune:
         from rans.evaluation.fly.controllers import CONTROLLERS
         from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
         from rans.model.spacecraft_file import load_spacecraft
-        from rans.model.timing import Timing
         from rans.tasks import TASKS
 
         check_count("--candidates", self.candidates)
@@ -53,7 +52,7 @@ class Tune:
         within = ranges(self.controller)
         craft = load_spacecraft(self.spacecraft)
         task = TASKS[self.task]()
-        setup = Setup(craft, task.for_evaluation(), Timing())
+        setup = Setup(craft, task.for_evaluation(), task.timing)
         file = self.output or OWN / file_name(self.controller, craft, task)
         ready_folder(file.parent)
         known = (

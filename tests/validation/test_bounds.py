@@ -13,8 +13,9 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Thruster
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
 from tests.optimal.tiny import lopsided
 from validation import bounds
 from validation.bounds import Bounds, beaten, points, random_craft

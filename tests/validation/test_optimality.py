@@ -13,7 +13,7 @@ import pytest
 from rans import processes
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Certificate
-from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.certificate.goal_set import GoalSet
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
 from tests.optimal.tiny import PERIOD, fly_everything, instance, lopsided

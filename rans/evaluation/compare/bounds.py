@@ -19,16 +19,17 @@ from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
-from rans.optimal.certificate import hull, spatial_certificate
+from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import (
     Certificate,
     Effort,
+    Problem,
     Unreachable,
+    bounder,
     least_fuel,
     least_time,
 )
-from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
-from rans.optimal.certificate.spatial import SpinLattice
+from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
 from rans.processes import Workers, nothing
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario
@@ -129,12 +130,17 @@ class Bound:
 def goal_set(task: Task) -> GoalSet:
     """A task's tolerances, and rest where it has a place; what it leaves open is not looked at.
 
-    `ConfigError` if something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
+    `ConfigError` if something pulls at the spacecraft, the goal moves or there are constraints, of which the
+    bounds know nothing.
     """
     if task.drift != FREE or not goal_stands_still(task):
         raise ConfigError(
             "bounds hold for free flight to a goal that stands still; "
             f"{type(task).__name__} has {task.drift.name} or a goal that moves."
+        )
+    if type(task).constraints is not Task.constraints:
+        raise ConfigError(
+            f"bounds hold for motion without constraints, and {type(task).__name__} has some."
         )
     tolerances = task.tolerances()
     return GoalSet(
@@ -182,7 +188,7 @@ def question(
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
     """Why on/off controllers have no bound of their own here; nothing if they do.
 
-    Of what is wanted see `rans.optimal.trajectory.arrival.aims`; commands are held for a period (s).
+    Of what is wanted see `rans.tasks.goal_set.aims`; commands are held for a period (s).
     """
     try:
         if not {"position", "attitude"} <= set(wanted):
@@ -190,7 +196,7 @@ def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) ->
                 "the on/off certificate is for tasks that ask for a pose, which fixes the "
                 "whole state."
             )
-        Lattice(craft, period) if craft.dimension == 2 else SpinLattice(craft, period)
+        bounder(craft, period)
     except ConfigError as reason:
         return str(reason)
     return ""
@@ -291,22 +297,11 @@ def bound(start: int, question: Question) -> Bound:
 def _certificate(question: Question, steps: int) -> Certificate | None:
     """Of on/off controllers; None for a start whose spin no number of pulses takes to the goal's."""
     craft, wanted, goals, period, horizon, effort, scenario, _ = question
-    begin: Any = scenario.start
-    end: Any = scenario.goal
-    if craft.dimension == 3:
-        spins = SpinLattice(craft, period)
-        if not spins.ends(wanted, begin, end, goals):
-            return None
-        ask = spatial_certificate.least_time if horizon is None else spatial_certificate.least_fuel
-        return ask(spins, wanted, begin, end, steps, goals, effort)
-    lattice = Lattice(craft, period)
-    try:
-        goals.net_spins(lattice, begin, end)
-    except ConfigError:
+    proves = bounder(craft, period)
+    problem = Problem(scenario.start, scenario.goal, goals, wanted)
+    if not proves.can_stop(problem):
         return None
-    return (least_time if horizon is None else least_fuel)(
-        lattice, begin, end, steps, goals, effort
-    )
+    return (least_time if horizon is None else least_fuel)(proves, problem, steps, effort)
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:

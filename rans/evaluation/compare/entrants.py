@@ -131,7 +131,7 @@ def enlisted(
 
 
 def _guest(given: Guest, contest: Contest) -> Contestant:
-    """Contestant that is a controller of the caller's; its answers are checked."""
+    """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)
     made = CheckedController(

@@ -20,6 +20,7 @@ from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.trajectory.arrival import moves_goal
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import Trajectory
@@ -134,8 +135,10 @@ def optima(
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
     """Against its flight in Drake."""
-    planned = map_leaves(lambda x: x[: len(trajectory.commands) + 1, 0], flight.states)
-    end, goal = (map_leaves(lambda x: float(x[-1]), fields) for fields in (planned, flight.goals))
+    last = len(trajectory.commands)
+    planned = map_leaves(lambda x: x[: last + 1, 0], flight.states)
+    end = map_leaves(lambda x: float(x[-1]), planned)
+    goal = map_leaves(lambda x: float(x[last, 0] if x.ndim == 2 else x[0]), flight.goals)
     errors = {name: float(error) for name, error in flight.task.errors(end, goal).items()}
     return Optimum(
         start, trajectory, float((planned.p - trajectory.states.p).norm().max()), errors, flight
@@ -160,15 +163,25 @@ def episode(
     states = map_leaves(
         lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift)
     )
+    goals = map_leaves(lambda x: np.array([x]), scenario.goal)
+    if moves_goal(task):
+        times = period * np.arange(steps + 1.0)
+        goals = map_leaves(
+            lambda x: np.broadcast_to(x, steps + 1)[:, None], task.later(scenario.goal, times)
+        )
+    after = map_leaves(lambda x: x[1:], states)
+    then = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, goals)
+    margins = task.constraints(after, then)
     return Flight(
         craft,
         task,
         own,
         states,
-        map_leaves(lambda x: np.array([x]), scenario.goal),
+        goals,
         commands[:, None],
         trajectory.objective,
         "drake",
+        {name: np.broadcast_to(margin, (steps, 1)) for name, margin in margins.items()},
     )
 
 

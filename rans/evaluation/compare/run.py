@@ -28,9 +28,9 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
+from rans.optimal.trajectory.arrival import check_goal
 from rans.progress import Stages, unseen_stages
 from rans.shown import Shown
-from rans.tasks.derived import goal_stands_still
 from rans.tasks.goal_set import aims
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
@@ -222,11 +222,10 @@ def _nothing_claimed(contest: Contest) -> str:
     """Why neither optima nor bounds are claimed; nothing if they are."""
     if contest.conditions is not None:
         return "Optima and bounds are those of a perfect world; under these conditions none is claimed."
-    if not goal_stands_still(contest.task):
-        return (
-            "Optima and bounds are those of goals that stand still; none is claimed, as "
-            f"{type(contest.task).__name__} moves its goal."
-        )
+    try:
+        check_goal(contest.task)
+    except ConfigError as reason:
+        return f"Neither optima nor bounds are claimed: {reason}"
     return ""
 
 

@@ -16,7 +16,6 @@ from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
@@ -44,7 +43,7 @@ def contestant(
         spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder is called
             so; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME, which fly
             the floating platform or the free flyer, or another spacecraft as in
-            ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the usual `Timing` unless a protocol
+            ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
             position of a knob. Policies made elsewhere (see `user_policy`) know no task of their own:
             `ConfigError` if they have none.
@@ -230,7 +229,8 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
             f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
             "dimensions."
         )
-    return Setup(craft, TASKS[task](), Timing())
+    found = TASKS[task]()
+    return Setup(craft, found, found.timing)
 
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:

@@ -23,7 +23,7 @@ from rans.registry import Registry, resolve_typed
 from rans.tasks import Task, observation_width
 
 Maker = Callable[..., Controller]
-"""Of spacecraft, task and timing, and of what can be tuned by keyword."""
+"""Function or class that makes a controller of spacecraft, task and timing, and of tuned settings by keyword."""
 
 
 def _checked(found: Any) -> Maker:
@@ -62,10 +62,10 @@ CONTROLLERS: Registry[Maker] = Registry(
     },
     _checked,
 )
-"""What makes the controller of a name, with its default settings; `controller` makes it with tuned ones."""
+"""Makers of controllers by name, with default settings; `controller` makes one with tuned settings."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
-"""Who joins a comparison unless somebody else is named: controllers, and the best that is possible."""
+"""Default opponents of a comparison: controllers, and the best that is possible."""
 
 
 def controller(name: str, setup: Setup) -> Controller:
@@ -83,7 +83,7 @@ def controller(name: str, setup: Setup) -> Controller:
 
 
 class CheckedController:
-    """A controller made elsewhere, by name; a `ConfigError` says what is wrong with it or its answers."""
+    """Controller of a plug-in or a user whose commands are checked; a `ConfigError` says what is wrong."""
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
         self._craft = setup.craft
@@ -122,7 +122,7 @@ class CheckedController:
 
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
-"""What `user_policy` understands, for messages and help."""
+"""Forms of names that `user_policy` understands, for messages and help."""
 
 Policy = Callable[[np.ndarray], Any]
 """(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, thrusters) what the

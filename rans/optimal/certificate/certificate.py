@@ -1,33 +1,39 @@
 """What no on/off controller can beat: certified least fuel and time, and controls that reach them.
 
-Branch and bound over attitude: a branch is a set of windows on the lattice, its bound the dual value of
-`rans.optimal.certificate.dual`, which exact dynamic programming gives. docs/certificate.md has the proofs.
+A `Bounder` does the work for one kind of craft: `rans.optimal.certificate.plane` by branch and bound,
+`rans.optimal.certificate.space` by a dual bound and a search. docs/certificate.md has the proofs.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState
-from rans.optimal.certificate.ascent import Ascent, Cut, ascend, scale, towards_goal
-from rans.optimal.certificate.dual import Branch, Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.onoff import flown, fuel, nozzles
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.flight import fuel
+from rans.optimal.certificate.goal_set import GoalSet
 
+POSE = frozenset({"position", "attitude", "velocity", "spin"})
+"""Aims of a craft that is to be at rest in a pose."""
 _DEFAULT_SET = GoalSet()
 
 
 class Unreachable(ConfigError):
     """Proven: no on/off controller is in the goal set at that time."""
+
+    @classmethod
+    def after(cls, steps: int, period: float) -> Unreachable:
+        """None is there after so many control periods, s."""
+        return cls(
+            f"no on/off controller can reach the goal set in {steps} control periods of "
+            f"{period:g} s; the usual cause is too short a time."
+        )
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,9 @@ class Effort:
     seconds: float = 20.0
     """Processor time for each level of fuel or number of periods."""
     nozzle_seconds: float = 1.0
-    """For each attempt to find nozzles for an attitude."""
+    """Processor time for each attempt to find thrusters for a known attitude."""
     levels: int = 4
-    """Of fuel, or numbers of periods, tried above the first that could not be excluded."""
+    """Amounts of fuel, or numbers of periods, tried from the first that could not be excluded."""
 
     def __post_init__(self) -> None:
         if not (self.seconds > 0 and self.nozzle_seconds > 0 and self.levels > 0):
@@ -58,13 +64,13 @@ class Certificate:
     lower: float
     """No on/off controller at this rate does with less: N s of fuel, or s of time."""
     upper: float
-    """What ``commands`` need; infinite where none were found."""
+    """Fuel (N s) or time (s) that ``commands`` need; infinite where none were found."""
     commands: np.ndarray | None
     """(T, thrusters) zeros and ones, replayed into the goal set; None too where none are needed."""
     dual: float
     """The bound before branching and rounding up; in s for time, a multiple of the control period."""
     nodes: int
-    """Branches looked at."""
+    """Branches, or multipliers, looked at."""
     seconds: float
     """Wall time."""
 
@@ -76,243 +82,140 @@ class Certificate:
         return 0.0 if self.upper == 0.0 else math.inf
 
 
-@dataclass
-class _Outcome:
-    """Of one level: excluded, reached by commands, or neither."""
+class Problem(NamedTuple):
+    """From where to where a craft is to get."""
 
-    excluded: bool = False
-    commands: np.ndarray | None = None
-    nodes: int = 0
+    start: Any
+    """`State` of floats, with any position, velocity and spin."""
+    goal: Any
+    goal_set: GoalSet = _DEFAULT_SET
+    """Balls around the goal in which the craft must be at the end."""
+    aims: Collection[str] = POSE
+    """Quantities that the set asks for; in the plane the spin always is one of them."""
 
 
-class _Node(NamedTuple):
-    bound: float
-    order: int
-    branch: Branch
-    costate: np.ndarray
-    cuts: list[Cut]
+class Found(NamedTuple):
+    """Bound and commands that a `Bounder` found for one problem."""
+
+    lower: float
+    """No on/off controller does with less, N s or s."""
+    commands: np.ndarray | None
+    """(T, thrusters) zeros and ones that end in the goal set, if any were found."""
+    dual: float
+    """See `Certificate`."""
+    nodes: int
+    """See `Certificate`."""
+
+
+class Bounder(Protocol):
+    """Proves what no on/off controller of one craft can beat.
+
+    Commands are held for a control period each.
+    """
+
+    @property
+    def craft(self) -> Spacecraft:
+        """Spacecraft that the bounds are of."""
+        ...
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        ...
+
+    def contains(self, problem: Problem) -> bool:
+        """Whether the start is in the goal set already."""
+        ...
+
+    def can_stop(self, problem: Problem) -> bool:
+        """Whether any number of pulses takes the start's spin to the goal's."""
+        ...
+
+    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+        """Bounds the thrust-time, N s, of controllers that are in the goal set after so many periods.
+
+        Raises:
+            Unreachable: none is.
+            ConfigError: the problem has no bound, see `can_stop`.
+        """
+        ...
+
+    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+        """Bounds the time, s, until controllers are in the goal set, which the start is not.
+
+        More than so many periods are not tried. Raises `ConfigError` as `least_fuel`.
+        """
+        ...
 
 
 def least_fuel(
-    lattice: Lattice,
-    start: PlanarState,
-    goal: PlanarState,
-    steps: int,
-    goal_set: GoalSet = _DEFAULT_SET,
-    effort: Effort = _DEFAULT_EFFORT,
+    bounder: Bounder, problem: Problem, steps: int, effort: Effort = _DEFAULT_EFFORT
 ) -> Certificate:
     """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
 
-    Start and goal are of floats; the start has any position, velocity and spin.
-
     Raises:
         Unreachable: no on/off controller can be in the goal set at that time.
-        ConfigError: see `Relaxation`.
+        ConfigError: see `Bounder.least_fuel`; or the number of periods is none.
     """
-    check_steps(steps)
+    _check_steps(steps)
     began = time.monotonic()
-    nodes = 0
-    open_levels = 0
-    outcome = _Outcome()
-    relaxation, root = _root(lattice, start, goal, goal_set, steps, 8.0 * lattice.grain)
-    lower = lattice.next_fuel(root.best.value, relaxation.net)
-    for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
-        if level > (relaxation.cap or 0.0):
-            relaxation, root = _root(lattice, start, goal, goal_set, steps, level)
-        outcome = _decide(relaxation, root, level, effort)
-        nodes += outcome.nodes
-        open_levels += not outcome.excluded
-        if outcome.commands is not None or open_levels == effort.levels:
-            break
-        if open_levels == 0:
-            lower = lattice.fuel_above(level, relaxation.net)
-    if open_levels == 0:
-        raise _unreachable(lattice, steps)
-    found = outcome.commands
-    upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
-    return Certificate(lower, upper, found, root.best.value, nodes, time.monotonic() - began)
+    found = bounder.least_fuel(problem, steps, effort)
+    upper = math.inf
+    if found.commands is not None:
+        upper = fuel(bounder.craft, found.commands, bounder.period)
+    return _certificate(found, upper, began)
 
 
 def least_time(
-    lattice: Lattice,
-    start: PlanarState,
-    goal: PlanarState,
-    most_steps: int,
-    goal_set: GoalSet = _DEFAULT_SET,
-    effort: Effort = _DEFAULT_EFFORT,
+    bounder: Bounder, problem: Problem, most_steps: int, effort: Effort = _DEFAULT_EFFORT
 ) -> Certificate:
     """Least time in which any on/off controller can be in the goal set, up to so many control periods.
 
     Raises:
-        ConfigError: see `Relaxation`.
+        ConfigError: see `Bounder.least_time`; or the number of periods is none.
     """
-    check_steps(most_steps)
-    if goal_set.contains(start, goal):
+    _check_steps(most_steps)
+    if bounder.contains(problem):
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
     began = time.monotonic()
-    nodes = 0
-    open_levels = 0
-    outcome = _Outcome()
-    upper = math.inf
-    lower = dual = None
-    for steps in range(1, most_steps + 1):
-        relaxation = Relaxation(lattice, start, goal, goal_set, steps, None, fuel=0.0)
-        root = _root_ascent(relaxation, 0.0)
-        if root.best.value > 0:
-            continue
-        dual = dual or steps
-        outcome = _decide(relaxation, root, 0.0, effort)
-        nodes += outcome.nodes
-        if outcome.excluded:
-            continue
-        lower = lower or steps
-        open_levels = open_levels + 1
-        if outcome.commands is not None:
-            upper = steps * lattice.period
-        if outcome.commands is not None or open_levels == effort.levels:
-            break
-    lower = lower or most_steps + 1
-    return Certificate(
-        lower * lattice.period,
-        upper,
-        outcome.commands,
-        (dual or lower) * lattice.period,
-        nodes,
-        time.monotonic() - began,
-    )
+    found = bounder.least_time(problem, most_steps, effort)
+    upper = math.inf if found.commands is None else len(found.commands) * bounder.period
+    return _certificate(found, upper, began)
 
 
-def check_steps(steps: int) -> None:
+def bounder(
+    craft: Spacecraft, period: float, dead: Collection[int] = (), stuck: Collection[int] = ()
+) -> Bounder:
+    """Bounder for a spacecraft whose commands are held for a period, s.
+
+    In the plane thrusters may be dead or stuck open from the start on, by number.
+
+    Raises:
+        ConfigError: no on/off certificate exists for this craft, or not for its faults.
+    """
+    if craft.dimension == 2:
+        from rans.optimal.certificate.plane.bounder import PlanarBounder
+        from rans.optimal.certificate.plane.lattice import Lattice
+
+        return PlanarBounder(Lattice(craft, period, dead, stuck))
+    if dead or stuck:
+        raise ConfigError("the on/off certificate covers failed thrusters in the plane only.")
+    from rans.optimal.certificate.space.bounder import SpatialBounder
+    from rans.optimal.certificate.space.reach import SpinLattice
+
+    return SpatialBounder(SpinLattice(craft, period))
+
+
+def _certificate(found: Found, upper: float, began: float) -> Certificate:
+    """Certificate of commands that need this much fuel or time; commands without any pulse are left out."""
+    commands = found.commands if upper > 0.0 else None
+    seconds = time.monotonic() - began
+    return Certificate(found.lower, upper, commands, found.dual, found.nodes, seconds)
+
+
+def _check_steps(steps: int) -> None:
     """Refuse (`ConfigError`) what is no number of control periods."""
     if not isinstance(steps, int) or steps < 1:
         raise ConfigError(
             f"the certificate needs at least one control period, a whole number, got {steps}."
         )
-
-
-def _root(
-    lattice: Lattice,
-    start: PlanarState,
-    goal: PlanarState,
-    goal_set: GoalSet,
-    steps: int,
-    cap: float,
-) -> tuple[Relaxation, Ascent]:
-    """The relaxation with a cap on fuel that its own bound does not exclude."""
-    everything = lattice.most_fuel(steps)
-    while True:
-        relaxation = Relaxation(lattice, start, goal, goal_set, steps, min(cap, everything))
-        root = _root_ascent(relaxation, cap)
-        if root.best.value <= cap:
-            return relaxation, root
-        if cap >= everything:
-            raise _unreachable(lattice, steps)
-        cap *= 1.5
-
-
-def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Iterator[float]:
-    """Fuels to decide about, from this one on; the last is all there is, N s."""
-    while level < most:
-        yield level
-        level = lattice.next_fuel(level + 0.5 * lattice.grain, net)
-    yield most
-
-
-def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
-    return Unreachable(
-        f"no on/off controller can reach the goal set in {steps} control periods of "
-        f"{lattice.period:g} s; the usual cause is too short a time."
-    )
-
-
-def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
-    return ascend(
-        relaxation,
-        relaxation.reachable(),
-        towards_goal(relaxation),
-        [],
-        target,
-        0.01 * relaxation.lattice.grain,
-        trust=0.5,
-        most=60,
-    )
-
-
-def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
-    """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
-    outcome = _Outcome()
-    seen = set()
-    order = itertools.count()
-    deadline = time.process_time() + effort.seconds
-    heap = [_node(relaxation, root, relaxation.reachable(), level, next(order))]
-    closed = True
-    while heap and time.process_time() < deadline:
-        node = heapq.heappop(heap)
-        outcome.nodes += 1
-        patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
-        found = ascend(
-            relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15
-        )
-        if found.best.value > level:
-            continue
-        outcome.commands = _commands(relaxation, found, level, effort, seen)
-        if outcome.commands is not None:
-            return outcome
-        parts = _parts(relaxation, relaxation.shrunk(found.best.costate, node.branch, level), found)
-        closed = closed and bool(parts)
-        for part in parts:
-            heapq.heappush(heap, _node(relaxation, found, part, level, next(order)))
-    outcome.excluded = closed and not heap
-    return outcome
-
-
-def _node(
-    relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, order: int
-) -> _Node:
-    branch = relaxation.shrunk(parent.best.costate, branch, level)
-    cuts = [cut for cut in parent.cuts if relaxation.inside(cut.path, branch)]
-    return _Node(parent.best.value, order, branch, parent.best.costate / scale(relaxation), cuts)
-
-
-def _commands(
-    relaxation: Relaxation, found: Ascent, level: float, effort: Effort, seen: set[bytes]
-) -> np.ndarray | None:
-    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
-    for index in np.argsort(-found.weights)[:2]:
-        path = found.cuts[index].path
-        commands = flown(relaxation, path, level)
-        turns = relaxation.lattice.patterns.torque[path].tobytes()
-        if commands is None and turns not in seen:
-            seen.add(turns)
-            commands = nozzles(relaxation, path, found.best, level, effort.nozzle_seconds)
-        if commands is not None:
-            return commands
-    return None
-
-
-def _parts(relaxation: Relaxation, branch: Branch, found: Ascent) -> list[Branch]:
-    """Two halves of a branch, so that the mixture of paths that solves its relaxation is in neither.
-
-    Split by heading where the mixture's headings differ most, else by pattern where those do, else in
-    the middle of the widest range of headings; none where one attitude is left and no mixture.
-    """
-    weights = found.weights / max(found.weights.sum(), 1e-300)
-    headings = np.array([relaxation.heading_indices(cut.path) for cut in found.cuts])
-    mean = weights @ headings
-    spread = weights @ (headings - mean) ** 2
-    k = int(spread.argmax())
-    if spread[k] > 1e-6:
-        return [branch.at_most(k, math.floor(mean[k])), branch.above(k, math.floor(mean[k]))]
-    paths = np.array([cut.path for cut in found.cuts])
-    force = relaxation.lattice.patterns.force
-    mean = weights @ force[paths]
-    spread = weights @ np.abs(force[paths] - mean) ** 2
-    k = int(spread.argmax())
-    if spread[k] > 1e-6:
-        farthest = force[paths[:, k]][np.argmax(weights * np.abs(force[paths[:, k]] - mean[k]))]
-        side = ((force - mean[k]) * np.conj(farthest - mean[k])).real > 0
-        return [branch.using(k, side), branch.using(k, ~side)]
-    lowest, highest = branch.range()
-    k = int((highest - lowest).argmax())
-    middle = int(lowest[k] + highest[k]) // 2
-    return [branch.at_most(k, middle), branch.above(k, middle)] if lowest[k] < highest[k] else []

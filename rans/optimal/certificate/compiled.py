@@ -35,7 +35,7 @@ _settings_of_the_environment_alone()
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """By numba, without Python's lock; anew in every process only where nothing may be written.
+    """Function compiled by numba, without Python's lock; anew in every process where nothing may be written.
 
     Compiling takes seconds, and every process of a pool would.
     """

@@ -19,14 +19,14 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.lattice import GoalSet, check_finite
+from rans.optimal.certificate.goal_set import GoalSet, check_finite
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 
 _MOST_THRUSTERS = 16
 """Up to which all sets of open thrusters are looked at, 65,536 of them."""
 _PARTS = 256
-"""Of the trapezoidal rule; more of them raise a bound by less than 1e-4 of itself."""
+"""Intervals of the trapezoidal rule; more of them raise a bound by less than 1e-4 of itself."""
 _LEVER = 1e-6
 """Arm that thrusters count as having at least, m: bounds of a craft that cannot turn stay finite."""
 _ROUNDING = 1e-9
@@ -34,20 +34,20 @@ _ROUNDING = 1e-9
 
 
 class Health(NamedTuple):
-    """What is left of each thruster, one number each, see `rans.model.body.Body`: at most 1 together."""
+    """Health of thrusters: share that is left of each, and what leaks, see `rans.model.body.Body`."""
 
     gain: tuple[float, ...]
     leak: tuple[float, ...]
 
     @classmethod
     def sound(cls, craft: Spacecraft) -> Health:
-        """As designed."""
+        """Health of thrusters as designed."""
         return cls((1.0,) * len(craft.thrusters), (0.0,) * len(craft.thrusters))
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What thrusters can do at most, whatever the attitude."""
+    """Largest force and torque of the thrusters, whatever the attitude."""
 
     thrust: np.ndarray
     """(K,) sums of the open thrusters' forces, N."""
@@ -63,7 +63,7 @@ class Reach:
     @classmethod
     @cache
     def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
-        """Of a spacecraft, and of its thrusters as they are left by faults from the start on."""
+        """Reach of a spacecraft, with its thrusters as faults leave them from the start on."""
         gain, leak = np.array(health or Health.sound(craft))
         able = gain + leak > 0.0
         whole = np.array([t.force for t in craft.thrusters])
@@ -87,7 +87,7 @@ class Reach:
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Those sets that no other beats with less thrust or as much force."""
+    """Sets of thrusters that no other set beats with less thrust or as much force."""
     order = np.lexsort((-force, thrust))
     thrust = thrust[order]
     force = force[order]
@@ -106,7 +106,7 @@ def least_time(
     """A time before which nothing can have arrived, s; infinite where nothing ever does.
 
     Start and goal are of floats. What must be in the goal set is named by the aims, see
-    `rans.optimal.trajectory.arrival.aims`. Thrusters are sound by default; what fails later than at
+    `rans.tasks.goal_set.aims`. Thrusters are sound by default; what fails later than at
     the start can have arrived no sooner than a sound craft.
 
     Raises:
@@ -131,7 +131,7 @@ def least_time(
 def settling_set(
     craft: Spacecraft, tolerance: float, angle: float, period: float, health: Health | None = None
 ) -> GoalSet:
-    """Where everyone is who stays so near the goal's pose (m, rad), looked at once a period (s), for good.
+    """Set that contains everyone who stays this near the goal's pose (m, rad) for good, seen once a period (s).
 
     Who stays in a ball of radius r with accelerations up to a is no faster than 2 sqrt(a r + (a h / 4)^2): it
     goes on along its velocity by at least v^2 / (2 a), of which it is short by a (h / 2)^2 / 2 at most when
@@ -258,7 +258,7 @@ def least_fuel(
 def _rotation(
     craft: Spacecraft, aims: Collection[str], start: State, goal: State, goal_set: GoalSet
 ) -> tuple[float, float, float, float]:
-    """What the angular momentum must do.
+    """Change of angular momentum that arriving takes.
 
     The angle to turn times the least moment of inertia, kg m^2; its size at the start, at most at the end,
     and by how much that changes at least, kg m^2/s.
@@ -297,7 +297,7 @@ class _Dual:
         self._radii = np.array([goal_set.velocity, goal_set.position])
 
     def value(self, costate: np.ndarray) -> float:
-        """Of multipliers (2 * dimension,) of the final velocity and position."""
+        """Dual value of multipliers (2 * dimension,) of the final velocity and position."""
         costate = costate.reshape(2, -1) * self._aimed
         wanted = costate[0] @ self._gain + costate[1] @ self._way
         spared = self._radii @ np.linalg.norm(costate, axis=1)

@@ -54,8 +54,8 @@ class VelocityToGain(ModelBased):
         task: by name or as such; it must have a tolerance for the position.
         timing: control period, and length of the episode.
         deadline: time of arrival after `reset`, s; None: 0.4 of the episode.
-        stop: whether to arrive at the goal's velocity; without, there is no second burn, which is for
-            missions that end where the goal is.
+        stop: whether to arrive at the goal's velocity; without, there is no second burn. None: unless the
+            task is a mission that is over once it is won (`rans.tasks.base.Task.done`).
         deadband: when to leave all thrusters shut.
 
     Raises:
@@ -73,7 +73,7 @@ class VelocityToGain(ModelBased):
         task: str | Task,
         timing: Timing | None = None,
         deadline: float | None = None,
-        stop: bool = True,
+        stop: bool | None = None,
         deadband: Deadband = _DEADBAND,
     ) -> None:
         super().__init__(craft, task, timing)
@@ -89,7 +89,7 @@ class VelocityToGain(ModelBased):
         if not (is_finite(deadline) and deadline > 0):
             raise ConfigError(f"guidance: deadline must be finite and > 0 s, got {deadline!r}.")
         self._deadline = max(1, round(deadline / period))
-        self._stop = stop
+        self._stop = type(self._task).done is Task.done if stop is None else stop
         self._deadband = checked("deadband", deadband, Deadband)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._allocation = Allocation(craft)
@@ -186,7 +186,7 @@ class VelocityToGain(ModelBased):
         return np.pad(in_body.T, ((0, 0), (0, self._craft.degrees_of_freedom - len(push))))
 
     def _motion(self, periods: int) -> LinearMotion:
-        """Of a free point for whole control periods."""
+        """Motion of a free point for whole control periods."""
         if periods not in self._motions:
             time = periods * self._timing.control_period
             self._motions[periods] = LinearMotion.of(self._task.drift, self._craft.dimension, time)

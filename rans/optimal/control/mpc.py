@@ -41,9 +41,11 @@ from rans.optimal.control.regulator import (
     goal_ahead,
 )
 from rans.optimal.trajectory.allocation import Allocation, rounding
+from rans.optimal.trajectory.arrival import LEAST_MARGIN, path_margins
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
+from rans.tasks.derived import goal_stands_still
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class Settings:
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
 _SETTINGS = Settings()
+_VIOLATION = 1e3
+"""Cost of a margin that is negative by 1 (SI units) after one period; full thrust along an axis costs 1."""
 _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
@@ -83,7 +87,10 @@ class MPC(ModelBased):
     shifted by one period, is flown from the current state by the engines' equations; these are linearised
     along it; and a quadratic program (PIQP) gives the next plan. Deviations cost what they cost the LQR,
     whose cost-to-go ends the horizon. The motion is that of the task's drift, and errors are those from where
-    the goal will be; thrust costs by how much it differs from what holds the craft at its goal.
+    the goal will be; thrust costs by how much it differs from what holds the craft at its goal. Margins of the
+    task's constraints are linearised too, and kept from being negative after every period of the plan unless
+    nothing can: what is missing costs `_VIOLATION` per unit (exact penalty). Where a plan turns the craft much,
+    linearising misses them by a little: by 4 cm/s of a speed limit on the floating platform.
 
     Raises:
         ConfigError: the thrusters cannot push the spacecraft in every direction, or cannot turn it as the task
@@ -91,6 +98,7 @@ class MPC(ModelBased):
     """
 
     name = "MPC"
+    heeds_constraints = True
     tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
     """Bounds for `rans tune`."""
     slow = True
@@ -117,8 +125,9 @@ class MPC(ModelBased):
         self._regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = rounding(craft, self._regulator.carried(craft))
         like = scenario(task, craft.dimension, seed=0, episode=0).goal
-        step = _step(craft, timing.control_period, replace(like, notes=()), task.drift)
-        self._program = _Program(craft, self._regulator, step, settings.horizon)
+        step = _step(craft, timing.control_period, like, task.drift)
+        margins = _margins(craft, task, like)
+        self._program = _Program(craft, self._regulator, step, settings.horizon, margins)
         self._plans = np.zeros((0, len(craft.thrusters), settings.horizon))
         self.failures = 0
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
@@ -154,13 +163,21 @@ class MPC(ModelBased):
         return first @ self._wrenches
 
     def _goals(self, state: Any, goal: Any) -> np.ndarray:
-        """(fields of the goal but for its notes, horizon + 1, N): now and after every period of the plan."""
+        """(fields of the goal, horizon + 1, N): now and after every period of the plan."""
         period = self._timing.control_period
-        ahead = [
-            leaves(replace(goal_ahead(self._task, goal, state, k * period), notes=()))
-            for k in range(1, self._settings.horizon + 1)
-        ]
-        return np.moveaxis(np.array([leaves(replace(goal, notes=())), *ahead]), 0, 1)
+        horizon = self._settings.horizon
+        size = np.shape(state.p.columns()[0])
+
+        def column(time: float) -> list[np.ndarray]:
+            there = goal_ahead(self._task, goal, state, time)
+            return [np.broadcast_to(x, size) for x in leaves(there)]
+
+        now: Any = column(0.0)
+        if goal_stands_still(self._task):
+            table = np.array(now, dtype=float)
+            return np.broadcast_to(table[:, None], (len(table), horizon + 1, *size))
+        ahead: Any = [now, *(column(k * period) for k in range(1, horizon + 1))]
+        return np.moveaxis(np.array(ahead, dtype=float), 0, 1)
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
         """Commands (N, thrusters) that keep the craft at its goal in its drift, with the attitude it has."""
@@ -177,33 +194,50 @@ class _Program:
 
     Minimises the sum of e' Q e and (u - h)' R (u - h), where the commands h hold the craft at its goal,
     subject to 0 <= u <= 1 (their sum too, where thrust is shared) and e_k+1 = f(e_k, u_k) linearised along
-    the plan.
+    the plan. Where there are constraints, slacks s_1 .. s_T >= 0 at their price make up for margins of the
+    errors that would be negative.
     """
 
     def __init__(
-        self, craft: Spacecraft, regulator: Regulator, step: ca.Function, horizon: int
+        self,
+        craft: Spacecraft,
+        regulator: Regulator,
+        step: ca.Function,
+        horizon: int,
+        margins: ca.Function | None = None,
     ) -> None:
         self._nozzles = len(craft.thrusters)
         self._count = horizon
         self._size = 2 * craft.degrees_of_freedom
         commands = horizon * self._nozzles
         errors = horizon * self._size
-        self._linearised, curvature = self._linearisation(step), self._curvature(craft, regulator)
+        self._linearised = self._linearisation(step)
+        curvature = self._curvature(craft, regulator)
+        self._effort = float(curvature[0, 0])
         rows = horizon if craft.thrust_sharing == "split" else 0
         sums = ca.kron(ca.DM.eye(rows), ca.DM.ones(1, self._nozzles))  # of the commands of a period
         self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
         limits = ca.vertcat(self._linearised.sparsity_out(1), self._sharing.sparsity())
-        self._effort = float(curvature[0, 0])
+
+        # Constraints have a slack each, after commands and errors.
+        self._margins = None if margins is None else self._margin_rows(margins)
+        self._slacks = 0 if self._margins is None else self._margins.size1_out(0)
+        if self._margins is not None:
+            limits = ca.diagcat(limits, ca.Sparsity(0, self._slacks))
+            limits = ca.vertcat(limits, self._margins.sparsity_out(1))
+            curvature = ca.diagcat(curvature, ca.DM(self._slacks, self._slacks))
+
         self._solver = ca.conic(
             "plan",
             "piqp",
             {"h": curvature.sparsity(), "a": limits},
             {"error_on_fail": False, "print_time": False},
         )
+        counts = [commands, errors, self._slacks]
         self._fixed = {
             "h": curvature,
-            "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
-            "ubx": np.repeat([1.0, np.inf], [commands, errors]),
+            "lbx": np.repeat([0.0, -np.inf, 0.0], counts),
+            "ubx": np.repeat([1.0, np.inf, np.inf], counts),
         }
 
     def improved(
@@ -223,9 +257,16 @@ class _Program:
         joined = matrix @ ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
         sums = self._sharing.size1()
         low, high = (ca.vertcat(joined, bound * ca.DM.ones(sums)) for bound in (-ca.inf, 1.0))
-        answer = self._solver(
-            **self._fixed, g=slope, a=ca.vertcat(matrix, self._sharing), lba=low, uba=high
-        )
+        limits = ca.vertcat(matrix, self._sharing)
+        if self._margins is not None:
+            least, by_variables = self._margins(flown, goals)
+            slope[-self._slacks :] = _VIOLATION
+            limits = ca.vertcat(
+                ca.horzcat(limits, ca.DM(limits.size1(), self._slacks)), by_variables
+            )
+            low = ca.vertcat(low, least)
+            high = ca.vertcat(high, ca.inf * ca.DM.ones(self._slacks))
+        answer = self._solver(**self._fixed, g=slope, a=limits, lba=low, uba=high)
         if not self._solver.stats()["success"]:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
@@ -254,6 +295,23 @@ class _Program:
             ca.MX.eye(from_before.size1()) - from_before,
         )
         return ca.Function("linearised", [error, plan, goals], [flown, matrix])
+
+    def _margin_rows(self, margins: ca.Function) -> ca.Function:
+        """(errors along the plan, goals) to least values of, and the matrix of, G_k e_k + s_k."""
+        flown = ca.MX.sym("flown", self._size, self._count)
+        goals = ca.MX.sym("goals", margins.size1_in(1), self._count + 1)
+        e, g = (ca.SX.sym(n, margins.size1_in(i)) for i, n in enumerate("eg"))
+        value = margins(e, g)
+        slope = ca.jacobian(value, e)
+        one = ca.Function("one", [e, g], [LEAST_MARGIN - value + slope @ e, slope])
+        least, slopes = one.map(self._count)(flown, goals[:, 1:])
+        by_errors = ca.diagcat(*ca.horzsplit(slopes, self._size))
+        matrix = ca.horzcat(
+            ca.MX(by_errors.size1(), self._nozzles * self._count),
+            by_errors,
+            ca.MX.eye(by_errors.size1()),
+        )
+        return ca.Function("margins", [flown, goals], [ca.vec(least), matrix])
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
         """Full thrust along an axis costs 1, as it does for the regulator."""
@@ -297,6 +355,19 @@ def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Fun
         ca.vertcat(*x) for x in (e, u, leaves(goal), leaves(later), coordinates(after, later))
     ]
     return ca.Function("step", columns[:4], columns[4:])
+
+
+def _margins(craft: Spacecraft, task: Task, like: State) -> ca.Function | None:
+    """Margins of the task's constraints: (error, goal) to the margins; None without constraints."""
+    start = scenario(task, craft.dimension, seed=0, episode=0).start
+    of_states = path_margins(task, start, like)
+    if of_states is None:
+        return None
+    goal: Any = map_leaves(lambda _: ca.SX.sym("g"), like)
+    e = ca.SX.sym("e", 2 * craft.degrees_of_freedom)
+    columns = ca.vertcat(*leaves(goal))
+    state = ca.vertcat(*leaves(around(goal, ca.vertsplit(e))))
+    return ca.Function("margins", [e, columns], [of_states(state, columns)])
 
 
 def shortest(state: State, goal: State) -> np.ndarray:

@@ -31,7 +31,7 @@ class Trust:
     """
 
     share: float = 0.1
-    """Of what a control period shows beyond the estimate: 0 never learns, 1 forgets all before. A reading of
+    """Share of what a control period shows beyond the estimate: 0 never learns, 1 forgets all before. A reading of
     1 cm/s noise then moves the estimated force on a 5 kg platform by 0.04 N."""
 
     def __post_init__(self) -> None:
@@ -60,8 +60,8 @@ class Observer:
 
     def reset(self, count: int) -> None:
         """Nothing acts and nothing is expected: ``count`` new episodes start."""
-        straight = self._craft.dimension
-        self.force, self.torque = np.zeros((straight, count)), np.zeros((len(self._inertia), count))
+        axes = self._craft.dimension
+        self.force, self.torque = np.zeros((axes, count)), np.zeros((len(self._inertia), count))
         self._expected: Any = None
 
     def see(self, state: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -124,7 +125,7 @@ class Deadband:
 
 
 def goal_ahead(task: Task, goal: Any, state: Any, time: float) -> Any:
-    """Where the goal of a task will be after a time, s: what `Task.later` says.
+    """Goal of a task after a time, s, as `Task.later` says.
 
     Plug-ins of earlier versions, which have ``next_goal`` instead, are asked for it with the state of now.
     """
@@ -162,6 +163,8 @@ class ModelBased:
     """
 
     name: str
+    heeds_constraints: ClassVar[bool] = False
+    """Whether it keeps the margins of a task's constraints from being negative; others warn that they do not."""
 
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
@@ -170,13 +173,19 @@ class ModelBased:
         self._task = load_task(task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
+        if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
+            warnings.warn(
+                f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "
+                "them; MPC and MPPI keep them.",
+                stacklevel=3,
+            )
 
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"
 
     @property
     def craft(self) -> Spacecraft:
-        """What it knows the equations of."""
+        """Spacecraft whose equations the controller knows."""
         return self._craft
 
 
@@ -241,13 +250,13 @@ class Gains:
 
     @classmethod
     def of_axes(cls, axis: Axis, count: int) -> Gains:
-        """So many equal axes that move alone."""
+        """Gains of so many equal axes that move alone."""
         unit = np.eye(count)
         return cls(axis.price, np.kron(axis.cost_to_go, unit), np.kron(axis.gain[None], unit))
 
     @classmethod
     def coupled(cls, axis: Axis, motion: LinearMotion, acceleration: float) -> Gains:
-        """Axes at the prices of one of them that move together."""
+        """Gains of axes that a drift couples, at the prices of one of them."""
         from scipy.linalg import solve_discrete_are
 
         count = motion.effect.shape[1]
@@ -264,7 +273,7 @@ class Gains:
 
     @classmethod
     def none(cls, count: int) -> Gains:
-        """Of axes that nothing can move: deviations cost nothing and have no effect."""
+        """Gains of axes that nothing can move: deviations cost nothing and have no effect."""
         return cls(np.zeros(2), np.zeros((2 * count, 2 * count)), np.zeros((count, 2 * count)))
 
     def acceleration(self, deviations: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -279,7 +288,7 @@ class Regulator:
     translation: Gains
     rotation: Gains
     motion: LinearMotion
-    """Of a free point in a control period."""
+    """Motion of a free point in a control period."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, timing: Timing, weights: Weights) -> Regulator:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,10 +22,14 @@ from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
 
 PERIODS = 2
-"""Of a plan: what follows is left to the least time, which knows how to brake. Two settle from all of 64
-starts of go-to-pose on the floating platform; three spend 5 % less thrust, but do not settle from one."""
+"""Control periods of a plan: what follows is left to the least time, which knows how to brake. Two settle from
+all of 64 starts of go-to-pose on the floating platform; three spend 5 % less thrust, but do not settle from
+one."""
 _FIRST = 0.25
 """Chance of a thruster to be open where nothing is known."""
+_VIOLATED = 10.0
+_VIOLATION = 100.0
+"""Cost of a negative margin of a constraint after a period, s, and what it grows by per unit (SI)."""
 _DOUBT = 0.04
 """Least chance of a thruster to be drawn open, or shut."""
 
@@ -69,13 +74,15 @@ class MPPI(ModelBased):
     flown by the engines' equations in the task's drift, all at once; those that cost less count more in the
     new chances (after Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal
     deviates). A plan costs its thrust, and the mean over its time of the least time that is left by the
-    `Curve` of `Switching`: what is left at its end alone could be had by waiting first.
+    `Curve` of `Switching`: what is left at its end alone could be had by waiting first. Negative margins of the
+    task's constraints cost more than any way round; they are seen no farther ahead than a plan is long.
 
     Raises:
         ConfigError: see `Switching`.
     """
 
     name = "MPPI"
+    heeds_constraints = True
     slow = True
     """Many episodes are flown by many processes."""
     tunable: ClassVar = {**Switching.tunable, "draws.temperature": (0.005, 0.5)}
@@ -93,7 +100,8 @@ class MPPI(ModelBased):
         super().__init__(craft, task, timing)
         self._deadband = deadband
         self._draws = checked("draws", draws, Sampling)
-        self._value = Switching(self._craft, self._task, self._timing, curve, deadband)
+        with warnings.catch_warnings(action="ignore"):  # it need not know the constraints
+            self._value = Switching(self._craft, self._task, self._timing, curve, deadband)
         craft = self._craft
         self._period = self._timing.control_period
         self._body = Body.of(craft)
@@ -152,5 +160,7 @@ class MPPI(ModelBased):
             state = advance(state, applied, self._body, self._period, drift=drift)
             there = goal_ahead(self._task, goal, state, k * self._period)
             left = left + self._value.time_left(state, there) / PERIODS
+            for margin in self._task.constraints(state, there).values():
+                left = left + np.where(margin < 0.0, _VIOLATED - _VIOLATION * margin, 0.0)
             spent = spent + self._period * (self._patterns.shares(pattern > 0.5) @ self._forces)
         return (left + self._price * spent).reshape(plans.shape[:2])

@@ -35,12 +35,12 @@ class Curve:
     """Acceleration to brake with, as a share of that along every axis at full thrust: large ones brake late,
     and leave nothing for what thrusters must do besides."""
     turn_scale: float = 0.35
-    """The same of turning."""
+    """Angular acceleration to brake with, as a share of that about every axis at full thrust."""
     norm_scale: float = 4.0
     """Power of the mean of the times that the way and the turn take: 1 hurries both, large ones only the
     slower."""
     thrust_weight: float = 0.01
-    """What thrust costs, s per N s: larger values coast more."""
+    """Price of thrust, s per N s: larger values coast more."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -108,9 +108,9 @@ class Switching(ModelBased):
         self._check_drift()
         self._turn = torque / float(np.linalg.eigvalsh(matrix)[-1])
         wrenches = self._patterns.wrenches
-        straight = craft.dimension
-        self._pushes = wrenches[:, :straight] / craft.mass
-        self._turns = wrenches[:, straight:]
+        axes = craft.dimension
+        self._pushes = wrenches[:, :axes] / craft.mass
+        self._turns = wrenches[:, axes:]
         self._turns = self._turns @ np.linalg.inv(matrix)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
@@ -135,7 +135,7 @@ class Switching(ModelBased):
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
         now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
-        scales = self._bold(now, coast)
+        scales = self._scales_to_move(now, coast)
 
         def cost(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
             return self._cost(coast.of_episodes(which), patterns, scales[:, which])
@@ -163,7 +163,7 @@ class Switching(ModelBased):
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
         return np.tile([[[self._curve.push_scale]], [[self._curve.turn_scale]]], (1, count, 1))
 
-    def _bold(self, now: _Gap, coast: _Gap) -> np.ndarray:
+    def _scales_to_move(self, now: _Gap, coast: _Gap) -> np.ndarray:
         """Scales of push and turn, (2, N, 1): the curve's, or all there is where it would wait for ever.
 
         A pulse may be too long to be braked by a share of the thrusters; then waiting looks better than any,
@@ -224,7 +224,7 @@ class _Gap:
 
     @classmethod
     def between(cls, state: Any, goal: Any, middle: Any, pull: np.ndarray) -> _Gap:
-        """Of a state from a goal, both of arrays (N,), with the attitude in the middle of the period."""
+        """Gap between a state and a goal, of arrays (N,), with the attitude in the middle of the period."""
         units = (
             (Vec2(1.0, 0.0), Vec2(0.0, 1.0))
             if isinstance(state.p, Vec2)
@@ -237,7 +237,7 @@ class _Gap:
         return cls(p, v, turn.T, spin.T, np.moveaxis(axes, 2, 0), pull)
 
     def of_episodes(self, which: np.ndarray) -> _Gap:
-        """Those of some episodes, by number."""
+        """Gaps of some episodes, by number."""
         return _Gap(*(x[which] for x in vars(self).values()))
 
 

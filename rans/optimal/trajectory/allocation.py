@@ -144,7 +144,7 @@ def check_attitude(craft: Spacecraft, task: Task) -> None:
 
 
 def inertia(craft: Spacecraft) -> np.ndarray:
-    """About the axes it can turn about, (1, 1) or (3, 3), kg m^2."""
+    """Inertia about the axes that the craft can turn about, (1, 1) or (3, 3), kg m^2."""
     return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
 
 
@@ -170,7 +170,7 @@ class Patterns:
             opened /= np.maximum(opened.sum(axis=-1, keepdims=True), 1.0)
         return opened
 
-    def given(self, pattern: np.ndarray) -> np.ndarray:
+    def wrench(self, pattern: np.ndarray) -> np.ndarray:
         """(..., 3 or 6) the wrench of open thrusters."""
         return self.shares(pattern) @ self.wrenches
 
@@ -245,17 +245,17 @@ class SigmaDelta:
         first = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
 
         def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-            left = (owed[episodes][:, None] - self._patterns.given(candidates)) @ self._root
+            left = (owed[episodes][:, None] - self._patterns.wrench(candidates)) @ self._root
             return (left * left).sum(axis=2)
 
         pulse = self._patterns.best(first, energy, ~rest)
         carried = self._carried | (load > _SATURATED)[:, None]
-        self._owed = np.where(carried, owed - self._patterns.given(pulse), 0.0)
+        self._owed = np.where(carried, owed - self._patterns.wrench(pulse), 0.0)
         return pulse.astype(float)
 
 
 class Rounding(Protocol):
-    """What makes commands that thrusters can follow of wanted wrenches, period by period."""
+    """Turns wanted wrenches into commands that thrusters can follow, period by period."""
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
@@ -303,7 +303,7 @@ class Proportional:
 
 
 def rounding(craft: Spacecraft, carried: np.ndarray | None = None) -> Rounding:
-    """What makes commands of wrenches for the craft's kind of thrusters.
+    """Rounding for the craft's kind of thrusters.
 
     `SigmaDelta` where they are on or off, else `Proportional`; see these for what is carried.
     """

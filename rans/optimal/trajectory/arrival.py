@@ -10,39 +10,88 @@ import casadi as ca
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.files import first_line
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.tasks.base import Task
-from rans.tasks.derived import goal_stands_still, residual
+from rans.tasks.derived import residual
 from rans.tasks.goal_set import aims
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""
 
-_BRANCH = 0.5
+_REDUNDANT_BAND = 0.5
 """How far a redundant condition may be off its target, see `Arrival`: cosines of the wanted and the
 opposite attitude differ by 2."""
-_KNEE = 1e-6
+_CORNER_RADIUS = 1e-6
 """Rounding of errors at zero, where bounds of them are not active; four times that (an angle is twice an
 arctangent, and the solver leaves 1e-8) is kept from the bounds, so that `Task.reached` holds."""
 
+LEAST_MARGIN = 4 * _CORNER_RADIUS
+"""Least margin of constraints, in their own units: rounding may make them this much too large."""
+
 ROUNDINGS = (1e-2, 1e-3)
-"""Of arguments in SI units, of lengths 1 cm and 1 mm, to be solved one after the other. Problems rounded by
-the second alone take up to four times the iterations. The first alone costs agents with wide rewards 0.03 %
-of the return, those with narrow ones and a price of spin 10 to 30 %."""
+"""Radii of rounded corners in SI units (of lengths 1 cm and 1 mm), to be solved one after the other. Problems
+rounded by the second alone take up to four times the iterations. The first alone costs agents with wide
+rewards 0.03 % of the return, those with narrow ones and a price of spin 10 to 30 %."""
 
 
 def check_goal(task: Task) -> None:
-    """Refuse (`ConfigError`) a task without a goal of its own, or with one that moves.
+    """Refuse a task whose goal at a later time is not known beforehand, or that has none of its own.
 
-    A trajectory to a goal that moves would end where the goal was.
+    Raises:
+        ConfigError: it is a multi-task; or its goal remembers what the spacecraft did (`Task.remember`), so that
+            it depends on the trajectory that is looked for.
     """
     aims(task)
-    if not goal_stands_still(task):
+    name = type(task).__name__
+    if type(task).remember is not Task.remember:
         raise ConfigError(
-            f"optimal trajectories are for goals that stand still, and {type(task).__name__} "
-            "moves its goal (`later`, `remember`)."
+            f"optimal trajectories are for goals that are known beforehand, and {name} remembers what the "
+            "spacecraft did (`remember`)."
         )
+    if hasattr(task, "next_goal"):
+        raise ConfigError(
+            f"optimal trajectories are for goals whose motion is known beforehand; write {name}.next_goal as "
+            "later(goal, time)."
+        )
+
+
+def moves_goal(task: Task) -> bool:
+    """Whether the goal of a task may be elsewhere later: it has a `Task.later` of its own."""
+    return type(task).later is not Task.later
+
+
+def goal_motion(task: Task, like: State) -> ca.Function:
+    """Motion of the goal as a function: columns of a goal's fields and a time (s) to the fields then.
+
+    Raises:
+        ConfigError: the task's `later` does more than arithmetic on fields.
+    """
+    goal: Any = map_leaves(lambda _: ca.SX.sym("g"), like)
+    time = ca.SX.sym("t")
+    try:
+        fields = ca.vertcat(*leaves(task.later(goal, time)))
+    except (TypeError, NotImplementedError, RuntimeError) as error:
+        raise ConfigError(
+            f"optimal trajectories need {type(task).__name__}.later as arithmetic on fields "
+            f"(rans.model.fields): {first_line(error)}."
+        ) from error
+    return ca.Function("later", [ca.vertcat(*leaves(goal)), time], [fields])
+
+
+def path_margins(task: Task, state: State, goal: State) -> ca.Function | None:
+    """Margins of the task's constraints: columns of a state's and a goal's fields to the margins.
+
+    They are rounded as `rounded` says, so that distances have gradients; kept above `LEAST_MARGIN`, which
+    makes up for that, the margins themselves are not negative. None: the task has no constraints.
+    """
+    symbols: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), one) for one in (state, goal)]
+    margins = task.constraints(*symbols)
+    if not margins:
+        return None
+    columns = [ca.vertcat(*leaves(one)) for one in symbols]
+    return rounded(ca.Function("margins", columns, [ca.vertcat(*margins.values())]), _CORNER_RADIUS)
 
 
 class Arrival:
@@ -78,14 +127,16 @@ class Arrival:
                     "goal, which optimal trajectories need; the usual cause is the length of a "
                     "vector that is zero there."
                 )
-            self.high = np.where(_independent(gradient), 0.0, _BRANCH)
+            self.high = np.where(_independent(gradient), 0.0, _REDUNDANT_BAND)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
             gaps = [*(errors[name] for name in tolerances), *rates]
-            self.conditions = rounded(ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _KNEE)
+            self.conditions = rounded(
+                ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _CORNER_RADIUS
+            )
             self.high = np.array(
-                [*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)]
+                [*(t - 4 * _CORNER_RADIUS for t in tolerances.values()), *(0.0 for _ in rates)]
             )
         self.low = -self.high
 
@@ -99,7 +150,7 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
 
 
 def _gradient(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
-    """Of every condition, by the state there, a row each."""
+    """Gradient of every condition by the state there, a row each."""
     state, aim = (ca.SX.sym("s", len(given)) for given in (there, goal))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
     return np.array(gradient(there, goal))
@@ -112,7 +163,7 @@ def _independent(rows: np.ndarray) -> np.ndarray:
 
 
 def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
-    """The same function of SX with differentiable square roots and absolute values.
+    """Function of SX with its square roots and absolute values made differentiable.
 
     sqrt(x) becomes sqrt(x + r^2) - r and |x| becomes sqrt(x^2 + r^2) - r: smooth, zero at zero, and never
     more than r too small. So a distance, which has a corner at the goal, gets a gradient there. The function

@@ -43,7 +43,7 @@ def guess(
     intervals: int,
     number: int = 0,
 ) -> np.ndarray:
-    """A motion that meets the aims (`rans.optimal.trajectory.arrival.aims`) and leaves all else alone.
+    """A motion that meets the aims (`rans.tasks.goal_set.aims`) and leaves all else alone.
 
     It is (leaves of the state, N): the states at the ends of N equal intervals of the duration, s. Guesses of
     odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the two
@@ -83,7 +83,7 @@ def _translation(
 def _rotation(
     aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray, long_way: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """About one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration: attitude and w.
+    """Attitude and w of a turn about one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration.
 
     Where an attitude is asked for, the rates of start and goal are not matched.
     """
@@ -117,7 +117,7 @@ def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
 
 
 def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
-    """What moves a spacecraft along a path, but for gyroscopic torques: (T, 3 or 6) on B, N and N m.
+    """Wrenches (T, 3 or 6) on B, N and N m, that move a spacecraft along a path, but for gyroscopic torques.
 
     The path is a `State` of arrays (T + 1,), a control period (s) apart.
     """
@@ -130,7 +130,7 @@ def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
 
 
 def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State) -> float:
-    """About how long the craft needs to what is asked for, s.
+    """Estimated time that the craft needs to its aims, s.
 
     Constant acceleration and braking take 2 sqrt(way / acceleration), a change of speed its size over the
     acceleration; the slower of translation and rotation counts, with a fifth to spare for doing both.
@@ -149,7 +149,7 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
 
 @cache
 def _accelerations(craft: Spacecraft) -> tuple[float, float]:
-    """Along and about every axis of B at least, m/s^2 and rad/s^2; 0 about them if it cannot turn."""
+    """Least accelerations along and about the axes of B, m/s^2 and rad/s^2; 0 about them if it cannot turn."""
     force, torque = Allocation(craft).authority()
     return force / craft.mass, torque / float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
 

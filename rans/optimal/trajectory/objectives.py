@@ -27,14 +27,16 @@ class SymbolicTrajectory:
 
     craft: Spacecraft
     task: Task
+    start: Any
+    """(leaves of the state,)."""
     states: Any
     """(leaves of the state, T), after every period."""
     commands: Any
     """(thrusters, T), 0 to 1."""
     period: Any
     """s."""
-    goal: Any
-    """(leaves of the state,)."""
+    goals: Any
+    """(leaves of the goal, T), after every period: where the goal is then."""
     corner: Any = None
     """Radius by which corners are to be rounded off (`trajectory.arrival.rounded`); None: not at all."""
 
@@ -53,7 +55,7 @@ class _GivenTime(ABC):
     """s."""
     kind: ClassVar[str]
     measure: ClassVar[str]
-    """What the cost is, with its unit."""
+    """Name of the cost, with its unit."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(cast(Any, self)):
@@ -77,7 +79,7 @@ class _GivenTime(ABC):
 
     @property
     def name(self) -> str:
-        """What to call it in tables."""
+        """Name in tables."""
         return f"{self.kind} in {self.horizon:g} s"
 
     @property
@@ -87,7 +89,7 @@ class _GivenTime(ABC):
 
     @abstractmethod
     def cost(self, path: SymbolicTrajectory) -> Any:
-        """What to minimise, of a trajectory's symbols."""
+        """Cost of a trajectory's symbols, which is minimised."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +136,7 @@ class QuadraticTracking(_GivenTime):
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
-        far = ca.sum2(
-            stage.map(self.intervals)(path.states, ca.repmat(path.goal, 1, self.intervals))
-        )
+        far = ca.sum2(stage.map(self.intervals)(path.states, path.goals))
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
 
@@ -157,13 +157,31 @@ class MaximumReward(_GivenTime):
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
+        earlier, _ = _symbols(path)[0]
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))
-        terms = path.task.reward(Transition(state, goal, tuple(now), tuple(before)))
+        period: Any = ca.SX.sym("h")
+        forces = tuple(thruster.force for thruster in path.craft.thrusters)
+        transition = Transition(state, goal, tuple(now), tuple(before), earlier, period, forces)
+        terms = path.task.reward(transition)
         stage = ca.Function(
-            "reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)], [sum(terms.values())]
+            "reward",
+            [
+                *arguments,
+                ca.vertcat(*now),
+                ca.vertcat(*before),
+                ca.vertcat(*leaves(earlier)),
+                period,
+            ],
+            [sum(terms.values())],
         )
-        previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
-        given = [path.states, ca.repmat(path.goal, 1, self.intervals), path.commands, previous]
+        given = [
+            path.states,
+            path.goals,
+            path.commands,
+            ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1]),
+            ca.horzcat(path.start, path.states[:, :-1]),
+            ca.repmat(path.period, 1, self.intervals),
+        ]
         if path.corner is not None:
             stage = rounded(stage, ca.SX.sym("corner"))
             given.append(ca.repmat(path.corner, 1, self.intervals))
@@ -179,7 +197,7 @@ class MinimumTime:
     """
 
     intervals: int = 50
-    """For the paper's starts, 5 s away, this is finer than the default 5 Hz."""
+    """Control periods; for the paper's starts, 5 s away, 50 are finer than the default 5 Hz."""
     ending: Ending = "exact"
     name = "minimum time"
     measure = "time s"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import check_attitude
-from rans.optimal.trajectory.arrival import Arrival
+from rans.optimal.trajectory.arrival import Arrival, goal_motion, moves_goal
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
 from rans.processes import Workers
@@ -40,6 +40,8 @@ def solve_all(
         objective
     ) in objectives:  # says here, not in every worker, if this task has no such trajectories
         Arrival(task, example.goal, objective.ending)
+    if moves_goal(task):
+        goal_motion(task, example.goal)
     jobs = [(index, one, guesses) for index in range(len(objectives)) for one in each(starts)]
 
     def lost(index: int, one: Scenario, guesses: int) -> Trajectory:

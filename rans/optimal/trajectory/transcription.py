@@ -22,7 +22,14 @@ from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, is_steerable
 from rans.optimal.trajectory.allocation import Allocation, check_attitude
-from rans.optimal.trajectory.arrival import ROUNDINGS, Arrival
+from rans.optimal.trajectory.arrival import (
+    LEAST_MARGIN,
+    ROUNDINGS,
+    Arrival,
+    goal_motion,
+    moves_goal,
+    path_margins,
+)
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
 from rans.scenario import scenario
@@ -45,18 +52,18 @@ _OPTIONS = {
 20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
 linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
 _NODES = 4
-"""Of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
+"""Nodes of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
 `rans.model.dynamics.NODES`), which is less than the solver leaves open."""
-_AJAR = 0.03
-"""By how much every thruster is opened beyond what the guessed motion takes, as interior point methods
+_OPENED = 0.03
+"""Share by which every thruster is opened beyond what the guessed motion takes: interior point methods
 start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
-_HALF_SHUT = 0.3
+_COMMAND_GUESS = 0.3
 """Guess of every command where thrusters cannot give a wanted wrench."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What the optimiser ended with, solved or not."""
+    """Trajectory that the optimiser ended with, solved or not."""
 
     objective: str
     """Name of the objective."""
@@ -72,7 +79,7 @@ class Trajectory:
     control_period: float
     """s."""
     iterations: int
-    """Of all attempts together."""
+    """Iterations of all attempts together."""
     seconds: float
     """Wall time of all attempts together."""
     attempts: int = 1
@@ -109,7 +116,9 @@ def _best(found: Sequence[Trajectory]) -> Trajectory:
 class Transcription:
     """One kind of problem for one spacecraft and task, ready to be solved from any start.
 
-    The trajectory starts in the given state and ends as the objective says, see `Arrival`. Where thrust
+    The trajectory starts in the given state and ends as the objective says, see `Arrival`, where the goal is
+    then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative after every
+    control period; between two of them nothing is asked. Where thrust
     is shared ("split") the commands' sum is kept within 1, where sharing is linear: any wrench the supply
     can give has such commands.
 
@@ -133,6 +142,8 @@ class Transcription:
         self._like = example.start
         self._aims = aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
+        self._later = goal_motion(task, example.goal) if moves_goal(task) else None
+        self._margins = path_margins(task, example.start, example.goal)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
         self._allocation = Allocation(craft) if is_steerable(craft) else None
@@ -142,8 +153,8 @@ class Transcription:
     def _build(self, goal_width: int) -> None:
         """Variables: (commands, wrench, state after) of every interval, then the control period.
 
-        Constraints: intervals join, wrenches are the commands', arrival, and with shared thrust the sums
-        of commands.
+        Constraints: intervals join, wrenches are the commands', arrival, with shared thrust the sums of
+        commands, and margins of the task's constraints.
         """
         count = self._objective.intervals
         (nozzles, forces, width) = self._rows
@@ -157,16 +168,24 @@ class Transcription:
         commands, applied, after = ca.vertsplit(
             table, [0, nozzles, nozzles + forces, sum(self._rows)]
         )
+        goals = ca.repmat(goal, 1, count)
+        if self._later is not None:
+            times = period * ca.DM(range(1, count + 1)).T
+            goals = self._later.map(count)(goals, times)
         gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
         constraints = [
             ca.vec(gaps),
             ca.vec(ca.DM(self._wrenches) @ commands - applied),
-            self._arrival.conditions(after[:, -1], goal),
+            self._arrival.conditions(after[:, -1], goals[:, -1]),
         ]
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
+        if self._margins is not None:
+            constraints.append(ca.vec(self._margins.map(count)(after, goals)))
         corner = ca.MX.sym("corner")
-        path = SymbolicTrajectory(self._craft, self._task, after, commands, period, goal, corner)
+        path = SymbolicTrajectory(
+            self._craft, self._task, start, after, commands, period, goals, corner
+        )
         cost = self._objective.cost(path)
         problem = {
             "x": variables,
@@ -177,7 +196,7 @@ class Transcription:
         self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
         self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
         exact = self._objective.cost(replace(path, corner=None))
-        self._cost = ca.Function("cost", [variables, goal], [exact])
+        self._cost = ca.Function("cost", [variables, start, goal], [exact])
 
     def solve(self, start: State, goal: State, guesses: int = 1) -> Trajectory:
         """The best local optimum from some guesses.
@@ -224,7 +243,7 @@ class Transcription:
             table[:, :nozzles], 0.0, 1.0
         )  # interior point methods leave bounds by up to 1e-8
         solved = statistics["success"]
-        cost = float(self._cost(variables, leaves(goal))) if solved else math.nan
+        cost = float(self._cost(variables, leaves(start), leaves(goal))) if solved else math.nan
         return Trajectory(
             self._objective.name,
             statistics["return_status"],
@@ -257,24 +276,26 @@ class Transcription:
         unbound = np.full((forces, count), np.inf)
         joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
+        margins = np.zeros(0 if self._margins is None else count * self._margins.size1_out(0))
         return {
             "x0": pack(command, self._wrenches @ command, states, period),
             "lbx": pack(0.0 * command, -unbound, -free, shortest),
             "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
-            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
-            "ubg": np.concatenate([joined, self._arrival.high, sums]),
+            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums, margins + LEAST_MARGIN]),
+            "ubg": np.concatenate([joined, self._arrival.high, sums, margins + np.inf]),
         }
 
     def _guess(
         self, start: State, goal: State, count: int, period: float, number: int
     ) -> np.ndarray:
-        """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
+        """Arrives at the end, where the goal is then; where no end is prescribed, soon, and then moves on."""
         moving = count
         if self._objective.ending == "free":
             moving = min(
                 count, math.ceil(transfer_time(self._craft, self._aims, start, goal) / period)
             )
-        there = guess(self._aims, start, goal, moving * period, moving, number)
+        aim = self._task.later(goal, moving * period) if self._later is not None else goal
+        there = guess(self._aims, start, aim, moving * period, moving, number)
         if moving == count:
             return there
         arrived = unflatten(start, there[:, -1])
@@ -285,11 +306,11 @@ class Transcription:
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
-            return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
+            return np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
         wrenches = needed_wrenches(
             self._craft, unflatten(start, np.column_stack([leaves(start), states])), period
         )
-        return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
+        return np.clip(self._allocation.commands(wrenches).T + _OPENED, _OPENED, 1.0 - _OPENED)
 
 
 def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:

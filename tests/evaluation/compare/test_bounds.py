@@ -28,8 +28,8 @@ from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Effort, Unreachable
+from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import staying_time
-from rans.optimal.certificate.lattice import GoalSet
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
@@ -219,7 +219,7 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
     assert int(periods * 0.2 / 0.2) == periods - 1
     asked: list[int] = []
 
-    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+    def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
         asked.append(steps)
         raise Unreachable("not today")
 
@@ -303,7 +303,7 @@ def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     def missing(*_: object) -> None:
         raise ConfigError("install numba")
 
-    monkeypatch.setattr("rans.optimal.certificate.dual.Relaxation._tables", missing)
+    monkeypatch.setattr("rans.optimal.certificate.plane.dual.Relaxation._tables", missing)
     for horizon in (None, 10.0):
         with pytest.raises(ConfigError, match="install numba"):
             list(bounds([one_start(horizon=horizon)], [0], 1))
@@ -357,7 +357,7 @@ def test_the_table_shows_every_number() -> None:
 def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
-    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+    def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
         asked.append(steps)
         raise Unreachable("not today")
 

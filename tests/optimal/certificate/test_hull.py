@@ -23,7 +23,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.control.lqr import LQR
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.optimal.trajectory.transcription import Transcription

@@ -107,7 +107,7 @@ def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
     every = np.array(list(product([False, True], repeat=8)))
 
     def cost(which: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-        return np.abs(wanted[which][:, None] - patterns.given(candidates)).sum(axis=2)
+        return np.abs(wanted[which][:, None] - patterns.wrench(candidates)).sum(axis=2)
 
     found = patterns.best(np.zeros((40, 8), bool), cost, np.arange(40) < 39)
     costs = cost(np.arange(40), np.broadcast_to(every, (40, 256, 8)))

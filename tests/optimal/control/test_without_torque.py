@@ -10,8 +10,8 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.roster import simple_controller
-from rans.evaluation.compare.run import Comparison, fill
+from rans.evaluation.compare.entrants import simple_controller
+from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
@@ -50,9 +50,9 @@ def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
     wanted = np.random.default_rng(0).normal(size=(20, craft.degrees_of_freedom)) * 0.1
     commands = Allocation(craft).commands(wanted)
     given = commands @ np.array(craft.wrench_map)
-    straight = craft.dimension
-    np.testing.assert_allclose(given[:, :straight], wanted[:, :straight], atol=1e-9)
-    np.testing.assert_allclose(given[:, straight:], 0.0, atol=1e-15)
+    axes = craft.dimension
+    np.testing.assert_allclose(given[:, :axes], wanted[:, :axes], atol=1e-9)
+    np.testing.assert_allclose(given[:, axes:], 0.0, atol=1e-15)
     assert (commands >= 0.0).all()
 
 
@@ -89,7 +89,7 @@ def test_comparisons_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
     contest = Contest(deputy(), GoToPosition().for_evaluation(), timing, 3, 2)
     found = Comparison(contest)
     lqr = simple_controller("lqr", contest)
-    fill(found, {"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
+    found.fly({"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
     assert [entry.name for entry in found.entries] == ["LQR", "switching"]
     assert found.failures == []
     assert [one.solved for row in found.relaxed.values() for one in row] == [True] * 4

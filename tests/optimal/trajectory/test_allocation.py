@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from rans.errors import ConfigError
+from rans.model.actuators import Pulsed, Throttle
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
+from rans.optimal.trajectory.allocation import Allocation, SigmaDelta, rounding
 from tests.crafts import nasty_planar, nasty_spatial
 
 CRAFTS = [
@@ -240,3 +241,32 @@ def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
             1.0, rel=1e-6
         )  # the allocation is exact to 1e-9 of a wrench
         assert loads.min() < 0.99  # they differ, so that the weakest shows
+
+
+def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing() -> None:
+    craft = replace(CRAFTS[0], actuators=Throttle())
+    proportional = rounding(craft)
+    proportional.reset(3)
+    wanted = np.array([[0.3, -0.2, 0.05], [0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
+    for _ in range(3):
+        commands = proportional.round(wanted, np.array([False, False, False]))
+        given = commands @ np.array(craft.wrench_map)
+        np.testing.assert_allclose(given[:2], wanted[:2], atol=1e-9)
+        # More than there is becomes as much as there is, and is not owed afterwards.
+        assert commands[2].max() == pytest.approx(1.0)
+    assert not proportional.round(wanted, np.array([True] * 3)).any()
+
+
+def test_what_pulses_round_off_is_given_later() -> None:
+    """Of pulses in tenths of a period, of two at least, a force of 0.05 N needs one in some periods only: its
+    mean over 200 periods is off by less than a pulse."""
+    craft = replace(CRAFTS[0], actuators=Pulsed(10, 2))
+    pulsed = rounding(craft)
+    pulsed.reset(1)
+    wanted = np.array([[0.05, 0.02, 0.0]])
+    total = np.zeros(3)
+    for _ in range(200):
+        [command] = pulsed.round(wanted)
+        counts = np.floor(command * 10 + 0.5)
+        total += np.where(counts < 2, 0.0, counts / 10) @ np.array(craft.wrench_map)
+    np.testing.assert_allclose(total / 200, wanted[0], atol=1.0 / 200)

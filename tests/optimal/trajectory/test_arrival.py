@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,11 +30,19 @@ NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) *
 
 
 @dataclass(frozen=True)
-class Chase(GoToPose):
-    """Its goal moves."""
+class Watch(GoToPose):
+    """Its goal depends on what the spacecraft did."""
+
+    def remember(self, goal: Any, state: Any) -> Any:
+        return replace(goal, p=state.p)
+
+
+@dataclass(frozen=True)
+class Branching(GoToPose):
+    """Moves its goal by a branch, which no symbol can follow."""
 
     def later(self, goal: Any, time: Any) -> Any:
-        return replace(goal, p=goal.p + goal.v.scale(time))
+        return goal if math.floor(time) < 1 else replace(goal, v=goal.p)
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,8 @@ class Distant(GoToPose):
 @pytest.mark.parametrize(
     ("task", "said"),
     [
-        (Chase(), "for goals that stand still, and Chase moves its goal"),
+        (Watch(), "for goals that are known beforehand, and Watch remembers"),
+        (Branching(), "need Branching.later as arithmetic on fields"),
         (Distant(), "what Distant shows .* has no gradient at the goal"),
     ],
 )

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
-from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
+from rans.evaluation.compare import optima
+from rans.model.drift import FREE, ClohessyWiltshire, Drift, UniformGravity, step_goal
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -26,7 +28,7 @@ from rans.optimal.trajectory.objectives import (
 )
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, _best, unsolved
 from rans.reference.flight import replay
-from rans.scenario import scenario
+from rans.scenario import Scenario, scenario
 from rans.tasks import GoToPosePriced, GoToPosition, MultiTask
 from tests.crafts import deputy, nasty_planar
 from tests.optimal.problems import (
@@ -314,3 +316,104 @@ def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
     objective = MinimumFuel(6.0)
     priced = solved(PLATFORM, objective, start, replace(goal, notes=(0.5,)), GoToPosePriced())
     assert priced.cost == pytest.approx(solved(PLATFORM, objective, start, goal).cost, rel=SOLVER)
+
+
+@dataclass(frozen=True)
+class Moving(GoToPosition):
+    """The goal moves as free points do."""
+
+    pulled: ClassVar[Drift] = FREE
+
+    @property
+    def drift(self) -> Drift:
+        return self.pulled
+
+    def later(self, goal: Any, time: Any) -> Any:
+        return step_goal(goal, self.drift, time)
+
+
+@dataclass(frozen=True)
+class InOrbit(Moving):
+    """In an orbit of two minutes."""
+
+    pulled: ClassVar[Drift] = ClohessyWiltshire(0.05)
+
+
+@dataclass(frozen=True)
+class Careful(GoToPosition):
+    """Slow, and out of a ball of 0.5 m around (-1.5, 0.1) m."""
+
+    constrained: ClassVar[bool] = True
+
+    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
+        if not self.constrained:
+            return {}
+        way = state.p - type(state.p)(-1.5, 0.1, *(0.0,) * (len(state.p.columns()) - 2))
+        return {"ball": way.norm() - 0.5, "speed": 0.4 - state.v.norm()}
+
+
+class Fast(Careful):
+    """Without constraints."""
+
+    constrained = False
+
+
+@dataclass(frozen=True)
+class SpeedLimit(GoToPosition):
+    """0.2 m/s at most."""
+
+    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
+        return {"speed": 0.2 - state.v.norm()}
+
+
+def test_a_goal_that_moves_evenly_is_one_that_stands_still_seen_from_elsewhere() -> None:
+    """By Galilei: a goal at 0.2 m/s costs what one at rest costs from a start at -0.2 m/s."""
+    objective = MinimumFuel(10.0)
+    goal = replace(planar(), v=Vec2(0.2, 0.0))
+    moving = solved(PLATFORM, objective, planar(x=-3.0), goal, Moving())
+    start = replace(planar(x=-3.0), v=Vec2(-0.2, 0.0))
+    standing = solved(PLATFORM, objective, start, planar(), Moving())
+    assert moving.cost == pytest.approx(standing.cost, rel=SOLVER)
+    assert moving.states.p.x[-1] == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("objective", [MinimumFuel(20.0, 0.5), MinimumTime(30)], ids=repr)
+def test_a_goal_in_orbit_is_met_where_scipy_says_that_it_is(objective: Objective) -> None:
+    goal = replace(spatial(), p=Vec3(1.0, 0.0, 0.5))
+    task = InOrbit()
+    found = solved(deputy(), objective, spatial(x=-2.0), goal, task)
+    n = 0.05
+    arrival = found.control_period * len(found.commands)
+    there = solve_ivp(
+        lambda _, y: [*y[3:], 3 * n * n * y[0] + 2 * n * y[4], -2 * n * y[3], -n * n * y[2]],
+        (0.0, arrival),
+        [1.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+        rtol=1e-10,
+        atol=1e-12,
+    ).y[:, -1]
+    ended = [*leaves(found.states.p), *leaves(found.states.v)]
+    np.testing.assert_allclose([x[-1] for x in ended], there, atol=1e-6)
+    assert np.linalg.norm(there[:3] - [1.0, 0.0, 0.5]) > 0.1
+    starts = Scenario(spatial(x=-2.0), goal)
+    flight = optima.episode(deputy(), task, Timing(episode_steps=1), starts, found)
+    assert flight.errors()["position"][len(found.commands)].max() < 1e-4
+
+
+def test_constraints_are_kept_at_every_instant_and_cost_something() -> None:
+    objective = MinimumFuel(15.0, 0.25)
+    start = planar(x=-3.0)
+    kept = solved(PLATFORM, objective, start, planar(), Careful())
+    free = solved(PLATFORM, objective, start, planar(), Fast())
+    margins = Careful().constraints(kept.states, planar())
+    assert min(margin.min() for margin in margins.values()) >= -1e-7
+    # The straight way leads through the ball.
+    assert Careful().constraints(free.states, planar())["ball"].min() < -0.1
+    assert kept.cost > free.cost * 1.01
+
+
+def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
+    """1/12 m/s^2 up to 0.2 m/s, coast, brake: distance / speed + speed / acceleration. Commands are held for
+    a fiftieth of it, which costs part of one."""
+    trajectory = solved(deputy(), MinimumTime(50), spatial(x=-3.0), spatial(), SpeedLimit())
+    closed = 3.0 / 0.2 + 0.2 * 12.0
+    assert closed * (1 - 1e-4) < trajectory.cost < closed * (1 + 0.02)

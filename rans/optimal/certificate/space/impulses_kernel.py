@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.spatial_kernel import exponential, product, rotated
+from rans.optimal.certificate.space.kernel import exponential, product, rotated
 
 _ITERATIONS = 12
-"""Of Gauss and Newton."""
+"""Iterations of Gauss and Newton."""
 _LONGEST = 3.0
-"""By which one of them moves a pulse at most, s."""
+"""Time by which one iteration moves a pulse at most, s."""
 
 
 @compiled
@@ -39,7 +39,7 @@ def _off(
     order: np.ndarray,
     parts: np.ndarray,
 ) -> None:
-    """What impulses end off by (9,): p, v and the turn from the goal, in W.
+    """Errors (9,) at the end of impulses: p, v and the rotation from the goal, in W.
 
     An impulse is a period's push and twist in its middle. The push has the middle's attitude, which is
     the spin before and h / 8 times the twist ahead.
@@ -138,7 +138,7 @@ def _beyond(off: np.ndarray, radii: np.ndarray) -> float:
 
 @compiled
 def _projected(off: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
-    """What is outside the balls, in radii, and its slopes: both written over what they were.
+    """Errors beyond the balls, in radii, and their slopes, both written in place.
 
     Of d it is (1 - r / |d|) d, whose slope is that share of d's and r / |d| times the part along d.
     """

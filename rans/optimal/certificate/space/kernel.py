@@ -109,7 +109,7 @@ def exponential(x: float, y: float, z: float) -> tuple[float, float, float, floa
 def product(
     a: tuple[float, float, float, float], b: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
-    """Of two quaternions."""
+    """Product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -218,7 +218,7 @@ def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: n
 
 @compiled
 def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
-    """By how many radii of position, velocity and attitude a state is off; a quantum of spin counts as 5."""
+    """Error of a state in radii of position, velocity and attitude; a quantum of spin counts as 5."""
     far = 0.0
     fast = 0.0
     spin = 0.0
@@ -243,7 +243,7 @@ def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float)
 def anneal(
     commands: np.ndarray,
     wrenches: np.ndarray,
-    mates: np.ndarray,
+    torque_pairs: np.ndarray,
     start: np.ndarray,
     goal: np.ndarray,
     radii: np.ndarray,
@@ -283,7 +283,7 @@ def anneal(
             continue
         change = 1 - 2 * commands[k, i]
         change2 = 1 - 2 * commands[k2, i2]
-        if not single and mates[i, i2] != -change * change2:
+        if not single and torque_pairs[i, i2] != -change * change2:
             continue
         # what comes of it
         commands[k, i] += change

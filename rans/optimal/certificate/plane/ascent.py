@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.optimal.certificate.dual import Branch, DualValue, Relaxation
+from rans.optimal.certificate.plane.dual import Branch, DualValue, Relaxation
 
 _FARTHEST = 10.0
 """Half the edge of the largest box, in scaled costate; those of least fuel are about 1."""
@@ -22,7 +22,7 @@ class Cut:
     """A path's cost is linear in the costate: the dual function lies below it everywhere."""
 
     offset: float
-    """Of the plane at costate zero."""
+    """Value of the cutting plane at costate zero."""
     slope: np.ndarray
     """(4,) per scaled costate."""
     path: np.ndarray
@@ -31,12 +31,12 @@ class Cut:
 
 @dataclass(frozen=True)
 class Ascent:
-    """Where the maximisation stopped."""
+    """Result of the maximisation."""
 
     best: DualValue
     """The greatest bound found."""
     cuts: list[Cut]
-    """Of every costate asked for."""
+    """Cut of every costate that was tried."""
     weights: np.ndarray
     """(cuts,) of the mixture of paths that the relaxation takes for a solution; sum 1 or all zero."""
 

@@ -22,13 +22,13 @@ from rans.model.actuators import ON_OFF
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.lattice import GoalSet, check_finite, check_period, pulse, rounded_up
+from rans.optimal.certificate.goal_set import GoalSet, check_finite, check_period, pulse, rounded_up
 from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
-"""Of two thrusters' torques, in squared quanta, at most."""
+"""Largest product of two thrusters' torques, in squared quanta."""
 _EXACT = 1e-12
-"""By which such products may differ from whole numbers, relative to the largest."""
+"""Difference of such products from whole numbers that is allowed, relative to the largest."""
 _MOST_PATTERNS = 100_000
 _SLOW = 25
 """Squared spin, in quanta, up to which craft are followed; a faster one is taken to have any attitude."""
@@ -151,9 +151,9 @@ class ReachRelaxation:
                 "no whole number of pulses takes the start's spin to rest within the "
                 "tolerance; the usual cause is a start or a goal that spins."
             )
-        from rans.optimal.certificate import spatial_kernel  # compiles, with numba
+        from rans.optimal.certificate.space import kernel  # compiles, with numba
 
-        self._kernel: ModuleType = spatial_kernel
+        self._kernel: ModuleType = kernel
         self.lattice = lattice
         self.goal_set = goal_set
         self.steps = steps
@@ -179,7 +179,7 @@ class ReachRelaxation:
         self._turned = np.ceil(np.minimum(turned, count)).astype(np.int64)
 
     def bound(self, velocity: np.ndarray, position: np.ndarray) -> float:
-        """What every on/off controller pays at least that arrives, by any multipliers (3,) of v and p.
+        """Cost of every on/off controller that arrives at least, by any multipliers (3,) of v and p.
 
         Raises:
             NonFiniteState: numbers are too large, so that infinity might mean an overflow.

@@ -21,12 +21,18 @@ from rans.model.fields import Quat, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, Unreachable
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.onoff import fuel, replay
-from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.spatial_certificate import least_fuel, least_time
-from rans.optimal.certificate.spatial_search import arrived
+from rans.optimal.certificate.certificate import (
+    Effort,
+    Problem,
+    Unreachable,
+    least_fuel,
+    least_time,
+)
+from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.bounder import SpatialBounder
+from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
+from rans.optimal.certificate.space.search import arrived
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
 
@@ -95,7 +101,7 @@ def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
     for search in ("with_pulses", "_soonest"):
         monkeypatch.setattr(
-            f"rans.optimal.certificate.spatial_certificate.{search}", lambda *_, **__: None
+            f"rans.optimal.certificate.space.bounder.{search}", lambda *_, **__: None
         )
 
 
@@ -206,10 +212,13 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(
     least = float(spent[inside].min())
     lattice = SpinLattice(craft, PERIOD)
     effort = Effort(1e-9)
-    found = least_fuel(lattice, POSE, start, goal, steps, LOOSE, effort)
+    found = least_fuel(SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), steps, effort)
     assert hull.least_fuel(craft, POSE, start, goal, steps * PERIOD, LOOSE) <= found.lower + 1e-9
     assert found.lower <= least + 1e-9  # rounding of sums of pulses
-    assert least_time(lattice, POSE, start, goal, 9, LOOSE, effort).lower <= steps * PERIOD + 1e-9
+    assert (
+        least_time(SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), 9, effort).lower
+        <= steps * PERIOD + 1e-9
+    )
 
 
 def test_lattice_of_the_free_flyer() -> None:
@@ -235,13 +244,13 @@ def test_closer_than_the_hull() -> None:
     start, goal = ends
     lattice = SpinLattice(FLYER, PERIOD)
     hasty = Effort(1e-9)
-    found = least_time(lattice, REST, start, goal, 125, TASK_SET, hasty)
+    found = least_time(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 125, hasty)
     assert (found.dual, found.lower, found.upper) == (
         pytest.approx(4.0),
         pytest.approx(4.2),
         math.inf,
     )
-    spent = least_fuel(lattice, REST, start, goal, 50, TASK_SET, hasty)
+    spent = least_fuel(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 50, hasty)
     assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
     assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
 
@@ -254,8 +263,8 @@ def test_what_is_found_flies_there() -> None:
     start = replace(goal, p=Vec3(0.1, -0.2, 0.05))
     lattice = SpinLattice(FLYER, PERIOD)
     for found in (
-        least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(6.0)),
-        least_fuel(lattice, REST, start, goal, 20, TASK_SET, Effort(0.1)),
+        least_time(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, Effort(6.0)),
+        least_fuel(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 20, Effort(0.1)),
     ):
         assert found.commands is not None
         assert 0.0 < found.lower <= found.upper + 1e-9
@@ -269,12 +278,19 @@ def test_there_already_and_never() -> None:
         Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
     )
     far = replace(here, p=Vec3(9.0, 0.0, 0.0))
-    assert least_time(lattice, REST, here, here, 9, GoalSet(), Effort(0.1)).upper == 0.0
-    nothing = least_fuel(lattice, REST, here, here, 9, GoalSet(), Effort(0.5))
+    assert (
+        least_time(
+            SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, Effort(0.1)
+        ).upper
+        == 0.0
+    )
+    nothing = least_fuel(
+        SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, Effort(0.5)
+    )
     assert (nothing.lower, nothing.upper, nothing.commands) == (0.0, 0.0, None)
     with pytest.raises(Unreachable, match="in 9 control periods"):
-        least_fuel(lattice, REST, far, here, 9, GoalSet(), Effort(0.1))
-    late = least_time(lattice, REST, far, here, 9, GoalSet(), Effort(0.1))
+        least_fuel(SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, Effort(0.1))
+    late = least_time(SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, Effort(0.1))
     assert late.lower > 1.8
     assert math.isinf(late.upper)
 
@@ -329,7 +345,7 @@ def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(ConfigError, match="finite control period"):
         SpinLattice(FLYER, 0.0)
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("compiled", "spatial_kernel"):
+    for name in ("compiled", "space.kernel"):
         monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
         monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
     with pytest.raises(ConfigError, match="pip install numba"):

@@ -16,7 +16,8 @@ import numpy as np
 from rans.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.lattice import Lattice
 
 _EPSILON = float(np.finfo(np.float64).eps)
 _MERGED = 3e-12
@@ -36,7 +37,7 @@ class Branch:
     """(N, P) whether a pattern may be used."""
 
     def at_most(self, k: int, a: int) -> Branch:
-        """Those paths whose heading index at period k does not exceed a."""
+        """Branch of the paths whose heading index at period k does not exceed a."""
         high = self.high.copy()
         high[k] = np.maximum(self.low[k], np.minimum(high[k], a + 1))
         return replace(self, high=high)
@@ -48,7 +49,7 @@ class Branch:
         return replace(self, low=low)
 
     def using(self, k: int, patterns: np.ndarray) -> Branch:
-        """Those paths that use one of these patterns, (P,) of truth values, in period k."""
+        """Branch of the paths that use one of these patterns, (P,) of truth values, in period k."""
         allowed = self.patterns.copy()
         allowed[k] &= patterns
         return replace(self, patterns=allowed)
@@ -62,7 +63,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class DualValue:
-    """What one costate proves."""
+    """Bound that one costate proves."""
 
     value: float
     """No path of the branch costs less; rounding is subtracted. N s, or m/s where fuel is free."""
@@ -102,8 +103,8 @@ class Relaxation:
         self.steps = steps
         self.cap = cap
         self.fuel = fuel
-        self.net = goal_set.net_spins(lattice, start, goal)
-        from rans.optimal.certificate import lattice_kernel  # compiles, with numba
+        self.net = lattice.net_spins(goal_set, start, goal)
+        from rans.optimal.certificate.plane import lattice_kernel  # compiles, with numba
 
         self._kernel: ModuleType = lattice_kernel
         self._tables(self._spin_limits())
@@ -228,7 +229,7 @@ class Relaxation:
         return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
-        """What the dual function has besides the inner minimum, and its supergradient."""
+        """Part of the dual function beside the inner minimum, and its supergradient."""
         value = float(costate @ self.miss)
         slope = self.miss.copy()
         for part, radius in (

@@ -18,9 +18,9 @@ import numpy as np
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.spatial import SpinLattice
-from rans.optimal.certificate.spatial_search import gauss
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.reach import SpinLattice
+from rans.optimal.certificate.space.search import gauss
 
 _ROOM = 2_000_000
 """Halves kept at most, 0.2 GB; more prove nothing."""
@@ -28,12 +28,12 @@ _PART = 10_000
 """Halves compared with all others at a time."""
 _MOST_PULSES = 12
 _MOST_THRUSTERS = 16
-"""Of levels that are looked at, and of craft: their patterns are listed one by one."""
+"""Thrusters of a craft at most, as their patterns are listed one by one; also levels at most."""
 _STEP = 0.05
 _STEPS = 12
-"""By which the search for the best half lowers what it asks for, pulses."""
+"""Steps of the search for the best half, pulses."""
 _ASKEW = 2e-4
-"""By which tolerances are widened, rad: flights of the kernel are turned off by some 1e-5."""
+"""Widening of the tolerances, rad: flights of the kernel are turned off by some 1e-5."""
 _LEANS = (0.0, 0.2, -0.2, 0.4, -0.4)
 """How much more a push counts in the first half than in the second, to look at splits from: below 0.5."""
 _SLACK = 1.0
@@ -44,19 +44,19 @@ _TURN = 0.75
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where one half begins: the start, or the goal, from which time runs backwards."""
+    """Beginning of one half: the start, or the goal, from which time runs backwards."""
 
     attitude: np.ndarray
     """(4,) quaternion."""
     ahead: np.ndarray
     """(3,) unit vector in W along which its pulses should push."""
     sign: float
-    """1 or -1: of `Halves` leans, too, since time runs backwards from the goal."""
+    """Sign, 1 or -1, also of the leans of `HalfTrajectories`, since time runs backwards from the goal."""
     tilt: float
-    """By which the attitude may be off, rad."""
+    """Tolerance of the attitude, rad."""
 
 
-class Halves:
+class HalfTrajectories:
     """Flights from rest to rest in an even number of periods, of thrusters that are equally strong."""
 
     def __init__(
@@ -109,7 +109,7 @@ class Halves:
         )
 
     def _needed(self, lean: float) -> float:
-        """What both halves gain together at least, m/s, see `halves_kernel.gained`."""
+        """Velocity that both halves gain together at least, m/s, see `halves_kernel.gained`."""
         ahead = self._ends[0].ahead
         (position, velocity, _) = self._radii
         return float(
@@ -143,7 +143,7 @@ class Halves:
         return after is not None and not self._meet(before, after)
 
     def _most(self, end: _End, pulses: int, lean: float) -> float:
-        """What so many pulses of a half can gain, m/s, or a little more."""
+        """Velocity that so many pulses of a half gain at most, m/s, or a little more."""
         if pulses == 0:
             return 0.0
         if (end, pulses, lean) not in self._best:
@@ -162,14 +162,14 @@ class Halves:
         return self._best[end, pulses, lean]
 
     def _gained(self, found: np.ndarray, end: _End, lean: float) -> float:
-        from rans.optimal.certificate.halves_kernel import gained
+        from rans.optimal.certificate.space.halves_kernel import gained
 
         how = (0.5 * self._time, end.ahead, self._time, end.tilt, end.sign * lean)
         return max(gained(one, *how) for one in found)
 
     def _all(self, end: _End, pulses: int, lean: float, least: float) -> np.ndarray | None:
         """(n, 13) states in the middle of all halves that gain so much; None if they are too many."""
-        from rans.optimal.certificate.halves_kernel import followed
+        from rans.optimal.certificate.space.halves_kernel import followed
 
         h = self._lattice.period
         ended = []

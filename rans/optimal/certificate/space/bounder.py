@@ -1,73 +1,107 @@
-"""What no on/off controller can beat in space, and controls that come near: see `spatial` for the bound.
+"""Certified least fuel and time in space, and controls that come near: `reach` has the bound.
 
 There is no branching: the bound is the dual value alone, rounded up to whole periods and pulses. Controls are
-looked for from more fuel than needed downwards, and from the least time upwards: see `spatial_search`.
+looked for from more fuel than needed downwards, and from the least time upwards: see `search`.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
-from rans.model.dynamics import SpatialState
+from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, check_steps
-from rans.optimal.certificate.halves import Halves
-from rans.optimal.certificate.lattice import GoalSet, rounded_up
-from rans.optimal.certificate.onoff import fuel
-from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.spatial_search import Wanted, arrived, in_time, with_pulses
-from rans.optimal.certificate.spatial_shares import throttled
+from rans.optimal.certificate.certificate import Effort, Found, Problem, Unreachable
+from rans.optimal.certificate.goal_set import GoalSet, rounded_up
+from rans.optimal.certificate.space.halves import HalfTrajectories
+from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
+from rans.optimal.certificate.space.search import Wanted, arrived, in_time, with_pulses
+from rans.optimal.certificate.space.throttled import throttled
 
 _INNER = (0.4, 1.0)
 """Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
 _LEVELS = 10
 """Numbers of periods whose processor time one search may take, throttled thrust with it."""
 _EVALUATIONS = 24
-"""Of the dual function, at most, 0.3 s each for 100 periods."""
+"""Evaluations of the dual function at most, 0.3 s each for 100 periods."""
 
 
-def least_fuel(
-    lattice: SpinLattice,
-    aims: Collection[str],
-    start: SpatialState,
-    goal: SpatialState,
-    steps: int,
-    goal_set: GoalSet,
-    effort: Effort,
-) -> Certificate:
-    """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
+class SpatialBounder:
+    """Bounds on/off control in space by the dual value alone, and searches for commands near it.
 
-    Raises:
-        Unreachable: no on/off controller can be in the goal set at that time.
-        ConfigError: see `ReachRelaxation`.
+    See `rans.optimal.certificate.certificate.Bounder`.
     """
-    check_steps(steps)
-    began = time.monotonic()
-    relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, steps)
-    loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
-    if math.isinf(loose):
-        raise Unreachable(
-            f"no on/off controller can reach the goal set in {steps} control periods of "
-            f"{lattice.period:g} s; the usual cause is too short a time."
-        )
-    dual, nodes = _raised(relaxation, (1.04, 1.04))
-    dual = max(loose, dual)
-    lower = lattice.next_fuel(dual, relaxation.last)
-    halves = Halves(lattice, aims, start, goal, goal_set, steps)
-    while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
-        lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
-    wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
-    found = _fewer(
-        wanted, steps, _pulses(lattice, lower), 2 if lattice.settled(relaxation.last) else 1
-    )
-    upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
-    commands = found if upper > 0.0 else None
-    return Certificate(lower, upper, commands, dual, nodes, time.monotonic() - began)
+
+    def __init__(self, lattice: SpinLattice) -> None:
+        self.lattice = lattice
+
+    @property
+    def craft(self) -> Spacecraft:
+        """Spacecraft that the bounds are of."""
+        return self.lattice.craft
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        return self.lattice.period
+
+    def contains(self, problem: Problem) -> bool:
+        """See `Bounder`."""
+        start, goal, goal_set, aims = problem
+        return arrived(start, goal, goal_set, "spin" in aims)
+
+    def can_stop(self, problem: Problem) -> bool:
+        """See `Bounder`; goals that spin have no bound either."""
+        start, goal, goal_set, aims = problem
+        return self.lattice.ends(aims, start, goal, goal_set)
+
+    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+        """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
+        start, goal, goal_set, aims = problem
+        lattice = self.lattice
+
+        # The bound: the better one of the dual's and the hull's, and levels that halves exclude.
+        relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, steps)
+        loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
+        if math.isinf(loose):
+            raise Unreachable.after(steps, lattice.period)
+        dual, nodes = _raised(relaxation, (1.04, 1.04))
+        dual = max(loose, dual)
+        lower = lattice.next_fuel(dual, relaxation.last)
+        halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
+        while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
+            lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
+
+        # Commands.
+        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
+        pair = 2 if lattice.settled(relaxation.last) else 1
+        found = _fewer(wanted, steps, _pulses(lattice, lower), pair)
+        return Found(lower, found, dual, nodes)
+
+    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+        """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
+        start, goal, goal_set, aims = problem
+        lattice = self.lattice
+        h = lattice.period
+
+        # The bound: the first number of periods that neither the hull nor the dual excludes.
+        loose = rounded_up(hull.least_time(lattice.craft, aims, start, goal, goal_set), h)
+        lower = max(1, round(loose / h))
+        nodes = 0
+        while lower <= most_steps:
+            relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0)
+            value, count = _raised(relaxation, (1.0,))
+            nodes += count
+            if value <= 0.0:
+                break
+            lower += 1
+
+        # Commands.
+        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
+        return Found(lower * h, _soonest(wanted, lower, most_steps), loose, nodes)
 
 
 def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | None:
@@ -90,42 +124,6 @@ def _pulses(lattice: SpinLattice, lower: float) -> int:
     """Fewest pulses of that fuel."""
     strongest = max(thruster.force for thruster in lattice.craft.thrusters)
     return math.ceil(lower / (strongest * lattice.period) - 1e-9)
-
-
-def least_time(
-    lattice: SpinLattice,
-    aims: Collection[str],
-    start: SpatialState,
-    goal: SpatialState,
-    most_steps: int,
-    goal_set: GoalSet,
-    effort: Effort,
-) -> Certificate:
-    """Least time in which any on/off controller can be in the goal set, up to so many control periods.
-
-    Raises:
-        ConfigError: see `ReachRelaxation`.
-    """
-    check_steps(most_steps)
-    began = time.monotonic()
-    h = lattice.period
-    if arrived(start, goal, goal_set, "spin" in aims):
-        return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
-    loose = rounded_up(hull.least_time(lattice.craft, aims, start, goal, goal_set), h)
-    lower = max(1, round(loose / h))
-    nodes = 0
-    while lower <= most_steps:
-        value, count = _raised(
-            ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0), (1.0,)
-        )
-        nodes += count
-        if value <= 0.0:
-            break
-        lower += 1
-    wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
-    found = _soonest(wanted, lower, most_steps)
-    upper = math.inf if found is None else len(found) * h
-    return Certificate(lower * h, upper, found, loose, nodes, time.monotonic() - began)
 
 
 def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:

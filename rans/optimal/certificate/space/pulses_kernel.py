@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.impulses_kernel import in_order, refined
-from rans.optimal.certificate.spatial_kernel import miss, step
+from rans.optimal.certificate.space.impulses_kernel import in_order, refined
+from rans.optimal.certificate.space.kernel import miss, step
 
 _NEAR = 0.5
 """Radii off, in the root of the sum of squares, from which on rounding is tried."""
@@ -178,7 +178,7 @@ def _opposite(products: np.ndarray, i: int, j: int) -> bool:
 
 
 @compiled
-def few(
+def fewest_pulses(
     now: np.ndarray,
     now_who: np.ndarray,
     steps: int,

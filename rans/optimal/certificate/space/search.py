@@ -16,31 +16,31 @@ import numpy as np
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.onoff import replay
-from rans.optimal.certificate.spatial import SpinLattice
+from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.reach import SpinLattice
 
 _INSIDE = 0.999
 """Share of the tolerances that the search keeps to; its flights are some micrometres off."""
 _SUBSTEPS = 8
-"""Of the replay in a period."""
+"""Substeps of the replay in a period."""
 _ROUNDED = np.array([0.6, 0.94, 0.57])
 """Shares of the tolerances of position, velocity and attitude that are left before instants of pulses are
 rounded to periods: half a period of one quantum of spin turns the free flyer by 1.7 degrees."""
 _TRIES = 4_000
 """Changes of one search for few pulses, 40 ms."""
 _DRAWS = 300
-"""Of pulses from shares, at most, until their torques cancel."""
+"""Draws of pulses from shares at most, until their torques cancel."""
 _JITTER = 1.0
-"""By how many periods pulses drawn are moved, at most."""
+"""Periods by which drawn pulses are moved at most."""
 _ROUNDINGS = 100
-"""Of shares, 3 ms, of which an attempt to arrive in few periods begins with the best."""
+"""Roundings of shares, 3 ms, with the best of which an attempt to arrive in few periods begins."""
 _CHANGES = 20_000
-"""Of such an attempt, 10 ms."""
+"""Changes of such an attempt, 10 ms."""
 
 
 class Wanted(NamedTuple):
-    """What commands are looked for."""
+    """Commands that are wanted: from where to where, and how long to search."""
 
     lattice: SpinLattice
     start: SpatialState
@@ -78,14 +78,14 @@ class Wanted(NamedTuple):
         )
 
     @property
-    def mates(self) -> np.ndarray:
+    def torque_pairs(self) -> np.ndarray:
         """(thrusters, thrusters): 1 where torques are the same, -1 where opposite, 0 else."""
         products = self.lattice.products
         squares = np.diag(self.lattice.products)
         same = (squares[:, None] == squares) & (np.abs(products) == squares)
-        mates = np.where(same, np.sign(products), 0)
-        mates[(squares[:, None] == 0) & (squares == 0)] = 1
-        return mates
+        torque_pairs = np.where(same, np.sign(products), 0)
+        torque_pairs[(squares[:, None] == 0) & (squares == 0)] = 1
+        return torque_pairs
 
     def reached(self, commands: np.ndarray) -> bool:
         """Whether a replay of commands (N, thrusters) ends in the goal set."""
@@ -112,7 +112,7 @@ def with_pulses(
 
     Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
     """
-    from rans.optimal.certificate.pulses_kernel import few
+    from rans.optimal.certificate.space.pulses_kernel import fewest_pulses
 
     lattice = wanted.lattice
     radii = wanted.radii
@@ -126,7 +126,7 @@ def with_pulses(
     while time.process_time() < deadline:
         random = np.random.default_rng(attempt)
         first = _drawn(wanted, shares[attempt % len(shares)], pulses, random)
-        miss = few(
+        miss = fewest_pulses(
             *first,
             steps,
             wanted.wrenches,
@@ -182,7 +182,7 @@ def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
 
     Attempts begin with roundings of one of the shares (N, thrusters) after another.
     """
-    from rans.optimal.certificate.spatial_kernel import anneal
+    from rans.optimal.certificate.space.kernel import anneal
 
     lattice = wanted.lattice
     deadline = time.process_time() + wanted.seconds
@@ -193,7 +193,7 @@ def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
         miss = anneal(
             commands,
             wanted.wrenches,
-            wanted.mates,
+            wanted.torque_pairs,
             *wanted.ends,
             wanted.radii,
             lattice.spin,
@@ -213,7 +213,7 @@ def _rounded(wanted: Wanted, shares: np.ndarray, random: np.random.Generator) ->
 
     At any time a thruster has been open for less than a period more or less than its shares say.
     """
-    from rans.optimal.certificate.spatial_kernel import fly, miss
+    from rans.optimal.certificate.space.kernel import fly, miss
 
     (start, goal) = wanted.ends
     radii = wanted.radii

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.ascent import scale, towards_goal
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.onoff import flown, fuel, nozzles, replay
+from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.ascent import scale, towards_goal
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.plane.onoff import flown, nozzles
 from tests.optimal.tiny import PERIOD, instance, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")

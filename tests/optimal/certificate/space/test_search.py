@@ -13,14 +13,14 @@ import pytest
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort
-from rans.optimal.certificate.impulses_kernel import _off, _projected, _slopes, refined
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.onoff import replay
-from rans.optimal.certificate.pulses_kernel import ended
-from rans.optimal.certificate.spatial import SpinLattice
-from rans.optimal.certificate.spatial_certificate import least_time
-from rans.optimal.certificate.spatial_search import (
+from rans.optimal.certificate.certificate import Effort, Problem, least_time
+from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.bounder import SpatialBounder
+from rans.optimal.certificate.space.impulses_kernel import _off, _projected, _slopes, refined
+from rans.optimal.certificate.space.pulses_kernel import ended
+from rans.optimal.certificate.space.reach import SpinLattice
+from rans.optimal.certificate.space.search import (
     Wanted,
     _drawn,
     _rounded,
@@ -29,8 +29,15 @@ from rans.optimal.certificate.spatial_search import (
     in_time,
     with_pulses,
 )
-from rans.optimal.certificate.spatial_shares import throttled
-from tests.optimal.certificate.test_spatial import FLYER, PERIOD, REST, TASK_SET, lopsided, moving
+from rans.optimal.certificate.space.throttled import throttled
+from tests.optimal.certificate.space.test_reach import (
+    FLYER,
+    PERIOD,
+    REST,
+    TASK_SET,
+    lopsided,
+    moving,
+)
 
 LATTICE = SpinLattice(FLYER, PERIOD)
 
@@ -234,7 +241,9 @@ def test_one_rounding_of_many_is_chosen() -> None:
 def test_commands_are_found_a_period_above_the_bound() -> None:
     """Two metres away: 2.8 s are excluded; in 3.2 s on/off commands arrive, by twice as many substeps too."""
     start, goal = _away()
-    found = least_time(LATTICE, REST, start, goal, 40, TASK_SET, Effort(20.0))
+    found = least_time(
+        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, Effort(20.0)
+    )
     assert found.lower == pytest.approx(3.0)
     assert found.upper == pytest.approx(3.2)
     assert found.commands is not None
@@ -249,7 +258,9 @@ def test_commands_at_the_edge_of_the_goal_set() -> None:
     """
     start = replace(still(1), p=Vec3(0.06, 0.0, 0.0), attitude=Quat(1.0, 0.0, 0.0, 0.0))
     goal = replace(start, p=Vec3(0.0, 0.0, 0.0))
-    found = least_time(LATTICE, REST, start, goal, 40, TASK_SET, Effort(20.0))
+    found = least_time(
+        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, Effort(20.0)
+    )
     assert found.upper == pytest.approx(0.4)
 
 

@@ -20,9 +20,10 @@ from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice, pulse, rounded_up
-from rans.optimal.certificate.onoff import replay
+from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.goal_set import GoalSet, pulse, rounded_up
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
 from tests.crafts import nasty_planar
 from tests.optimal.tiny import PERIOD, lopsided, through
 
@@ -220,9 +221,9 @@ def test_spin_off_the_lattice() -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     spinning = dataclasses.replace(rest, w=2.4 * lattice.spin)
     with pytest.raises(ConfigError, match=r"misses by 0\.121 rad/s"):
-        GoalSet().net_spins(lattice, spinning, rest)
-    assert GoalSet(spin=0.13).net_spins(lattice, spinning, rest) == {-2}
-    assert GoalSet(spin=0.2).net_spins(lattice, spinning, rest) == {-2, -3}
+        lattice.net_spins(GoalSet(), spinning, rest)
+    assert lattice.net_spins(GoalSet(spin=0.13), spinning, rest) == {-2}
+    assert lattice.net_spins(GoalSet(spin=0.2), spinning, rest) == {-2, -3}
 
 
 @pytest.mark.parametrize("key", ["position", "velocity", "heading", "spin"])
@@ -254,12 +255,10 @@ def test_heading_drifts_with_the_square_of_time() -> None:
 
 
 def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    import rans.optimal.certificate as package
-
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("compiled", "lattice_kernel"):
+    for name in ("compiled", "plane.lattice_kernel"):
         monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
-        monkeypatch.delattr(package, name, raising=False)
+        monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="pip install numba"):
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)

@@ -14,11 +14,11 @@ from rans.model.body import Body
 from rans.model.dynamics import SpatialState, advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.halves import Halves
-from rans.optimal.certificate.halves_kernel import gained
-from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.certificate.spatial import SpinLattice
-from tests.optimal.certificate.test_spatial import PERIOD, POSE, REST, _craft, _near, lopsided
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.space.halves import HalfTrajectories
+from rans.optimal.certificate.space.halves_kernel import gained
+from rans.optimal.certificate.space.reach import SpinLattice
+from tests.optimal.certificate.space.test_reach import PERIOD, POSE, REST, _craft, _near, lopsided
 
 SET = GoalSet(0.01, 0.02, 0.05, 0.1)
 STEPS = 8
@@ -90,7 +90,7 @@ def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
     ):
         goal = replace(STILL, p=Vec3(float(far), 0.0, 0.0), attitude=turned(angle, about))
         reached = arrives(flown, goal)
-        excluded = Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+        excluded = HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
         assert not (reached and excluded)
         assert reached or excluded or far < 0.155
         answers.append(reached)
@@ -104,7 +104,7 @@ def test_a_start_that_moves(flown: Any) -> None:
         start = replace(STILL, v=Vec3(*along))
         passing = goal.p + Vec3(*along).scale(1.6)
         moved = replace(goal, p=passing, v=Vec3(*along))
-        assert Halves(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(
+        assert HalfTrajectories(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(
             flown, goal
         )
 
@@ -119,14 +119,14 @@ def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> N
     for more, reached in ((0.0, True), (0.04, False)):
         goal = replace(STILL, p=Vec3(farthest + more, 0.0, 0.0), v=Vec3(ahead * fast, 0.0, 0.0))
         assert arrives(flown, goal) is reached
-        assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4) is not reached
+        assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4) is not reached
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.4, -0.4])
 def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
     """All 560 of three pulses in four periods, flown by the engines, that gain six tenths of the most."""
     goal = replace(STILL, p=Vec3(0.17, 0.05, 0.0))
-    halves = Halves(LATTICE, REST, STILL, goal, SET, STEPS)
+    halves = HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS)
     end = halves._ends[0]
     commands, final = every(3, STEPS // 2)
     states = np.column_stack([np.broadcast_to(x, len(commands)) for x in leaves(final)])
@@ -160,16 +160,18 @@ def test_what_gains_is_the_integral_along_the_way() -> None:
 def test_what_it_is_not_for() -> None:
     """Spins at either end, unequal thrusters, odd numbers of periods, or any spin at the end."""
     goal = replace(STILL, p=Vec3(0.2, 0.0, 0.0))
-    assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+    assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
     spinning = replace(STILL, w=Vec3(0.0, 0.0, LATTICE.spin))
-    assert not Halves(LATTICE, REST, spinning, goal, SET, STEPS).exclude(4)
-    assert not Halves(LATTICE, REST, STILL, goal, SET, STEPS - 1).exclude(4)
-    assert not Halves(LATTICE, POSE, STILL, goal, SET, STEPS).exclude(4)
-    assert not Halves(SpinLattice(lopsided(), PERIOD), REST, STILL, goal, SET, STEPS).exclude(4)
+    assert not HalfTrajectories(LATTICE, REST, spinning, goal, SET, STEPS).exclude(4)
+    assert not HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS - 1).exclude(4)
+    assert not HalfTrajectories(LATTICE, POSE, STILL, goal, SET, STEPS).exclude(4)
+    assert not HalfTrajectories(
+        SpinLattice(lopsided(), PERIOD), REST, STILL, goal, SET, STEPS
+    ).exclude(4)
 
 
 def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
-    assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
-    monkeypatch.setattr("rans.optimal.certificate.halves._ROOM", 3)
-    assert not Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+    assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+    monkeypatch.setattr("rans.optimal.certificate.space.halves._ROOM", 3)
+    assert not HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)

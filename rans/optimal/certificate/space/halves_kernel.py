@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.spatial_kernel import rotated, step
+from rans.optimal.certificate.space.kernel import rotated, step
 
 
 @compiled

@@ -18,12 +18,21 @@ from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate import certificate, hull
-from rans.optimal.certificate.ascent import Ascent, Cut
-from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.onoff import fuel, replay
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    Effort,
+    Problem,
+    least_fuel,
+    least_time,
+)
+from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane import bounder
+from rans.optimal.certificate.plane.ascent import Ascent, Cut
+from rans.optimal.certificate.plane.bounder import PlanarBounder
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
@@ -50,7 +59,7 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
     start, goal, flown = instance(craft, steps, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
     best = flown.fuel[reached].min()
-    answer = least_fuel(Lattice(craft, PERIOD), start, goal, steps, SNUG)
+    answer = least_fuel(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), steps)
     assert answer.lower <= best + 1e-12
     assert answer.upper >= best - 1e-12
     assert answer.commands is not None
@@ -71,7 +80,7 @@ def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spa
     for k in np.random.default_rng(3).integers(0, len(flown.fuel), 12):
         goal = map_leaves(lambda x, k=k: float(x[k]), flown.final)
         reached = flown.arrived(goal, tight, ("position", "velocity", "heading", "spin"))
-        answer = least_fuel(lattice, start, goal, 2, tight)
+        answer = least_fuel(PlanarBounder(lattice), Problem(start, goal, tight), 2)
         assert answer.lower <= flown.fuel[reached].min() + 1e-12
         assert answer.upper == pytest.approx(flown.fuel[reached].min())
 
@@ -87,7 +96,7 @@ def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
         for steps in (1, 2, 3)
         if fly_everything(craft, start, steps).arrived(goal, SNUG, names).any()
     )
-    answer = least_time(Lattice(craft, PERIOD), start, goal, most, SNUG)
+    answer = least_time(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), most)
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
 
 
@@ -112,7 +121,9 @@ def test_least_time_of_failed_thrusters(
     first = next(
         k for k, one in enumerate(both, 1) if one.arrived(goal, SNUG, names)[possible(one)].any()
     )
-    answer = least_time(Lattice(craft, PERIOD, dead, stuck), start, goal, 2, SNUG)
+    answer = least_time(
+        PlanarBounder(Lattice(craft, PERIOD, dead, stuck)), Problem(start, goal, SNUG), 2
+    )
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
     assert answer.commands is not None
     assert (answer.commands[:, list(dead)] == 0).all()
@@ -136,7 +147,7 @@ def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
     for start, goal, name in ((wrong, rest, "start"), (rest, wrong, "goal")):
         for ask in (least_fuel, least_time):
             with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
-                ask(lattice, start, goal, 5)
+                ask(PlanarBounder(lattice), Problem(start, goal), 5)
 
 
 @pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
@@ -144,7 +155,7 @@ def test_periods_are_counted(steps: Any) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     for ask in (least_fuel, least_time):
         with pytest.raises(ConfigError, match="at least one control period"):
-            ask(Lattice(PLATFORM, PERIOD), rest, rest, steps)
+            ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
 
 
 def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> None:
@@ -152,7 +163,11 @@ def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> 
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     goal = PlanarState(Vec2(0.005, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="reach the goal set in 2 control periods"):
-        least_fuel(Lattice(PLATFORM, PERIOD), rest, goal, 2, GoalSet(1e-6, 1e-6, 0.03))
+        least_fuel(
+            PlanarBounder(Lattice(PLATFORM, PERIOD)),
+            Problem(rest, goal, GoalSet(1e-6, 1e-6, 0.03)),
+            2,
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -163,10 +178,10 @@ def test_without_patience_bounds_hold(seed: int, monkeypatch: pytest.MonkeyPatch
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
     lattice = Lattice(PLATFORM, PERIOD)
     hasty = Effort(seconds=1e-9)
-    fuel_answer = least_fuel(lattice, start, goal, 2, SNUG, hasty)
+    fuel_answer = least_fuel(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
     assert 0 < fuel_answer.lower <= flown.fuel[reached].min() + 1e-12
     assert (fuel_answer.upper, fuel_answer.commands, fuel_answer.nodes) == (math.inf, None, 0)
-    time_answer = least_time(lattice, start, goal, 2, SNUG, hasty)
+    time_answer = least_time(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
     assert time_answer.lower <= 2 * PERIOD
     assert time_answer.upper == math.inf
 
@@ -181,14 +196,14 @@ def test_least_time_against_brute_force(seed: int) -> None:
         return bool(fly_everything(craft, start, steps).arrived(goal, SNUG, names).any())
 
     first = next(steps for steps in (1, 2, 3) if reachable(steps))
-    answer = least_time(Lattice(craft, PERIOD), start, goal, 3, SNUG)
+    answer = least_time(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), 3)
     assert answer.lower == pytest.approx(first * PERIOD)
     assert answer.upper == pytest.approx(first * PERIOD)
 
 
 def test_platform_from_3_metres() -> None:
     start, goal = (map_leaves(lambda x: float(x[3]), state) for state in first_four(2023))
-    answer = least_fuel(Lattice(PLATFORM, 0.2), start, goal, 50)
+    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(start, goal), 50)
     assert answer.commands is not None
     assert answer.commands.shape == (50, 8)
     assert set(np.unique(answer.commands)) <= {0.0, 1.0}
@@ -221,7 +236,9 @@ def test_starts_that_move_and_spin(seed: int) -> None:
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     lattice = Lattice(PLATFORM, PERIOD)
     goals = GoalSet(0.08, 0.08, 0.3, spin=0.5 * lattice.spin)
-    answer = least_time(lattice, start, goal, 25, goals, Effort(2.0, levels=6))
+    answer = least_time(
+        PlanarBounder(lattice), Problem(start, goal, goals), 25, Effort(2.0, levels=6)
+    )
     assert answer.commands is not None
     rows = rows_from_states(start)[None]
     for command in answer.commands:
@@ -236,7 +253,7 @@ def test_starts_that_move_and_spin(seed: int) -> None:
 
 def test_already_there_costs_nothing() -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    answer = least_fuel(Lattice(PLATFORM, 0.2), rest, rest, 5)
+    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
     assert (answer.lower, answer.upper) == (0.0, 0.0)
 
 
@@ -244,10 +261,12 @@ def test_out_of_reach_is_a_sentence() -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     far = PlanarState(Vec2(30.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="too short a time"):
-        least_fuel(Lattice(PLATFORM, 0.2), rest, far, 10)
-    assert least_time(Lattice(PLATFORM, 0.2), rest, far, 6).lower == pytest.approx(7 * 0.2)
+        least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
+    assert least_time(
+        PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
+    ).lower == pytest.approx(7 * 0.2)
     with pytest.raises(ConfigError, match="at least one control period"):
-        least_fuel(Lattice(PLATFORM, 0.2), rest, far, 0)
+        least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
 
 
 def test_effort_refuses() -> None:
@@ -257,11 +276,11 @@ def test_effort_refuses() -> None:
 
 def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
     """One attitude left, no commands found for it and nothing to branch on: the level stays open."""
-    monkeypatch.setattr("rans.optimal.certificate.certificate._parts", lambda *_: [])
-    monkeypatch.setattr("rans.optimal.certificate.certificate._commands", lambda *_: None)
+    monkeypatch.setattr("rans.optimal.certificate.plane.bounder._parts", lambda *_: [])
+    monkeypatch.setattr("rans.optimal.certificate.plane.bounder._commands", lambda *_: None)
     start, goal, flown = instance(PLATFORM, 2, 0)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
-    answer = least_fuel(Lattice(PLATFORM, PERIOD), start, goal, 2, SNUG)
+    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(start, goal, SNUG), 2)
     assert answer.lower <= flown.fuel[reached].min() + 1e-12
     assert answer.commands is None
 
@@ -286,16 +305,17 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     def decide(relaxation: Relaxation, *_: object) -> Any:
         end = ends[min(relaxation.steps, len(ends)) - 1]
         fired = np.ones((relaxation.steps, 4))
-        return certificate._Outcome(
+        return bounder._Outcome(
             excluded=end == "x", commands=fired if end == "c" else None, nodes=2
         )
 
-    monkeypatch.setattr(certificate, "_decide", decide)
+    monkeypatch.setattr(bounder, "_decide", decide)
     root = SimpleNamespace(best=SimpleNamespace(value=0.0))
-    monkeypatch.setattr(certificate, "_root_ascent", lambda *_: root)
+    monkeypatch.setattr(bounder, "_root_ascent", lambda *_: root)
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     away = dataclasses.replace(rest, p=Vec2(1.0, 0.0))
-    found = least_time(Lattice(doubled(), PERIOD), away, rest, len(ends), effort=Effort(levels=3))
+    craft = PlanarBounder(Lattice(doubled(), PERIOD))
+    found = least_time(craft, Problem(away, rest), len(ends), Effort(levels=3))
     assert (found.lower, found.upper) == pytest.approx(bounds)
     assert found.nodes == 2 * len(ends) if ends != "???c" else 6
     assert (found.commands is not None) == math.isfinite(bounds[1])
@@ -312,7 +332,7 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     ],
 )
 def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
-    assert certificate.Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
+    assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
 
 
 def test_parts_share_out_a_branch() -> None:
@@ -337,7 +357,7 @@ def test_parts_share_out_a_branch() -> None:
         cuts = [Cut(0.0, np.zeros(4), np.array(path)) for path in mixture]
         best: Any = None
         found = Ascent(best, cuts, np.full(len(cuts), 1.0 / len(cuts)))
-        parts = certificate._parts(relaxation, relaxation.everything, found)
+        parts = bounder._parts(relaxation, relaxation.everything, found)
         held = np.array([[relaxation.inside(path, part) for path in paths] for part in parts])
         assert held.shape == (2, len(paths))
         assert (held.sum(axis=0) == 1).all()

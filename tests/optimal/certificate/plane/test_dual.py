@@ -15,10 +15,11 @@ from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.timing import Timing
-from rans.optimal.certificate.ascent import ascend, scale, towards_goal
-from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.onoff import fuel, replay
+from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
+from rans.optimal.certificate.plane.dual import Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.tasks import GoToPose

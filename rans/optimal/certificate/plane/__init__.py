@@ -1,0 +1,1 @@
+"""Certified bounds of on/off control in the plane, by branch and bound over attitude."""

@@ -1,0 +1,240 @@
+"""Branch and bound over attitude: certified least fuel and time in the plane.
+
+A branch is a set of windows on the lattice, its bound the dual value of `rans.optimal.certificate.plane.dual`,
+which exact dynamic programming gives. docs/certificate.md has the proofs.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.certificate import Effort, Found, Problem, Unreachable
+from rans.optimal.certificate.plane.ascent import Ascent, Cut, ascend, scale, towards_goal
+from rans.optimal.certificate.plane.dual import Branch, Relaxation
+from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.plane.onoff import flown, nozzles
+
+
+@dataclass
+class _Outcome:
+    """Result for one level of fuel or time: excluded, reached by commands, or neither."""
+
+    excluded: bool = False
+    commands: np.ndarray | None = None
+    nodes: int = 0
+
+
+class _Node(NamedTuple):
+    bound: float
+    order: int
+    branch: Branch
+    costate: np.ndarray
+    cuts: list[Cut]
+
+
+class PlanarBounder:
+    """Bounds on/off control of a planar craft by branch and bound over its lattice of attitudes.
+
+    See `rans.optimal.certificate.certificate.Bounder`. The goal set always asks for the goal's spin.
+    """
+
+    def __init__(self, lattice: Lattice) -> None:
+        self.lattice = lattice
+
+    @property
+    def craft(self) -> Spacecraft:
+        """Spacecraft that the bounds are of."""
+        return self.lattice.craft
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+        return self.lattice.period
+
+    def contains(self, problem: Problem) -> bool:
+        """See `Bounder`."""
+        return problem.goal_set.contains(problem.start, problem.goal)
+
+    def can_stop(self, problem: Problem) -> bool:
+        """See `Bounder`."""
+        try:
+            self.lattice.net_spins(problem.goal_set, problem.start, problem.goal)
+        except ConfigError:
+            return False
+        return True
+
+    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+        """See `Bounder`; the `ConfigError` is that of `Relaxation`."""
+        lattice = self.lattice
+        nodes = 0
+        open_levels = 0
+        outcome = _Outcome()
+        relaxation, root = _root(lattice, problem, steps, 8.0 * lattice.grain)
+        lower = lattice.next_fuel(root.best.value, relaxation.net)
+        for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
+            if level > (relaxation.cap or 0.0):
+                relaxation, root = _root(lattice, problem, steps, level)
+            outcome = _decide(relaxation, root, level, effort)
+            nodes += outcome.nodes
+            open_levels += not outcome.excluded
+            if outcome.commands is not None or open_levels == effort.levels:
+                break
+            if open_levels == 0:
+                lower = lattice.fuel_above(level, relaxation.net)
+        if open_levels == 0:
+            raise Unreachable.after(steps, lattice.period)
+        return Found(lower, outcome.commands, root.best.value, nodes)
+
+    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+        """See `Bounder`; the `ConfigError` is that of `Relaxation`."""
+        lattice = self.lattice
+        nodes = 0
+        open_levels = 0
+        outcome = _Outcome()
+        lower = dual = None
+        for steps in range(1, most_steps + 1):
+            relaxation = Relaxation(
+                lattice, problem.start, problem.goal, problem.goal_set, steps, None, fuel=0.0
+            )
+            root = _root_ascent(relaxation, 0.0)
+            if root.best.value > 0:
+                continue
+            dual = dual or steps
+            outcome = _decide(relaxation, root, 0.0, effort)
+            nodes += outcome.nodes
+            if outcome.excluded:
+                continue
+            lower = lower or steps
+            open_levels = open_levels + 1
+            if outcome.commands is not None or open_levels == effort.levels:
+                break
+        lower = lower or most_steps + 1
+        return Found(
+            lower * lattice.period, outcome.commands, (dual or lower) * lattice.period, nodes
+        )
+
+
+def _root(lattice: Lattice, problem: Problem, steps: int, cap: float) -> tuple[Relaxation, Ascent]:
+    """The relaxation with a cap on fuel that its own bound does not exclude."""
+    everything = lattice.most_fuel(steps)
+    while True:
+        relaxation = Relaxation(
+            lattice, problem.start, problem.goal, problem.goal_set, steps, min(cap, everything)
+        )
+        root = _root_ascent(relaxation, cap)
+        if root.best.value <= cap:
+            return relaxation, root
+        if cap >= everything:
+            raise Unreachable.after(steps, lattice.period)
+        cap *= 1.5
+
+
+def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Iterator[float]:
+    """Fuels to decide about, from this one on; the last is all there is, N s."""
+    while level < most:
+        yield level
+        level = lattice.next_fuel(level + 0.5 * lattice.grain, net)
+    yield most
+
+
+def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
+    return ascend(
+        relaxation,
+        relaxation.reachable(),
+        towards_goal(relaxation),
+        [],
+        target,
+        0.01 * relaxation.lattice.grain,
+        trust=0.5,
+        most=60,
+    )
+
+
+def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
+    """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
+    outcome = _Outcome()
+    seen = set()
+    order = itertools.count()
+    deadline = time.process_time() + effort.seconds
+    heap = [_node(relaxation, root, relaxation.reachable(), level, next(order))]
+    closed = True
+    while heap and time.process_time() < deadline:
+        node = heapq.heappop(heap)
+        outcome.nodes += 1
+        patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
+        found = ascend(
+            relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15
+        )
+        if found.best.value > level:
+            continue
+        outcome.commands = _commands(relaxation, found, level, effort, seen)
+        if outcome.commands is not None:
+            return outcome
+        parts = _parts(relaxation, relaxation.shrunk(found.best.costate, node.branch, level), found)
+        closed = closed and bool(parts)
+        for part in parts:
+            heapq.heappush(heap, _node(relaxation, found, part, level, next(order)))
+    outcome.excluded = closed and not heap
+    return outcome
+
+
+def _node(
+    relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, order: int
+) -> _Node:
+    branch = relaxation.shrunk(parent.best.costate, branch, level)
+    cuts = [cut for cut in parent.cuts if relaxation.inside(cut.path, branch)]
+    return _Node(parent.best.value, order, branch, parent.best.costate / scale(relaxation), cuts)
+
+
+def _commands(
+    relaxation: Relaxation, found: Ascent, level: float, effort: Effort, seen: set[bytes]
+) -> np.ndarray | None:
+    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
+    for index in np.argsort(-found.weights)[:2]:
+        path = found.cuts[index].path
+        commands = flown(relaxation, path, level)
+        turns = relaxation.lattice.patterns.torque[path].tobytes()
+        if commands is None and turns not in seen:
+            seen.add(turns)
+            commands = nozzles(relaxation, path, found.best, level, effort.nozzle_seconds)
+        if commands is not None:
+            return commands
+    return None
+
+
+def _parts(relaxation: Relaxation, branch: Branch, found: Ascent) -> list[Branch]:
+    """Two halves of a branch, so that the mixture of paths that solves its relaxation is in neither.
+
+    Split by heading where the mixture's headings differ most, else by pattern where those do, else in
+    the middle of the widest range of headings; none where one attitude is left and no mixture.
+    """
+    weights = found.weights / max(found.weights.sum(), 1e-300)
+    headings = np.array([relaxation.heading_indices(cut.path) for cut in found.cuts])
+    mean = weights @ headings
+    spread = weights @ (headings - mean) ** 2
+    k = int(spread.argmax())
+    if spread[k] > 1e-6:
+        return [branch.at_most(k, math.floor(mean[k])), branch.above(k, math.floor(mean[k]))]
+    paths = np.array([cut.path for cut in found.cuts])
+    force = relaxation.lattice.patterns.force
+    mean = weights @ force[paths]
+    spread = weights @ np.abs(force[paths] - mean) ** 2
+    k = int(spread.argmax())
+    if spread[k] > 1e-6:
+        farthest = force[paths[:, k]][np.argmax(weights * np.abs(force[paths[:, k]] - mean[k]))]
+        side = ((force - mean[k]) * np.conj(farthest - mean[k])).real > 0
+        return [branch.using(k, side), branch.using(k, ~side)]
+    lowest, highest = branch.range()
+    k = int((highest - lowest).argmax())
+    middle = int(lowest[k] + highest[k]) // 2
+    return [branch.at_most(k, middle), branch.above(k, middle)] if lowest[k] < highest[k] else []

@@ -1,0 +1,90 @@
+"""Constraints of a task: the MPC and the MPPI keep them, and the other controllers say that they do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+
+from rans.flight import fly
+from rans.model.actuators import Throttle
+from rans.model.fields import Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.mpc import MPC
+from rans.optimal.control.sampling import MPPI
+from rans.optimal.control.switching import Switching
+from rans.scenario import scenarios
+from rans.tasks import GoToPosition
+from tests.crafts import deputy
+
+THROTTLED = replace(load_spacecraft("floating-platform"), actuators=Throttle())
+TIMING = Timing(episode_steps=100)
+
+
+@dataclass(frozen=True)
+class Slow(GoToPosition):
+    """0.3 m/s at most: the controllers of free motion fly at up to 1 m/s."""
+
+    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
+        return {"speed": 0.3 - state.v.norm()}
+
+
+@dataclass(frozen=True)
+class Around(GoToPosition):
+    """A ball of 0.4 m beside the straight way from (2, 0.1) m, which the goal notes."""
+
+    def sample(self, random: Any) -> tuple[Any, Any]:
+        start, goal = super().sample(random)
+        zero = 0.0 * start.p.x
+        away = replace(start, p=Vec2(zero + 2.0, zero + 0.1))
+        return away, replace(goal, notes=(zero + 1.0, zero - 0.1))
+
+    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
+        x, y = goal.notes
+        return {"ball": (state.p - Vec2(x, y)).norm() - 0.4}
+
+
+@pytest.mark.parametrize(
+    ("craft", "task", "period"),
+    [(deputy(), Slow().for_evaluation(), 0.5), (THROTTLED, Around(), 0.2)],
+    ids=["speed", "ball"],
+)
+def test_the_mpc_keeps_margins_and_arrives(craft: Spacecraft, task: Any, period: float) -> None:
+    """Up to what linearising costs: a millimetre, or a millimetre a second, where nothing turns much."""
+    timing = Timing(control_period=period, episode_steps=100)
+    starts = scenarios(task, craft, 11, 2)
+    flight = fly(craft, task, MPC(craft, task, timing), starts, timing)
+    [margin] = flight.margins.values()
+    assert margin.min() > -2e-3
+    assert margin.min() < 0.02  # and not for want of thrust
+    assert flight.errors()["position"][-10:].max() < 0.05
+    with pytest.warns(UserWarning, match="LQR does not know the constraints of"):
+        careless = LQR(craft, task, timing)
+    [without] = fly(craft, task, careless, starts, timing).margins.values()
+    assert without.min() < -0.05
+
+
+def test_the_mppi_keeps_a_speed_that_it_sees_in_time() -> None:
+    """Pulses change its speed by 0.1 m/s, which its plans foresee."""
+    craft = load_spacecraft("floating-platform")
+    task = Slow().for_evaluation()
+    starts = scenarios(task, craft, 12, 2)
+    flight = fly(craft, task, MPPI(craft, task, TIMING), starts, TIMING)
+    assert flight.margins["speed"].min() >= 0.0
+    assert flight.errors()["position"][-1].max() < 1.0
+
+
+@pytest.mark.parametrize("kind", [LQR, Switching, VelocityToGain], ids=lambda kind: kind.name)
+def test_others_say_that_they_may_violate_them(kind: Any) -> None:
+    with pytest.warns(UserWarning, match=f"{kind.name} does not know the constraints of Slow"):
+        kind(THROTTLED, Slow(), TIMING)
+
+
+def test_no_constraint_changes_nothing(recwarn: pytest.WarningsRecorder) -> None:
+    LQR(THROTTLED, GoToPosition(), TIMING)
+    assert not recwarn.list
