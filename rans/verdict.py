@@ -214,12 +214,7 @@ class FlightAccumulator:
         instant = setting.timing.step(outcome.episode.clock)
         late = instant > steps - last_fifth(steps)
         lost = going & ~finite(*leaves(outcome.episode.state))
-        new = self.at(instant, late, outcome.reached, outcome.terminated, lost)
-        settled = new.settled
-        won = self.won
-        if won is not None:
-            won = won | (going & outcome.done)
-            settled = where(going, where(outcome.done, instant, instant + 1), self.settled)
+        new = self.at(instant, late, outcome.reached, outcome.terminated, lost, outcome.done)
         violated = self.violated
         for margin in outcome.margins.values():
             violated = violated | (going & (margin < 0.0))
@@ -233,23 +228,18 @@ class FlightAccumulator:
                 where(late & going & (errors[name] > largest), errors[name], largest)
                 for name, largest in zip(setting.task.tolerances(), worst, strict=True)
             )
-        return FlightAccumulator(
-            new.going,
-            new.lost,
-            new.inside,
-            new.missed,
-            new.left,
-            settled,
-            effort,
-            worst,
-            won,
-            violated,
-        )
+        return replace(new, effort=effort, worst=worst, violated=violated)
 
     def at(
-        self, instant: Field, late: Field, reached: Field, terminated: Field, lost: Field
+        self,
+        instant: Field,
+        late: Field,
+        reached: Field,
+        terminated: Field,
+        lost: Field,
+        done: Field | None,
     ) -> FlightAccumulator:
-        """Verdict at the next instant, without effort and largest errors.
+        """Verdict at the next instant; effort, largest errors and violations stay as they are.
 
         Args:
             instant: its number.
@@ -257,23 +247,30 @@ class FlightAccumulator:
             reached: see `rans.episode.Outcome`.
             terminated: see `rans.episode.Outcome`.
             lost: whether a number of the state is no longer finite there.
+            done: whether the mission is won; of tasks that cannot be won nothing is asked.
         """
         inside = reached & self.going & ~terminated
-        return FlightAccumulator(
-            going=self.going & ~terminated,
+        settled = where(inside, self.settled, instant + 1)
+        if self.won is not None:
+            settled = where(self.going, where(done, instant, instant + 1), self.settled)
+        return replace(
+            self.without_instant(terminated, done),
             lost=self.lost | lost,
             inside=inside,
             missed=self.missed | (late & ~inside),
             left=self.left | (late & self.inside & ~inside),
-            settled=where(inside, self.settled, instant + 1),
+            settled=settled,
         )
 
-    def without_instant(self, terminated: Field) -> FlightAccumulator:
+    def without_instant(self, terminated: Field, done: Field | None) -> FlightAccumulator:
         """Verdict after a step before the last fifth, where only ``held`` and ``failed`` are asked for.
 
         It is one operation in place of a dozen, each of which takes a GPU's time.
         """
-        return replace(self, going=self.going & ~terminated)
+        won = self.won
+        if won is not None:
+            won = won | (self.going & done)
+        return replace(self, going=self.going & ~terminated, won=won)
 
     def failure(self) -> Field:
         """Number of a `Failure` of flights that have ended, int; 0: solved."""

@@ -116,10 +116,11 @@ class Selection:
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)
             # Once an episode is over, the steps of the one that follows it change no verdict.
+            done = None if verdict.won is None else step.terminated & step.reached
             if late:
-                verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost)
+                verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost, done)
             else:
-                verdict = verdict.without_instant(step.terminated)
+                verdict = verdict.without_instant(step.terminated, done)
         return torch.cat((duty[:, None], mean(verdict.solved)[:, None], total / last), dim=1)
 
 
