@@ -61,7 +61,7 @@ def contestant(
                 f"RUN {spec}."
             )
         return LoadedRun(
-            user_policy(spec, default_setup.craft, default_setup.task, trust), *default_setup
+            user_policy(spec, default_setup.craft, default_setup.task, trust), *default_setup[:4]
         )
     kind, name, part = _parse(spec)
     if kind == PREFIX:
