@@ -67,6 +67,9 @@ class Train:
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
+    algorithm: Literal["ppo", "gradient"] | None = None
+    """What learns: ppo, or the gradient of the return through the motion, for throttled thrusters
+    (docs/training.md); by default ppo."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
     plain: bool = False
@@ -129,7 +132,7 @@ class Train:
         table = json.loads(json.dumps(to_table(begun)))
         if self.config is not None and self.spacecraft is None:
             SPACECRAFT.check_file(table["spacecraft"], self.config)
-        for name in ("spacecraft", "seed", "device", "total_timesteps"):
+        for name in ("spacecraft", "seed", "device", "total_timesteps", "algorithm"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
         if self.conditions is not None:
@@ -215,8 +218,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         else "Out of steps, not solved"
     )
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
-    by_hand = trainer.learner.by_hand
-    way = f", gradients in {by_hand.way}" if by_hand else ""
+    way = f", {trainer.learner.way}" if trainer.learner.way else ""
     text = (
         f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
         f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "

@@ -69,7 +69,7 @@ def learned(model: Learner) -> dict[str, Any]:
         "random": state["generators"],
         "memory": state["memory"],
         "engine": model.engine.save_state()["buffers"],
-        "log": [statistics(numbers, model.engine, 384, 128) for numbers in said],
+        "log": [statistics(numbers, model.learner, 384, 128) for numbers in said],
     }
 
 

@@ -171,14 +171,14 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
 
 def test_returns_and_lengths_by_the_names_of_sb3() -> None:
     """160 steps in which 4 episodes ended, at 0.25 a step by hand: 40 steps and a return of 10 each."""
-    engine = Engine(PLATFORM, NEAR, 16, SHORT)
-    terms = [0.0] * (len(engine.term_names) - 2)
+    learner = tiny_learner()
+    terms = [0.0] * (len(learner.engine.term_names) - 2)
     told = statistics(
-        [0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], engine, 160, 160
+        [0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], learner, 160, 160
     )
     assert (told["rollout/ep_len_mean"], told["rollout/ep_rew_mean"]) == (40.0, 10.0)
     none = statistics(
-        [0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], engine, 160, 160
+        [0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], learner, 160, 160
     )
     assert "rollout/ep_rew_mean" not in none
 
@@ -187,7 +187,7 @@ def test_what_an_iteration_says() -> None:
     learner = tiny_learner()
     for _ in range(3):
         learner.collect()
-    told = statistics(learner.update().tolist()[0], learner.engine, 128, 128)
+    told = statistics(learner.update().tolist()[0], learner, 128, 128)
     rollout = learner.rollout
     terms = learner.engine.term_names
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
@@ -249,7 +249,7 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     )
     learner.collect()
     with pytest.raises(NonFiniteState, match="not finite after 128 steps"):
-        statistics(learner.update().tolist()[0], learner.engine, 128, 128)
+        statistics(learner.update().tolist()[0], learner, 128, 128)
 
 
 def rate_after(learner: Learner, divergence: float, times: int = 1) -> float:
