@@ -25,7 +25,6 @@ from rans.fast.learn.config import Coefficients, GradientSettings, PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.actuators import Throttle
-from rans.model.fields import map_leaves
 
 
 class GradientLearner:
@@ -145,7 +144,7 @@ class GradientLearner:
             action = output.policy.sample(uniform)
             command = Inward.apply(action)
             after = network.remember(columns, memory, command, output)
-            step, episode = engine.stepped(_sound(episode), command)
+            step, episode = engine.stepped(episode, command)
             with torch.no_grad():
                 acted = Acted(action, output.policy.log_prob(action), output.value, command, after)
                 remember(observation, acted, told, step, slot, rollout)
@@ -296,21 +295,6 @@ class Inward(torch.autograd.Function):
         (gradient,) = gradients
         outwards = ((action <= 0.0) & (gradient > 0.0)) | ((action >= 1.0) & (gradient < 0.0))
         return gradient.masked_fill(outwards, 0.0)
-
-
-def _sound(episode: Episode) -> Episode:
-    """The same episodes, whose state passes back no gradient that is not a number.
-
-    Roots have none at zero: of a speed at rest, for one. There the spacecraft's own is left out.
-    """
-
-    def sound(x: Any) -> Any:
-        if isinstance(x, Tensor) and x.requires_grad:
-            x = x.view_as(x)  # not a hook of a tensor that something else holds
-            x.register_hook(lambda gradient: torch.nan_to_num(gradient, 0.0, 0.0, 0.0))
-        return x
-
-    return map_leaves(sound, episode)
 
 
 def _weights(network: Network) -> dict[str, Tensor]:

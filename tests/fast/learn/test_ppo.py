@@ -11,7 +11,7 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.member import begin, statistics
-from rans.fast.learn.ppo import STATISTICS, Learner, losses
+from rans.fast.learn.ppo import STATISTICS, PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
 from tests.fast.test_policy import seen
@@ -27,7 +27,9 @@ ONE_BATCH: dict[str, Any] = {
 HEADS = pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 
 
-def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> tuple[Learner, Any]:
+def filled(
+    craft: Any = PLATFORM, continuous: bool = False, **settings: Any
+) -> tuple[PPOLearner, Any]:
     """A learner in float64 with an invented rollout, and SB3's own PPO with the same in its buffer.
 
     The log-probabilities are of another policy, so that ratios are far from one and are clipped;
@@ -66,7 +68,7 @@ def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> 
     return learner, twin
 
 
-def _fill(twin: Any, learner: Learner, last: Tensor) -> None:
+def _fill(twin: Any, learner: PPOLearner, last: Tensor) -> None:
     """What SB3's `collect_rollouts` would have put into its buffer."""
     kept = learner.rollout.all
     buffer = twin.rollout_buffer
@@ -147,7 +149,7 @@ def test_an_iteration_is_that_of_sb3(craft: Any, continuous: bool, n_epochs: int
     assert learner.network.tensors["features_extractor.count"] == 256
 
 
-def trained(seed: int = 0, iterations: int = 8, **settings: Any) -> Learner:
+def trained(seed: int = 0, iterations: int = 8, **settings: Any) -> PPOLearner:
     learner = tiny_learner(seed=seed, **settings)
     for _ in range(iterations):
         learner.collect()
@@ -252,7 +254,7 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
         statistics(learner.update().tolist()[0], learner, 128, 128)
 
 
-def rate_after(learner: Learner, divergence: float, times: int = 1) -> float:
+def rate_after(learner: PPOLearner, divergence: float, times: int = 1) -> float:
     for _ in range(times):
         learner._adapt(torch.tensor([divergence]))
     return float(learner.adam.rate)
