@@ -165,7 +165,7 @@ def test_the_update_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(
             module,
             "fused",
-            lambda function, _: torch.compile(
+            lambda function, *_: torch.compile(
                 function, fullgraph=True, dynamic=False, backend="eager"
             ),
         )
