@@ -114,7 +114,7 @@ class Train:
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import training
+        from rans.fast.learn.recipes import by_gradient, training
         from rans.fast.learn.run_folder import read_config
         from rans.model.conditions_file import load_conditions
 
@@ -129,6 +129,8 @@ class Train:
             if self.config
             else training(str(self.task), self.spacecraft or "floating-platform", self.device)
         )
+        if self.algorithm == "gradient" and begun.algorithm != "gradient":
+            begun = by_gradient(begun)
         table = json.loads(json.dumps(to_table(begun)))
         if self.config is not None and self.spacecraft is None:
             SPACECRAFT.check_file(table["spacecraft"], self.config)

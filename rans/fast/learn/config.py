@@ -271,8 +271,9 @@ class GradientSettings:
 
     critic_learning_rate: float = 2e-3
     """Step size of the critic, a network of its own."""
-    follow: float = 0.2
-    """Share of the critic's weights that the value at the end of the horizon takes in an iteration."""
+    target_rate: float = 0.2
+    """Share of the critic's weights that the target network, the value of what comes after the horizon, takes
+    in an iteration (Polyak averaging)."""
     noise: float = 0.2
     """Standard deviation of commands to begin with; it is learnt."""
 
@@ -280,7 +281,7 @@ class GradientSettings:
         _require(
             self, "finite and > 0", lambda x: 0 < x < math.inf, "critic_learning_rate", "noise"
         )
-        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "follow")
+        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class GradientLearner:
     episode; then ``n_epochs`` passes of a critic over the same steps, towards the targets of TD(lambda).
 
     The critic is a network of its own, of the same architecture. It is no part of the agent, whose value head
-    learns nothing. V is a copy that follows the critic slowly.
+    learns nothing. V is the target network, a copy that follows the critic slowly.
 
     Args:
         engine: a plain one, of a craft with throttled thrusters.
@@ -80,9 +80,9 @@ class GradientLearner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate, plain=True)
-        # The critic, and V, which follows it.
+        # The critic, and V, the target network.
         self.critic = self._copy()
-        self._far = self._copy()
+        self._target = self._copy()
         self._critic_adam = Adam(
             self.critic,
             torch.full_like(self.coefficients.learning_rate, own.critic_learning_rate),
@@ -139,7 +139,7 @@ class GradientLearner:
         cut_memory = None if memory is None else memory.clone()
         cut_weight = torch.zeros_like(gained)
         for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
-            told = self._told(episode)
+            privileged = self._privileged(episode)
             output, columns = network.shown(observation, memory)
             action = output.policy.sample(uniform)
             command = Inward.apply(action)
@@ -147,7 +147,7 @@ class GradientLearner:
             step, episode = engine.stepped(episode, command)
             with torch.no_grad():
                 acted = Acted(action, output.policy.log_prob(action), output.value, command, after)
-                remember(observation, acted, told, step, slot, rollout)
+                remember(observation, acted, privileged, step, slot, rollout)
             ended = (step.terminated | step.truncated)[:, None]
             last = step.truncated[:, None]
             gained = gained + weight * (scale * step.reward)
@@ -161,20 +161,20 @@ class GradientLearner:
             observation = step.observation
         # What comes after: of the states in which episodes were cut off, and of the last ones.
         beside = rollout.beside
-        told = self._told(episode)
-        values = self._far.evaluate(
+        privileged = self._privileged(episode)
+        values = self._target.evaluate(
             beside(cut, observation),
             None if memory is None or cut_memory is None else beside(cut_memory, memory),
-            None if told is None else beside(told, told),
+            None if privileged is None else beside(privileged, privileged),
         ).value.view(self.members, 2, -1)
         gained = gained + cut_weight * values[:, 0].flatten() + weight * values[:, 1].flatten()
         engine.go_on(episode)
         return -gained.view(self.members, -1).mean(dim=1) / self.n_steps
 
-    def _told(self, episode: Episode) -> Tensor | None:
-        """What only the critic is told, (N, p)."""
-        privileged = self.network.architecture.privileged
-        return self.engine.privileged_of(episode).detach() if privileged else None
+    def _privileged(self, episode: Episode) -> Tensor | None:
+        """Privileged observation of the critic, (N, p); None without one."""
+        given = self.network.architecture
+        return self.engine.privileged_of(episode).detach() if given.privileged else None
 
     # The critic: the same steps, without the motion's gradient.
 
@@ -193,7 +193,7 @@ class GradientLearner:
                 found.append(torch.stack((loss.detach(), norm)))
         for network in (self.network, self.critic):
             network.update_statistics(batch.seen, self.processes)
-        self._follow()
+        self._move_target()
         value_loss, norm = torch.stack(found).mean(dim=0)
         return value_loss, norm
 
@@ -203,13 +203,9 @@ class GradientLearner:
         rollout = self.rollout
         kept = rollout.all
         shape = kept.reward.shape
-        flat = [
-            None if x is None else x.flatten(0, 1)
-            for x in (kept.observation, kept.memory, kept.privileged)
-        ]
-        observation, memory, told = flat
-        assert observation is not None
-        seen, memory, _ = self.critic.look(self.critic.in_body(observation), memory)
+        columns = self.critic.in_body(kept.observation.flatten(0, 1))
+        memory = None if kept.memory is None else kept.memory.flatten(0, 1)
+        seen, memory, _ = self.critic.look(columns, memory)
         batch = Batch(
             seen.unflatten(0, shape),
             kept.action,
@@ -222,15 +218,15 @@ class GradientLearner:
         )
         # One minibatch is all steps, one member's after the other's, as networks want them.
         (whole,) = minibatches(batch, self.members, 1)
-        value = self._far.evaluate_seen(whole.seen, whole.memory, whole.privileged).value
+        value = self._target.evaluate_seen(whole.seen, whole.memory, whole.privileged).value
         value = value.view(self.members, shape[0], -1).transpose(0, 1).flatten(1)
-        told = self._told(self.engine.episode)
-        values = self._far.evaluate(
+        privileged = self._privileged(self.engine.episode)
+        values = self._target.evaluate(
             rollout.beside(self.engine.observe(), rollout.cut),
             None
             if rollout.memory is None or rollout.cut_memory is None
             else rollout.beside(rollout.memory, rollout.cut_memory),
-            None if told is None else rollout.beside(told, told),
+            None if privileged is None else rollout.beside(privileged, privileged),
         ).value.view(self.members, 2, -1)
         last = values[:, 0].flatten()
         beyond = values[:, 1].flatten()
@@ -242,11 +238,13 @@ class GradientLearner:
         return batch._replace(advantage=advantage, target=advantage + value)
 
     @torch.no_grad()
-    def _follow(self) -> None:
+    def _move_target(self) -> None:
         """V takes a share of the critic's weights, and all of what it knows of its inputs."""
         learnt = {*self.critic.learnt}
         for name, tensor in self.critic.tensors.items():
-            self._far.tensors[name].lerp_(tensor, self._own.follow if name in learnt else 1.0)
+            self._target.tensors[name].lerp_(
+                tensor, self._own.target_rate if name in learnt else 1.0
+            )
 
     def state(self) -> dict[str, Any]:
         """See `rans.fast.learn.learner.Learner`."""
@@ -254,7 +252,7 @@ class GradientLearner:
         return {
             "weights": _weights(self.network),
             "critic": _weights(self.critic),
-            "far": _weights(self._far),
+            "target": _weights(self._target),
             "adam": self.adam.state(),
             "critic_adam": self._critic_adam.state(),
             "generators": [generator.get_state() for generator in self._generators],
@@ -264,7 +262,7 @@ class GradientLearner:
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
         """See `rans.fast.learn.learner.Learner`."""
-        networks = {"weights": self.network, "critic": self.critic, "far": self._far}
+        networks = {"weights": self.network, "critic": self.critic, "target": self._target}
         for key, network in networks.items():
             for name, tensor in network.tensors.items():
                 tensor.copy_(saved[key][name])

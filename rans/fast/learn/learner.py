@@ -48,7 +48,7 @@ class Learner(Protocol):
         ...
 
     def learn(self) -> Tensor:
-        """One iteration, which waits for nothing on the device.
+        """One iteration: fly, and learn from it.
 
         Returns:
             A row a member, (K, columns): `statistics`; the step size from now on; how many episodes were cut

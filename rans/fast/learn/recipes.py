@@ -496,6 +496,18 @@ RECIPES: dict[str, Recipe] = {
 """By the agent's name."""
 
 
+_GRADIENT: dict[str, Any] = {
+    "n_envs": 256,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 3e-3,
+}
+"""Of a learner through the motion, of any throttled craft (decision 026)."""
+_GRADIENT_REPORTS = 24
+"""Its iterations between reports, as many steps as between those of PPO."""
+
+
 def recipe(name: str, device: str) -> TrainConfig:
     """The training that the agent of this name, one of `RECIPES`, comes from on this device.
 
@@ -561,3 +573,13 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
     """The known-good settings; on another kind of device those for a GPU, for your own task the usual."""
     body = dimension, "cpu" if device.startswith("cpu") else "cuda"
     return replace(_MANY.get((task, *body), _BY_BODY[body]), symmetric=TASKS[task].symmetric)
+
+
+def by_gradient(config: TrainConfig) -> TrainConfig:
+    """The same training by the gradient through the motion, with numbers that are known to work."""
+    return replace(
+        config,
+        algorithm="gradient",
+        ppo=replace(config.ppo, **_GRADIENT),
+        report_interval=_GRADIENT_REPORTS,
+    )

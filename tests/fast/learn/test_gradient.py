@@ -194,7 +194,7 @@ def test_values_of_episodes_that_time_cut_off_are_not_zero() -> None:
     learner = gradient_learner(n_steps=1, batch_size=16, timing=Timing(episode_steps=1))
     with torch.no_grad():
         for name in ("value_net.weight", "value_net.bias"):
-            learner._far.tensors[name].fill_(7.0 if name.endswith("bias") else 0.0)
+            learner._target.tensors[name].fill_(7.0 if name.endswith("bias") else 0.0)
     loss = learner.loss().item()
     kept = learner.rollout.all
     lost = kept.ended[0] - kept.truncated[0]
@@ -285,6 +285,6 @@ def test_a_config_from_before_there_were_two_learners_is_read() -> None:
     assert CONFIG.algorithm == "ppo"
     with pytest.raises(ConfigError, match="expected 'ppo' or 'gradient'"):
         from_table(table | {"algorithm": "sac"})
-    for name, value in (("follow", 0.0), ("noise", math.inf), ("critic_learning_rate", -1.0)):
+    for name, value in (("target_rate", 0.0), ("noise", math.inf), ("critic_learning_rate", -1.0)):
         with pytest.raises(ConfigError, match=name):
             from_table(table | {"gradient": {name: value}})
