@@ -276,10 +276,19 @@ class GradientSettings:
     in an iteration (Polyak averaging)."""
     noise: float = 0.2
     """Standard deviation of commands to begin with; it is learnt."""
+    bound: float = 10.0
+    """Most that a spacecraft's scaled return may change with a number of its state or of its observation, per
+    unit of it, as far as it is passed back from a control period to the one before: through many periods of a
+    policy that reacts strongly it would grow without bound."""
 
     def __post_init__(self) -> None:
         _require(
-            self, "finite and > 0", lambda x: 0 < x < math.inf, "critic_learning_rate", "noise"
+            self,
+            "finite and > 0",
+            lambda x: 0 < x < math.inf,
+            "critic_learning_rate",
+            "noise",
+            "bound",
         )
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
 

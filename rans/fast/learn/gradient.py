@@ -12,6 +12,7 @@ It needs thrusters that are throttled: whether a valve opens has no gradient.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -25,6 +26,7 @@ from rans.fast.learn.config import Coefficients, GradientSettings, PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.actuators import Throttle
+from rans.model.fields import map_leaves
 
 
 class GradientLearner:
@@ -145,6 +147,9 @@ class GradientLearner:
             command = Inward.apply(action)
             after = network.remember(columns, memory, command, output)
             step, episode = engine.stepped(episode, command)
+            # What is passed back from one period to the one before is bounded.
+            episode = replace(episode, state=map_leaves(self._bounded, episode.state))
+            step = step._replace(observation=self._bounded(step.observation))
             with torch.no_grad():
                 acted = Acted(action, output.policy.log_prob(action), output.value, command, after)
                 remember(observation, acted, privileged, step, slot, rollout)
@@ -170,6 +175,15 @@ class GradientLearner:
         gained = gained + cut_weight * values[:, 0].flatten() + weight * values[:, 1].flatten()
         engine.go_on(episode)
         return -gained.view(self.members, -1).mean(dim=1) / self.n_steps
+
+    def _bounded(self, x: Any) -> Any:
+        """The same numbers, whose gradient is no larger than the bound that an environment's return has."""
+        if not isinstance(x, Tensor) or not x.requires_grad:
+            return x
+        bound = self._own.bound * self.members / (self.engine.num_envs * self.n_steps)
+        x = x.view_as(x)
+        x.register_hook(lambda gradient: gradient.clamp(-bound, bound))
+        return x
 
     def _privileged(self, episode: Episode) -> Tensor | None:
         """Privileged observation of the critic, (N, p); None without one."""

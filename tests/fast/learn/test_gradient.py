@@ -15,6 +15,7 @@ from torch import Tensor
 
 from rans.cli import main
 from rans.errors import ConfigError
+from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.config import GradientSettings, TrainConfig, from_table, to_table
 from rans.fast.learn.gradient import GradientLearner, Inward
@@ -30,6 +31,7 @@ from tests.fast.training import (
     everything,
     ignore,
     resumed,
+    scatter,
     tiny_trainer,
 )
 from tests.model.cases import FLYER, PLATFORM
@@ -38,7 +40,7 @@ SHORT = Timing(episode_steps=20)
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 FLYER_THROTTLED = replace(FLYER, actuators=Throttle())
 NEAR = GoToPose(spawn_distance=(0.5, 1.0), fail_distance=1.5)
-OWN = GradientSettings(noise=0.05)
+OWN = GradientSettings(noise=0.05, bound=1e6)
 
 
 def gradient_learner(
@@ -238,6 +240,28 @@ def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path) -> None:
     assert everything(trainer) == everything(whole)
     for name, tensor in whole.learner.state()["critic"].items():
         assert torch.equal(trainer.learner.state()["critic"][name], tensor)
+
+
+def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
+    """A policy of large weights reacts so strongly that a hundred periods multiply its gradient."""
+
+    def norm(bound: float, steps: int) -> float:
+        learner = gradient_learner(
+            task=GoToPose(),
+            timing=Timing(episode_steps=100),
+            own=GradientSettings(bound=bound),
+            n_steps=steps,
+            batch_size=16 * steps,
+        )
+        scatter(learner.network)
+        given = learner.coefficients
+        return learner.adam.descend(learner.loss().sum(), given.max_grad_norm, ALONE).item()
+
+    unbounded = 1e30
+    assert norm(unbounded, 100) > 1000.0
+    assert norm(10.0, 100) < 10.0
+    # A horizon needs no bound.
+    assert norm(100.0, 16) == norm(unbounded, 16)
 
 
 def test_forty_iterations_triple_the_reward() -> None:
