@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, get_args
+from typing import Any, get_args, overload
 
 import torch
 from torch import Tensor
@@ -22,6 +22,21 @@ SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 
 
+@overload
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None = None,
+) -> PPOLearner: ...
+@overload
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None,
+    make: Making | None,
+) -> Learner: ...
 def begin(
     engine: Engine,
     settings: Sequence[PPOSettings],

@@ -67,9 +67,7 @@ def gradient_learner(
         plain=True,
         remember=chosen.privileged_critic,
     )
-    learner = begin(
-        engine, [chosen] * len(seeds), seeds, plain=True, make=partial(GradientLearner, own=own)
-    )
+    learner = begin(engine, [chosen] * len(seeds), seeds, True, partial(GradientLearner, own=own))
     assert isinstance(learner, GradientLearner)
     return learner
 
@@ -215,7 +213,7 @@ def test_what_has_no_gradient_is_refused() -> None:
         gradient_learner(memory="recurrent", symmetric=False)
     engine = Engine(THROTTLED, NEAR, 16, SHORT)
     with pytest.raises(ConfigError, match="plain engine"):
-        begin(engine, [TINY], [0], make=partial(GradientLearner, own=OWN))
+        begin(engine, [TINY], [0], None, partial(GradientLearner, own=OWN))
     with pytest.raises(ConfigError, match="plain=True"):
         engine.stepped(engine.running(), torch.zeros(16, 8))
 
