@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.lookahead import Lookahead
     from rans.evaluation.fly.protocols import ProtocolName
     from rans.evaluation.measure.aggregate import Metrics
-    from rans.fast.learn.config import PPOSettings, TrainConfig
+    from rans.fast.learn.config import Algorithm, PPOSettings, TrainConfig
     from rans.optimal.trajectory.objectives import ObjectiveName
     from validation.checks import Study
 
@@ -285,6 +285,7 @@ def train(
     total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
     ppo: PPOSettings | None = None,
+    algorithm: Algorithm | None = None,
     plain: bool = False,
     run: str | Path | None = None,
     report: Callable[[dict[str, Any]], object] | None = None,
@@ -304,6 +305,8 @@ def train(
         total_timesteps: environment steps after which training ends, solved or not; None: as usual.
         conditions: what episodes do not promise; None: a perfect world, or the agent's.
         ppo: settings of the training; None: those known to work.
+        algorithm: "ppo", or "gradient": down the gradient of the return through the motion, for throttled
+            thrusters (docs/training.md); None: PPO, or the agent's.
         plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
         run: a new folder for what it leaves; None: one under runs/.
         report: called with every row of metrics, such as ``print``.
@@ -317,7 +320,14 @@ def train(
     from rans.fast.learn.trainer import Trainer
 
     config = _config(
-        task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps
+        task,
+        spacecraft,
+        device,
+        ppo,
+        conditions,
+        algorithm,
+        seed=seed,
+        total_timesteps=total_timesteps,
     )
     config = replace(config, plain=plain or config.plain)
     craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
@@ -337,16 +347,20 @@ def _config(
     device: str | None,
     ppo: PPOSettings | None,
     conditions: ConditionsLike | None,
+    algorithm: Algorithm | None,
     **numbers: int | None,
 ) -> TrainConfig:
     """The training of a name, with what was given in the place of what it has."""
-    from rans.fast.learn.recipes import training
+    from rans.fast.learn.recipes import by_gradient, training
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)
     named = str(spacecraft) if isinstance(spacecraft, str | Path) else _CRAFT
     config = training(_name(task), named, device)
+    if algorithm == "gradient":
+        config = by_gradient(config)
     given: dict[str, Any] = {
         **numbers,
+        "algorithm": algorithm,
         "spacecraft": None if craft is None else named,
         "settings": task if isinstance(task, Task) else None,
         "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),

@@ -22,7 +22,8 @@ from torch.distributed.run import get_args_parser
 import rans
 from rans.cli import COMMANDS, _parse
 from rans.evaluation.measure.metrics import samples
-from rans.fast.learn.config import Failures, PPOSettings
+from rans.fast.learn.config import Failures, GradientSettings, PPOSettings
+from rans.fast.learn.recipes import by_gradient, training
 from rans.flight import fly
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
@@ -113,7 +114,7 @@ def test_the_python_page_has_every_function() -> None:
 
 def test_examples_of_the_environments_page_run() -> None:
     examples = blocks(ROOT / "docs" / "environments.md", "python")
-    assert len(examples) == 3
+    assert len(examples) == 4
     names: dict[str, Any] = {}
     for example in examples:
         exec(example, names)
@@ -273,14 +274,17 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
 
 
 def test_the_training_page_has_the_settings_with_their_defaults() -> None:
-    of = {"ppo": PPOSettings(), "failures": Failures()}
+    of = {"ppo": PPOSettings(), "failures": Failures(), "gradient": GradientSettings()}
     page = ROOT / "docs" / "training.md"
-    for key, default, _ in [row for place in range(2) for row in rows(page, "setting", place)]:
+    for key, default, _ in [row for place in range(3) for row in rows(page, "setting", place)]:
         room, name = key.strip("`").split(".")
         value = getattr(of[room], name)
         assert json.loads(default.strip("`")) == (
             list(value) if isinstance(value, tuple) else value
         ), key
+    begun = by_gradient(training("go-to-pose", device="cpu")).ppo
+    for key, value, _ in rows(page, "preset"):
+        assert json.loads(value.strip("`")) == getattr(begun, key.strip("`").split(".")[1]), key
 
 
 def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
@@ -58,6 +58,8 @@ class Sweep:
     """Start from the config.json of a run instead of the task's preset."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
+    algorithm: Literal["ppo", "gradient"] | None = None
+    """What learns, as of `rans train`."""
     trust: bool = False
     """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
 
@@ -132,6 +134,7 @@ class Sweep:
                     self.conditions,
                     set=changes,
                     config=self.config,
+                    algorithm=self.algorithm,
                 ).resolved()
 
 

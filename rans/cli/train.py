@@ -68,6 +68,9 @@ class Train:
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
+    algorithm: Literal["ppo", "gradient"] | None = None
+    """What learns: ppo, or the gradient of the return through the motion, for throttled thrusters
+    (docs/training.md); by default ppo."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
     plain: bool = False
@@ -113,7 +116,7 @@ class Train:
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import training
+        from rans.fast.learn.recipes import by_gradient, training
         from rans.fast.learn.run_folder import read_config
         from rans.model.conditions_file import load_conditions
 
@@ -128,10 +131,12 @@ class Train:
             if self.config
             else training(str(self.task), self.spacecraft or "floating-platform", self.device)
         )
+        if self.algorithm == "gradient" and begun.algorithm != "gradient":
+            begun = by_gradient(begun)
         table = json.loads(json.dumps(to_table(begun)))
         if self.config is not None and self.spacecraft is None:
             SPACECRAFT.check_file(table["spacecraft"], self.config)
-        for name in ("spacecraft", "seed", "device", "total_timesteps"):
+        for name in ("spacecraft", "seed", "device", "total_timesteps", "algorithm"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
         if self.conditions is not None:
@@ -217,8 +222,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         else "Out of steps, not solved"
     )
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
-    by_hand = trainer.learner.by_hand
-    way = f", gradients in {by_hand.way}" if by_hand else ""
+    way = f", {trainer.learner.way}" if trainer.learner.way else ""
     text = (
         f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
         f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "

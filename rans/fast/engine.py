@@ -13,18 +13,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Guard, Setup, World
+from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, write
+from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, stepped, write
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
-from rans.model.fields import leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -208,7 +208,11 @@ class Engine:
 
     def privileged(self) -> Tensor:
         """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
-        return self.known.of(self._world.recalled(self.episode, self._draws))
+        return self.privileged_of(self.episode)
+
+    def privileged_of(self, episode: Episode) -> Tensor:
+        """What `privileged` gives, (N, p), of episodes as `stepped` returned them."""
+        return self.known.of(self._world.recalled(episode, self._draws))
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
@@ -234,6 +238,34 @@ class Engine:
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
+
+    def stepped(self, episode: Episode, action: Tensor) -> tuple[Step, Episode]:
+        """One step from episodes of this engine, which changes nothing: gradients go through it.
+
+        Args:
+            episode: to act in: `running`, or what the call before returned.
+            action: (N, thrusters), each 0 to 1.
+
+        Returns:
+            The step, and the episodes to act in next.
+
+        Raises:
+            ConfigError: the engine is not plain, so that its numbers are not torch's.
+        """
+        if not self.plain:
+            raise ConfigError(
+                "gradients go through a plain engine only: make it with plain=True, as its numbers are "
+                "torch's tensors then."
+            )
+        return stepped(self._world, episode, action, self._draws, plain=True)
+
+    def running(self) -> Episode:
+        """A copy of the episodes that run now."""
+        return map_leaves(lambda x: x.clone() if isinstance(x, Tensor) else x, self.episode)
+
+    def go_on(self, episode: Episode) -> None:
+        """Go on with these episodes, as `stepped` returned them."""
+        write(self.episode.memory(), [x.detach() for x in episode.memory()])
 
     def holding(self, held: Tensor) -> AbstractContextManager[None]:
         """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""

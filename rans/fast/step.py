@@ -81,15 +81,22 @@ def step_and_restart(
     return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
 
 
+def stepped(
+    world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
+) -> tuple[Step, Episode]:
+    """One step on tensors and the episodes to act in next, without writing anything."""
+    command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
+    seen = step_and_restart(world, episode, command, draws, plain)
+    return _results(seen, torch.stack, lambda x: x), seen.after
+
+
 def step_tensors(
     world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
 ) -> Step:
     """One step on tensors, writing the episode's buffers in place: what is compiled, or runs as written."""
-    command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
-    seen = step_and_restart(world, episode, command, draws, plain)
-    # First: final observations may show what is in memory.
-    results = _results(seen, torch.stack, lambda x: x)
-    values = seen.after.memory()
+    # Results first: final observations may show what is in memory.
+    results, after = stepped(world, episode, action, draws, plain)
+    values = after.memory()
     if plain:  # without a new episode some values are other buffers: commands move up by one
         values = [value.clone() for value in values]
     for buffer, value in zip(episode.memory(), values, strict=True):

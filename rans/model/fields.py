@@ -49,9 +49,15 @@ def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin, cos, exp, log, sqrt, absolute, floor = map(
-    _unary, ("sin", "cos", "exp", "log", "sqrt", "abs", "floor")
-)
+sin, cos, exp, log, absolute, floor = map(_unary, ("sin", "cos", "exp", "log", "abs", "floor"))
+
+
+def sqrt(x: Field) -> Field:
+    """Square root. Where torch asks for its gradient, that is zero at zero, not infinite: a norm's, at rest."""
+    if getattr(x, "requires_grad", False):
+        positive = x > 0
+        return where(positive, x, 1.0).sqrt() * positive
+    return _function("sqrt", x)(x)
 
 
 def atan2(y: Field, x: Field) -> Field:

@@ -25,7 +25,7 @@ from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.network import Network
-from rans.fast.learn.ppo import Learner, act
+from rans.fast.learn.ppo import PPOLearner, act
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
 from rans.model.spacecraft_file import load_spacecraft
@@ -40,7 +40,7 @@ ROOT = Path(__file__).parents[2]
 SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
 
 
-def started(world: Processes = ALONE, members: int = 1) -> Learner:
+def started(world: Processes = ALONE, members: int = 1) -> PPOLearner:
     """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
     settings = replace(SETTINGS, memory="recurrent", symmetric=False) if members > 1 else SETTINGS
     seeds = range(4, 4 + members)
@@ -56,7 +56,7 @@ def started(world: Processes = ALONE, members: int = 1) -> Learner:
     return begin(engine, [settings] * members, seeds)
 
 
-def learned(model: Learner) -> dict[str, Any]:
+def learned(model: PPOLearner) -> dict[str, Any]:
     """What three iterations make of it."""
     said: list[list[float]] = []
     for _ in range(3):
@@ -69,7 +69,7 @@ def learned(model: Learner) -> dict[str, Any]:
         "random": state["generators"],
         "memory": state["memory"],
         "engine": model.engine.save_state()["buffers"],
-        "log": [statistics(numbers, model.engine, 384, 128) for numbers in said],
+        "log": [statistics(numbers, model, 384, 128) for numbers in said],
     }
 
 

@@ -18,7 +18,7 @@ from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import Learner, act, losses, shown
+from rans.fast.learn.ppo import PPOLearner, act, losses, shown
 from rans.fast.learn.rollout import gae, minibatches, remember
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.training import TINY, sb3_twin, tiny_learner
@@ -45,7 +45,7 @@ def operations(function: Callable[[], object]) -> Counter[str]:
     return counting.operations
 
 
-def trained(craft: Any = PLATFORM, **settings: Any) -> Learner:
+def trained(craft: Any = PLATFORM, **settings: Any) -> PPOLearner:
     """A trainer whose optimiser has its memory already: the first update allocates it."""
     model = tiny_learner(craft, **settings)
     model.by_hand = None  # as on a GPU in TF32

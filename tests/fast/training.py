@@ -21,7 +21,7 @@ from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
-from rans.fast.learn.ppo import Learner
+from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
@@ -57,7 +57,7 @@ def tiny_learner(
     task: Any = NEAR,
     continuous: bool = False,
     **settings: Any,
-) -> Learner:
+) -> PPOLearner:
     """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
     craft = replace(craft, actuators=Throttle()) if continuous else craft
@@ -114,7 +114,7 @@ class Buffer64(RolloutBuffer):
             setattr(self, name, getattr(self, name).astype(np.float64))
 
 
-def sb3_twin(learner: Learner, settings: PPOSettings, **changes: Any) -> stable_baselines3.PPO:
+def sb3_twin(learner: PPOLearner, settings: PPOSettings, **changes: Any) -> stable_baselines3.PPO:
     """Stable-Baselines3's own PPO with the same settings and weights, on an engine of the same seed."""
     engine = learner.engine
     architecture = learner.network.architecture

@@ -63,7 +63,9 @@ class Adam:
         """
         with torch.no_grad():
             if loss.requires_grad:
-                gradients = torch.autograd.grad(loss, self._leaves)
+                gradients = torch.autograd.grad(
+                    loss, self._leaves, allow_unused=True, materialize_grads=True
+                )
                 torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
             return self._step(
                 self.row,

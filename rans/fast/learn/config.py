@@ -262,6 +262,37 @@ class Failures:
         _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "looks", "flights")
 
 
+Algorithm = Literal["ppo", "gradient"]
+
+
+@dataclass(frozen=True)
+class GradientSettings:
+    """What only the learner through the motion has, besides `PPOSettings`; ConfigError where out of range."""
+
+    critic_learning_rate: float = 2e-3
+    """Step size of the critic, a network of its own."""
+    target_rate: float = 0.2
+    """Share of the critic's weights that the target network, the value of what comes after the horizon, takes
+    in an iteration (Polyak averaging)."""
+    noise: float = 0.2
+    """Standard deviation of commands to begin with; it is learnt."""
+    bound: float = 10.0
+    """Most that a spacecraft's scaled return may change with a number of its state or of its observation, per
+    unit of it, as far as it is passed back from a control period to the one before: through many periods of a
+    policy that reacts strongly it would grow without bound."""
+
+    def __post_init__(self) -> None:
+        _require(
+            self,
+            "finite and > 0",
+            lambda x: 0 < x < math.inf,
+            "critic_learning_rate",
+            "noise",
+            "bound",
+        )
+        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
@@ -273,6 +304,8 @@ class TrainConfig:
     spacecraft: str
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
+    """Of the network and of its training. The gradient through the motion takes no heed of what PPO alone
+    has: desired_kl, max_learning_rate, clip_range, ent_coef and vf_coef."""
     timing: Timing = field(default_factory=Timing)
     """Of the episodes that agents are judged in, and learn in if not said otherwise."""
     episode_steps: int | None = None
@@ -291,6 +324,10 @@ class TrainConfig:
     compiled: bool | None = None
     """Whether torch's compiler makes a GPU's kernels before training begins, or never; null: once so much is
     left to train that it pays for the 5 to 35 s that it takes."""
+    algorithm: Algorithm = "ppo"
+    """What learns: proximal policy optimisation, or the gradient of the return through the motion."""
+    gradient: GradientSettings = field(default_factory=GradientSettings)
+    """What the gradient through the motion has besides."""
     plain: bool = False
     """Whether everything is computed as it is written: torch's operations one by one, no generated program or
     kernel, autograd's gradients. A breakpoint in a task then stops (docs/plain.md); many times slower."""
@@ -320,6 +357,8 @@ class TrainConfig:
         )
         _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
+        known = get_args(Algorithm)
+        _require(self, f"one of {', '.join(known)}", lambda x: x in known, "algorithm")
         if self.plain and self.compiled:
             raise ConfigError(
                 "plain computes everything as it is written, and compiled has torch's compiler make "

@@ -90,10 +90,9 @@ class PPO:
         rollout = self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
-            self.learner.collect()
-            (said,) = self.learner.update().tolist()
+            (said,) = self.learner.learn().tolist()
             self.num_timesteps += rollout
-            self.log = statistics(said, self.engine, self.num_timesteps, rollout)
+            self.log = statistics(said, self.learner, self.num_timesteps, rollout)
             report(self)
         return self
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, get_args
+from typing import Any, get_args, overload
 
 import torch
 from torch import Tensor
@@ -14,23 +14,40 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
+from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.network import Network
-from rans.fast.learn.ppo import STATISTICS, Learner
+from rans.fast.learn.ppo import PPOLearner
 
 SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 
 
+@overload
 def begin(
     engine: Engine,
     settings: Sequence[PPOSettings],
     seeds: Sequence[int],
     plain: bool | None = None,
+) -> PPOLearner: ...
+@overload
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None,
+    make: Making | None,
+) -> Learner: ...
+def begin(
+    engine: Engine,
+    settings: Sequence[PPOSettings],
+    seeds: Sequence[int],
+    plain: bool | None = None,
+    make: Making | None = None,
 ) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
     Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
-    fit the engine. By default they are plain if the engine is.
+    fit the engine. By default they are plain if the engine is, and learn by PPO.
     """
     plain = engine.plain if plain is None else plain
     for one in settings:
@@ -45,7 +62,9 @@ def begin(
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
-    return Learner(engine, network, settings, generators, plain)
+    if make is None:
+        return PPOLearner(engine, network, settings, generators, plain)
+    return make(engine, network, settings, generators)
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
@@ -119,17 +138,18 @@ class Member:
 
 
 def statistics(
-    numbers: Sequence[float], engine: Engine, steps: int, rollout: int, goes_on: bool = False
+    numbers: Sequence[float], learner: Learner, steps: int, rollout: int, goes_on: bool = False
 ) -> dict[str, float]:
-    """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
+    """A row that `Learner.learn` returned about a member, by the names that SB3 gives its log.
 
     Length and return of an episode are those of the whole rollout, of so many steps, for each episode that
     ended in it; SB3 takes the last hundred that ended.
 
     NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
-    losses = dict(zip(STATISTICS, numbers, strict=False))
-    rate, failed, ended, succeeded, *terms = numbers[len(STATISTICS) :]
+    engine = learner.engine
+    losses = dict(zip(learner.statistics, numbers, strict=False))
+    rate, failed, ended, succeeded, *terms = numbers[len(learner.statistics) :]
     if not goes_on and not all(map(isfinite, numbers)):
         raise NonFiniteState(
             f"training produced a value that is not finite after {steps} steps "

@@ -9,7 +9,7 @@ import torch
 
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.ppo import Learner
+from rans.fast.learn.learner import Learner
 from rans.fast.policy import write_policy
 from rans.fast.saved import SavedPolicy
 

@@ -41,13 +41,17 @@ STATISTICS = (*Losses._fields, "grad_norm")
 """Means over the minibatches of an update, by their names in the log."""
 
 
-class Learner:
-    """K trainings with the same architecture and sizes, but their own seeds, coefficients and tasks' numbers.
+class PPOLearner:
+    """K trainings by PPO with one architecture and size, but their own seeds, coefficients and tasks' numbers.
+
+    A `rans.fast.learn.learner.Learner`.
 
     Settings and generators are one a member, as are equal, contiguous parts of the engine's environments.
     The generators are of actions on a CPU; on a GPU one stream feeds all. The network is changed in place.
     A ``plain`` one runs as it is written: nothing is compiled or recorded, and gradients are autograd's.
     """
+
+    statistics = STATISTICS
 
     def __init__(
         self,
@@ -89,6 +93,16 @@ class Learner:
         self.collect = graphed(self._collect, device, plain)
         self.update = graphed(self._update, device, plain)
 
+    @property
+    def way(self) -> str:
+        """How gradients are computed, if not by autograd."""
+        return f"gradients in {self.by_hand.way}" if self.by_hand else ""
+
+    def learn(self) -> Tensor:
+        """Collect, then update; see `rans.fast.learn.learner.Learner.learn`."""
+        self.collect()
+        return self.update()
+
     def slow_down(self, remaining: float) -> None:
         """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
         highest = self.coefficients.max_learning_rate
@@ -124,26 +138,16 @@ class Learner:
         """The rewards, (T, N)."""
         engine = self.engine
         rollout = self.rollout
-        rollout.terms.zero_()
-        rollout.succeeded.zero_()
-        rollout.failed.zero_()
+        rollout.begin()
         observation = engine.observe()
-        for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
+        drawn = rollout.uniform(self._generators)
+        for uniform, slot in zip(drawn, rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
             step = engine.step(acted.command)
             self._remember(observation, acted, privileged, step, slot, rollout)
             observation = step.observation
         return rollout.all.reward
-
-    def _uniform(self) -> Tensor:
-        """Random numbers (T, N, thrusters) in [0, 1)."""
-        action = self.rollout.all.action
-        if action.is_cuda:
-            return self.processes.uniform_like(action)
-        parts = zip(action.chunk(self.members, dim=1), self._generators, strict=True)
-        drawn = [self.processes.uniform_like(part, generator) for part, generator in parts]
-        return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
 
     def _privileged(self) -> Tensor | None:
         return self.engine.privileged() if self.network.architecture.privileged else None
@@ -161,15 +165,17 @@ class Learner:
         rollout = self.rollout
         privileged = self._privileged()
         values = self._value(
-            self._beside(self.engine.observe(), rollout.cut),
-            None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
-            None if privileged is None else self._beside(privileged, privileged),
+            rollout.beside(self.engine.observe(), rollout.cut),
+            None
+            if rollout.memory is None or rollout.cut_memory is None
+            else rollout.beside(rollout.memory, rollout.cut_memory),
+            None if privileged is None else rollout.beside(privileged, privileged),
         ).view(self.members, 2, -1)
         last = values[:, 0].flatten()
         beyond = values[:, 1].flatten()
         given = self.coefficients
         gamma, gae_lambda, scale = map(
-            self._spread, (given.gamma, given.gae_lambda, given.reward_scale)
+            rollout.spread, (given.gamma, given.gae_lambda, given.reward_scale)
         )
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
@@ -201,25 +207,8 @@ class Learner:
             going_on,
         )
 
-    def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
-        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
-        pair = [x.unflatten(0, (self.members, -1)) for x in (first, second) if x is not None]
-        return torch.cat(pair, dim=1).flatten(0, 1)
-
-    def _spread(self, values: Tensor) -> Tensor:
-        """Each member's over its environments."""
-        return (
-            values
-            if self.members == 1
-            else values.repeat_interleave(self.engine.num_envs // self.members)
-        )
-
     def _update(self) -> Tensor:
-        """Advantages, every minibatch of every epoch, step sizes.
-
-        A row a member: `STATISTICS`; its step size from now on; how many episodes were cut off by time,
-        ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
-        """
+        """Advantages, every minibatch of every epoch, step sizes; returns what `learn` does."""
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
         # Those of every member in every minibatch get zero mean and unit variance.
@@ -232,11 +221,7 @@ class Learner:
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
         self.network.update_statistics(batch.seen, self.processes)
-        ended = self.rollout.all.ended.unflatten(1, (self.members, -1)).sum(dim=(0, 2))
-        ends = torch.stack([self.rollout.failed, ended, self.rollout.succeeded], dim=1)
-        said = self.processes.average(
-            torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1)
-        )
+        said = self.processes.average(torch.cat((found, self.rollout.said()), dim=1))
         self._adapt(said[:, STATISTICS.index("approx_kl")])
         first, rest = said.tensor_split([len(STATISTICS)], dim=1)
         return torch.cat((first, self.adam.rate[:, None], rest), dim=1)

@@ -37,6 +37,18 @@ Other files are ``base-NAME.toml``, what several have in common, and ``preset-NA
 """
 
 
+_GRADIENT: dict[str, Any] = {
+    "n_envs": 256,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 3e-3,
+}
+"""Of a learner through the motion, of any throttled craft (decision 026)."""
+_GRADIENT_REPORTS = 24
+"""Its iterations between reports, as many steps as between those of PPO."""
+
+
 def recipe(name: str, device: str) -> TrainConfig:
     """The training of an agent that comes with RANS.
 
@@ -160,3 +172,25 @@ def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
 def _multiplied(steps: Any, factor: int) -> Any:
     """A number of steps times a factor; what is none stays, for `from_table` to refuse."""
     return steps * factor if type(steps) is int else steps
+
+
+_GRADIENT: dict[str, Any] = {
+    "n_envs": 256,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 3e-3,
+}
+"""Hyper-parameters of the learner through the motion for any throttled craft (decision 026)."""
+_GRADIENT_REPORTS = 24
+"""Its iterations between reports: as many steps as between those of PPO."""
+
+
+def by_gradient(config: TrainConfig) -> TrainConfig:
+    """The same training by the gradient through the motion, with numbers that are known to work."""
+    return replace(
+        config,
+        algorithm="gradient",
+        ppo=replace(config.ppo, **_GRADIENT),
+        report_interval=_GRADIENT_REPORTS,
+    )

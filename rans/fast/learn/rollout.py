@@ -90,12 +90,50 @@ class Rollout:
         self.cut_memory = network.blank(count)
         """Last observation of an episode that time cut off, and what the network remembered then. An episode
         is no shorter than a rollout, so there is one a rollout at most."""
+        self._processes = engine.processes
+        self._members = members
         self.terms = new(members, len(engine.term_names))
         """Mean over a member's environments of each reward term, summed over the steps."""
         self.succeeded = new(members)
         """Number of a member's episodes that ended as a success."""
         self.failed = new(members)
         """Number of a member's episodes that the task ended as a failure."""
+
+    def begin(self) -> None:
+        """Forget how the last steps went."""
+        self.terms.zero_()
+        self.succeeded.zero_()
+        self.failed.zero_()
+
+    def uniform(self, generators: Sequence[torch.Generator]) -> Tensor:
+        """Random numbers (T, N, thrusters) in [0, 1), on a CPU from one generator a member."""
+        action = self.all.action
+        if action.is_cuda:
+            return self._processes.uniform_like(action)
+        parts = zip(action.chunk(self._members, dim=1), generators, strict=True)
+        drawn = [self._processes.uniform_like(part, generator) for part, generator in parts]
+        return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
+
+    def spread(self, values: Tensor) -> Tensor:
+        """Numbers (K,) of the members for each of their environments: (N,), or (1,) of one member."""
+        if self._members == 1:
+            return values
+        return values.repeat_interleave(self.all.reward.shape[1] // self._members)
+
+    def beside(self, first: Tensor, second: Tensor) -> Tensor:
+        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
+        pair = [x.unflatten(0, (self._members, -1)) for x in (first, second)]
+        return torch.cat(pair, dim=1).flatten(0, 1)
+
+    def said(self) -> Tensor:
+        """How the steps went, (K, 3 + terms), of this process.
+
+        Episodes that failed, all that ended, and those that ended as a success; mean reward of a step by
+        term.
+        """
+        ended = self.all.ended.unflatten(1, (self._members, -1)).sum(dim=(0, 2))
+        counts = torch.stack([self.failed, ended, self.succeeded], dim=1)
+        return torch.cat((counts, self.terms / len(self.steps)), dim=1)
 
 
 def remember(

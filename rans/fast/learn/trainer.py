@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -16,6 +17,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.failures import FailedStarts
+from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import write_learner
@@ -76,8 +78,10 @@ class Trainer:
         each = processes.share("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
         seeds = [config.seed for config in configs]
+        # Gradients go through torch's tensors.
+        plain = first.plain or first.algorithm == "gradient"
         self.curriculum = Curriculum(
-            tasks, first.curriculum, field_dtype(device, plain=first.plain), device, each
+            tasks, first.curriculum, field_dtype(device, plain=plain), device, each
         )
         timing = replace(
             first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
@@ -92,9 +96,13 @@ class Trainer:
             processes=processes,
             conditions=first.conditions.or_none,
             remember=first.ppo.privileged_critic or first.failures.share > 0.0,
-            plain=first.plain,
+            plain=plain,
         )
-        self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
+        make = (
+            partial(GradientLearner, own=first.gradient) if first.algorithm == "gradient" else None
+        )
+        settings = [config.ppo for config in configs]
+        self.learner = begin(self.engine, settings, seeds, plain, make)
         self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(
             self.learner.network,
@@ -212,7 +220,7 @@ class Trainer:
 
     def _compiling_pays(self) -> bool:
         """Whether much is left on a GPU: all steps, or, where training ends once solved, as much as was."""
-        fixed = self.config.plain or self.config.compiled is not None
+        fixed = self.engine.plain or self.config.compiled is not None
         if self.engine.device.type != "cuda" or fixed:
             return False
         took = self.seconds - self._begun[1]
@@ -236,16 +244,15 @@ class Trainer:
         return self.steps // self._rollout % self.config.report_interval == 0
 
     def _iterate(self) -> None:
-        """One iteration of PPO."""
+        """One iteration of the learner."""
         self.curriculum.move_to(self.steps)
         self.failures.begin(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
-        self.learner.collect()
-        said = self.learner.update().tolist()
+        said = self.learner.learn().tolist()
         self.steps += self._rollout
         try:
             self._said = [
-                statistics(numbers, self.engine, self.steps, self._rollout, self._goes_on)
+                statistics(numbers, self.learner, self.steps, self._rollout, self._goes_on)
                 for numbers in said
             ]
         except NonFiniteState as error:

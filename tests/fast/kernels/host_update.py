@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rans.fast.kernels.update import UpdateKernel
 from rans.fast.kernels.update_design import WARPS
-from rans.fast.learn.ppo import Learner
+from rans.fast.learn.ppo import PPOLearner
 from tests.fast.kernels.host import COMPILER
 
 _RUN = """
@@ -45,7 +45,7 @@ class HostUpdate(UpdateKernel):
 
     blocks = 2  # type: ignore[assignment]
 
-    def __init__(self, learner: Learner, folder: Path) -> None:
+    def __init__(self, learner: PPOLearner, folder: Path) -> None:
         super().__init__(learner.network, learner.adam, learner.coefficients, 2**20)
         file = folder / "update.cpp"
         here = Path(__file__)

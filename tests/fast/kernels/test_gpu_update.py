@@ -12,7 +12,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, set_precision
-from rans.fast.learn.ppo import Learner, losses
+from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, PLATFORM
@@ -33,7 +33,7 @@ SETTINGS = PPOSettings(
 )
 
 
-def by_autograd(learner: Learner, part: Batch, bf16: bool) -> tuple[Tensor, list[Tensor]]:
+def by_autograd(learner: PPOLearner, part: Batch, bf16: bool) -> tuple[Tensor, list[Tensor]]:
     """Losses and gradients by weight, in float32 or with hidden layers of bfloat16."""
     network = learner.network
     given = learner.network.architecture

@@ -14,7 +14,7 @@ from torch.nn import functional
 from rans.fast.kernels.design import DoesNotFit
 from rans.fast.kernels.update import Gradients, UpdateProducts
 from rans.fast.kernels.update_design import KernelDesign, UpdateDesign
-from rans.fast.learn.ppo import Learner, losses
+from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.fast.engines import FLYER, PLATFORM
 from tests.fast.kernels.host import needs_compiler
@@ -22,7 +22,7 @@ from tests.fast.kernels.host_update import HostUpdate
 from tests.fast.training import scatter, tiny_learner
 
 
-def collected(craft: Any, **settings: Any) -> tuple[Learner, Batch]:
+def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
     """A learner and what it has to learn from, by a policy that has changed since."""
     learner = tiny_learner(
         craft,
@@ -71,7 +71,7 @@ def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
     return through
 
 
-def agree(kernel: Gradients, learner: Learner, batch: Batch, share: float) -> None:
+def agree(kernel: Gradients, learner: PPOLearner, batch: Batch, share: float) -> None:
     """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
     network = learner.network
     learner.by_hand = kernel

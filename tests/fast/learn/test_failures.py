@@ -100,7 +100,7 @@ def test_a_share_of_the_environments_begins_there_in_turns(tmp_path: Path) -> No
         ]
         assert [row for row in range(16) if now[row] != before[row]] == rows
         assert all(now[row] in starts for row in rows)
-        trainer.learner.collect()
+        trainer.learner.learn()
 
 
 def test_looks_are_spread_evenly_over_what_is_left(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.member import begin, statistics
-from rans.fast.learn.ppo import STATISTICS, Learner, losses
+from rans.fast.learn.ppo import STATISTICS, PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
 from tests.fast.test_policy import seen
@@ -27,7 +27,9 @@ ONE_BATCH: dict[str, Any] = {
 HEADS = pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 
 
-def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> tuple[Learner, Any]:
+def filled(
+    craft: Any = PLATFORM, continuous: bool = False, **settings: Any
+) -> tuple[PPOLearner, Any]:
     """A learner in float64 with an invented rollout, and SB3's own PPO with the same in its buffer.
 
     The log-probabilities are of another policy, so that ratios are far from one and are clipped;
@@ -66,7 +68,7 @@ def filled(craft: Any = PLATFORM, continuous: bool = False, **settings: Any) -> 
     return learner, twin
 
 
-def _fill(twin: Any, learner: Learner, last: Tensor) -> None:
+def _fill(twin: Any, learner: PPOLearner, last: Tensor) -> None:
     """What SB3's `collect_rollouts` would have put into its buffer."""
     kept = learner.rollout.all
     buffer = twin.rollout_buffer
@@ -147,7 +149,7 @@ def test_an_iteration_is_that_of_sb3(craft: Any, continuous: bool, n_epochs: int
     assert learner.network.tensors["features_extractor.count"] == 256
 
 
-def trained(seed: int = 0, iterations: int = 8, **settings: Any) -> Learner:
+def trained(seed: int = 0, iterations: int = 8, **settings: Any) -> PPOLearner:
     learner = tiny_learner(seed=seed, **settings)
     for _ in range(iterations):
         learner.collect()
@@ -171,14 +173,14 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
 
 def test_returns_and_lengths_by_the_names_of_sb3() -> None:
     """160 steps in which 4 episodes ended, at 0.25 a step by hand: 40 steps and a return of 10 each."""
-    engine = Engine(PLATFORM, NEAR, 16, SHORT)
-    terms = [0.0] * (len(engine.term_names) - 2)
+    learner = tiny_learner()
+    terms = [0.0] * (len(learner.engine.term_names) - 2)
     told = statistics(
-        [0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], engine, 160, 160
+        [0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], learner, 160, 160
     )
     assert (told["rollout/ep_len_mean"], told["rollout/ep_rew_mean"]) == (40.0, 10.0)
     none = statistics(
-        [0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], engine, 160, 160
+        [0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], learner, 160, 160
     )
     assert "rollout/ep_rew_mean" not in none
 
@@ -187,7 +189,7 @@ def test_what_an_iteration_says() -> None:
     learner = tiny_learner()
     for _ in range(3):
         learner.collect()
-    told = statistics(learner.update().tolist()[0], learner.engine, 128, 128)
+    told = statistics(learner.update().tolist()[0], learner, 128, 128)
     rollout = learner.rollout
     terms = learner.engine.term_names
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
@@ -249,10 +251,10 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     )
     learner.collect()
     with pytest.raises(NonFiniteState, match="not finite after 128 steps"):
-        statistics(learner.update().tolist()[0], learner.engine, 128, 128)
+        statistics(learner.update().tolist()[0], learner, 128, 128)
 
 
-def rate_after(learner: Learner, divergence: float, times: int = 1) -> float:
+def rate_after(learner: PPOLearner, divergence: float, times: int = 1) -> float:
     for _ in range(times):
         learner._adapt(torch.tensor([divergence]))
     return float(learner.adam.rate)

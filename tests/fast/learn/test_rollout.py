@@ -11,7 +11,7 @@ from torch import Tensor
 
 from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import Learner
+from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, gae, minibatches, remember
 from rans.fast.step import Step
 from tests.fast.engines import NEAR, PLATFORM, both_crafts
@@ -57,7 +57,7 @@ def test_advantages_are_those_of_sb3() -> None:
 WHOLE: dict[str, Any] = {"n_envs": 32, "n_steps": 20, "batch_size": 640, "reward_scale": SCALE}
 
 
-def collected(craft: Any) -> tuple[Learner, Batch]:
+def collected(craft: Any) -> tuple[PPOLearner, Batch]:
     """A whole episode's length of a frozen policy whose values differ much, and its advantages."""
     learner = tiny_learner(craft, **WHOLE)
     scatter(learner.network)

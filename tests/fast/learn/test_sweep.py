@@ -16,7 +16,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.learn.member import Member, begin
-from rans.fast.learn.ppo import Learner
+from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
 from rans.fast.step import field_dtype
@@ -55,7 +55,7 @@ def together(
     dtype: torch.dtype = torch.float64,
     only: int | None = None,
     **settings: Any,
-) -> Learner:
+) -> PPOLearner:
     """Three trainings that differ in everything in which members may, or only one of them."""
     numbers = range(3) if only is None else [only]
     tasks = [TASKS[n] for n in numbers]
@@ -71,7 +71,7 @@ def together(
     return begin(engine, [replace(TINY, **CHOICES[n], **settings) for n in numbers], numbers)
 
 
-def trained(learner: Learner, iterations: int) -> Learner:
+def trained(learner: PPOLearner, iterations: int) -> PPOLearner:
     for _ in range(iterations):
         learner.slow_down(0.4)
         learner.collect()
@@ -165,7 +165,7 @@ def test_the_update_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(
             module,
             "fused",
-            lambda function, _: torch.compile(
+            lambda function, *_: torch.compile(
                 function, fullgraph=True, dynamic=False, backend="eager"
             ),
         )

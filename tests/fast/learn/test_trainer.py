@@ -124,7 +124,7 @@ def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> 
             tmp_path / str(duty), replace(CONFIG, ppo=replace(TINY, initial_duty=duty))
         )
         assert trainer.selection.judge()[0]["duty"] == pytest.approx(expected, abs=1e-6)
-        trainer.learner.collect()
+        trainer.learner.learn()
         # 1,024 throws: within five standard deviations of their mean.
         assert float(trainer.learner.rollout.all.action.mean()) == pytest.approx(duty, abs=0.016)
 

@@ -1,0 +1,312 @@
+"""The gradient of the return through the motion: against differences, against one member alone, end to end."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.fast.distributed import ALONE
+from rans.fast.engine import Engine
+from rans.fast.learn.config import GradientSettings, TrainConfig, from_table, to_table
+from rans.fast.learn.gradient import GradientLearner, Inward
+from rans.fast.learn.member import begin
+from rans.model.actuators import Pulsed, Throttle
+from rans.model.spacecraft_file import to_toml
+from rans.model.timing import Timing
+from rans.tasks import GoToPose, Task
+from tests.fast.training import (
+    CONFIG,
+    TINY,
+    after,
+    everything,
+    ignore,
+    resumed,
+    scatter,
+    tiny_trainer,
+)
+from tests.model.cases import FLYER, PLATFORM
+
+SHORT = Timing(episode_steps=20)
+THROTTLED = replace(PLATFORM, actuators=Throttle())
+FLYER_THROTTLED = replace(FLYER, actuators=Throttle())
+NEAR = GoToPose(spawn_distance=(0.5, 1.0), fail_distance=1.5)
+OWN = GradientSettings(noise=0.05, bound=1e6)
+
+
+def gradient_learner(
+    craft: Any = THROTTLED,
+    task: Task = NEAR,
+    seeds: tuple[int, ...] = (0,),
+    dtype: torch.dtype = torch.float64,
+    conditions: str | None = None,
+    timing: Timing = SHORT,
+    own: GradientSettings = OWN,
+    **settings: Any,
+) -> GradientLearner:
+    """Small, and exact; some of its episodes fail and others are cut off."""
+    chosen = replace(TINY, **{"n_epochs": 1, "n_steps": 8} | settings)
+    count = chosen.n_envs * len(seeds)
+    engine = Engine(
+        craft,
+        task,
+        count,
+        timing,
+        seed=seeds,
+        dtype=dtype,
+        conditions=conditions,
+        plain=True,
+        remember=chosen.privileged_critic,
+    )
+    learner = begin(engine, [chosen] * len(seeds), seeds, True, partial(GradientLearner, own=own))
+    assert isinstance(learner, GradientLearner)
+    return learner
+
+
+def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> float:
+    """The loss of the same rollout with one weight changed; everything is put back."""
+    kept = learner.engine.save_state(), learner.state()
+    states = kept[1]["generators"]
+    memory = None if learner.rollout.memory is None else learner.rollout.memory.clone()
+    weight = learner.network.tensors[name].detach().view(-1)
+    before = weight[place].item()
+    weight[place] += size
+    with torch.no_grad():
+        found = learner.loss().sum().item()
+    weight[place] = before
+    learner.engine.load_state(kept[0])
+    for generator, state in zip(learner._generators, states, strict=True):
+        generator.set_state(state)
+    if memory is not None and learner.rollout.memory is not None:
+        learner.rollout.memory.copy_(memory)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("craft", "task", "others"),
+    [
+        (THROTTLED, NEAR, {}),
+        (THROTTLED, NEAR, {"n_steps": 20, "batch_size": 80}),
+        (FLYER_THROTTLED, NEAR, {}),
+        (THROTTLED, replace(NEAR, switching_weight=0.05, speed_weight=0.1), {"symmetric": True}),
+        (THROTTLED, NEAR, {"memory": "history", "history": 2}),
+        (THROTTLED, NEAR, {"conditions": "lab", "privileged_critic": True}),
+    ],
+    ids=["horizon", "episode", "space", "symmetric", "history", "lab"],
+)
+def test_the_gradient_of_a_return_is_that_of_differences(
+    craft: Any, task: Task, others: dict[str, Any]
+) -> None:
+    """In float64, of a policy whose commands are far from shut and open; of weights of every layer."""
+    learner = gradient_learner(craft, task, **others)
+    for _ in range(2):
+        learner.learn()  # so that the critic says something, and episodes are in their midst
+    names = [name for name in learner.network.learnt if not name.startswith("value_net")]
+    if others.get("privileged_critic"):
+        names = [name for name in names if ".critic." not in name]
+    kept = learner.engine.save_state(), [x.get_state() for x in learner._generators]
+    memory = None if learner.rollout.memory is None else learner.rollout.memory.clone()
+    loss = learner.loss()
+    action = learner.rollout.all.action
+    assert action.min() > 0.0
+    assert action.max() < 1.0
+    ended = learner.rollout.all.ended
+    assert ended.sum() > 0
+    gradients = torch.autograd.grad(loss.sum(), [learner.network.tensors[name] for name in names])
+    learner.engine.load_state(kept[0])
+    for generator, state in zip(learner._generators, kept[1], strict=True):
+        generator.set_state(state)
+    if memory is not None and learner.rollout.memory is not None:
+        learner.rollout.memory.copy_(memory)
+    size = 1e-6
+    for name, gradient in zip(names, gradients, strict=True):
+        place = int(gradient.abs().argmax())
+        more, less = (losses_by(learner, name, place, sign * size) for sign in (1, -1))
+        difference = (more - less) / (2 * size)
+        assert abs(difference) > 1e-9, name
+        assert gradient.view(-1)[place].item() == pytest.approx(difference, rel=2e-4, abs=1e-9)
+
+
+def test_a_command_out_of_bounds_finds_back() -> None:
+    action = torch.tensor([-0.5, -0.5, 0.5, 0.5, 1.5, 1.5], requires_grad=True)
+    command: Tensor = Inward.apply(action)  # type: ignore[assignment]
+    assert command.tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
+    (command * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])).sum().backward()
+    # Descent lowers an action whose gradient is positive: from above 1 that leads back.
+    assert action.grad is not None
+    assert action.grad.tolist() == [0.0, -1.0, 1.0, -1.0, 1.0, 0.0]
+
+
+def test_a_root_at_rest_leaves_gradients_finite() -> None:
+    """All thrusters are shut and episodes begin at rest, where a speed and a spin have no gradient."""
+    task = replace(NEAR, speed_weight=0.1, spin_weight=0.1)
+    learner = gradient_learner(task=task, own=replace(OWN, noise=1e-6))
+    with torch.no_grad():
+        learner.network.tensors["action_net.bias"].fill_(-0.1)
+    learner.engine.reset(0)
+    loss = learner.loss()
+    assert (learner.rollout.all.action < 0).all()
+    norm = learner.adam.descend(loss.sum(), learner.coefficients.max_grad_norm, learner.processes)
+    assert norm.isfinite().all()
+    assert all(x.isfinite().all() for x in learner.network.tensors.values())
+
+
+def test_a_member_learns_what_it_would_alone() -> None:
+    both = gradient_learner(seeds=(3, 4))
+    alone = [gradient_learner(seeds=(seed,)) for seed in (3, 4)]
+    for _ in range(3):
+        said = both.learn()
+        for row, one in zip(said, alone, strict=True):
+            torch.testing.assert_close(row, one.learn()[0], rtol=1e-6, atol=1e-9)
+    for number, one in enumerate(alone):
+        for name, weight in one.network.tensors.items():
+            torch.testing.assert_close(
+                both.network.member(number)[name], weight.detach(), rtol=0, atol=1e-7
+            )
+
+
+def test_the_engine_flies_what_the_learner_flew() -> None:
+    """The rollout's commands, given to an engine of the same starts, bring the same rewards."""
+    learner = gradient_learner()
+    other = Engine(THROTTLED, NEAR, 16, SHORT, dtype=torch.float64)
+    other.load_state(learner.engine.save_state())
+    for _ in range(4):
+        learner.loss()
+        kept = learner.rollout.all
+        for t in range(learner.n_steps):
+            torch.testing.assert_close(other.observe(), kept.observation[t], rtol=0, atol=1e-12)
+            step = other.step(kept.action[t].clamp(0.0, 1.0))
+            torch.testing.assert_close(step.reward, kept.reward[t], rtol=0, atol=1e-12)
+            assert torch.equal((step.terminated | step.truncated).double(), kept.ended[t])
+
+
+def test_values_of_episodes_that_time_cut_off_are_not_zero() -> None:
+    """One step from the end, of reward r and of a critic that says 7 everywhere: r + 0.98 * 7, by hand."""
+    learner = gradient_learner(n_steps=1, batch_size=16, timing=Timing(episode_steps=1))
+    with torch.no_grad():
+        for name in ("value_net.weight", "value_net.bias"):
+            learner._target.tensors[name].fill_(7.0 if name.endswith("bias") else 0.0)
+    loss = learner.loss().item()
+    kept = learner.rollout.all
+    lost = kept.ended[0] - kept.truncated[0]
+    assert kept.ended.all()
+    # A new episode begins, whose value counts as that of a state to come: a constant.
+    expected = 0.1 * kept.reward[0] + 0.98 * 7.0 * kept.truncated[0] + 7.0
+    assert loss == pytest.approx(-expected.mean().item(), rel=1e-12)
+    assert lost.sum() < len(lost)
+
+
+def test_what_has_no_gradient_is_refused() -> None:
+    for craft in (PLATFORM, replace(PLATFORM, actuators=Pulsed(10))):
+        with pytest.raises(ConfigError, match="needs thrusters that are throttled"):
+            gradient_learner(craft)
+    with pytest.raises(ConfigError, match="no recurrent memory"):
+        gradient_learner(memory="recurrent", symmetric=False)
+    engine = Engine(THROTTLED, NEAR, 16, SHORT)
+    with pytest.raises(ConfigError, match="plain engine"):
+        begin(engine, [TINY], [0], None, partial(GradientLearner, own=OWN))
+    with pytest.raises(ConfigError, match="plain=True"):
+        engine.stepped(engine.running(), torch.zeros(16, 8))
+
+
+# In a training.
+
+
+def config(folder: Path, **others: Any) -> TrainConfig:
+    craft = folder / "craft.toml"
+    craft.write_text(to_toml(THROTTLED))
+    return replace(CONFIG, spacecraft=str(craft), algorithm="gradient", **others)
+
+
+def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path) -> None:
+    given = config(tmp_path, total_timesteps=1024, report_interval=4)
+    whole = tiny_trainer(tmp_path / "whole", given)
+    whole.train(ignore)
+    tiny_trainer(tmp_path / "cut", given).train(ignore, after(3))
+    trainer = resumed(tmp_path / "cut")
+    torch.manual_seed(99)
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    for name, tensor in whole.learner.state()["critic"].items():
+        assert torch.equal(trainer.learner.state()["critic"][name], tensor)
+
+
+def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
+    """A policy of large weights reacts so strongly that a hundred periods multiply its gradient."""
+
+    def norm(bound: float, steps: int) -> float:
+        learner = gradient_learner(
+            task=GoToPose(),
+            timing=Timing(episode_steps=100),
+            own=GradientSettings(bound=bound),
+            n_steps=steps,
+            batch_size=16 * steps,
+        )
+        scatter(learner.network)
+        given = learner.coefficients
+        return learner.adam.descend(learner.loss().sum(), given.max_grad_norm, ALONE).item()
+
+    unbounded = 1e30
+    assert norm(unbounded, 100) > 1000.0
+    assert norm(10.0, 100) < 10.0
+    # A horizon needs no bound.
+    assert norm(100.0, 16) == norm(unbounded, 16)
+
+
+def test_forty_iterations_triple_the_reward() -> None:
+    """Of the craft that does nothing, from half a metre to a metre away; 40,960 steps."""
+    learner = gradient_learner(
+        task=GoToPose(spawn_distance=(0.5, 1.0)),
+        dtype=torch.float32,
+        timing=Timing(episode_steps=32),
+        own=GradientSettings(),
+        n_envs=64,
+        n_steps=16,
+        batch_size=256,
+        learning_rate=0.01,
+    )
+    rewards = []
+    for _ in range(40):
+        learner.learn()
+        rewards.append(learner.rollout.all.reward.mean().item())
+    assert sum(rewards[-4:]) > 2.5 * sum(rewards[:4])
+
+
+def test_the_command_trains_and_evaluates_such_an_agent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    craft = tmp_path / "craft.toml"
+    craft.write_text(to_toml(THROTTLED))
+    run = tmp_path / "run"
+    small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
+    where = ["--spacecraft", str(craft), "--device", "cpu", "--output", str(run)]
+    given = ["--algorithm", "gradient", "--total-timesteps", "256"]
+    assert main(["train", "go-to-pose", *small, *where, *given]) == 0
+    assert "gradients through the motion" in " ".join(capsys.readouterr().out.split())
+    assert json.loads((run / "config.json").read_text())["algorithm"] == "gradient"
+    assert main(["evaluate", str(run), "--episodes", "8"]) == 0
+    platform = ["--device", "cpu", "--output", str(tmp_path / "other")]
+    assert main(["train", "go-to-pose", *platform, "--algorithm", "gradient"]) == 2
+    assert "needs thrusters that are throttled" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_config_from_before_there_were_two_learners_is_read() -> None:
+    table = json.loads(json.dumps(to_table(CONFIG)))
+    for name in ("algorithm", "gradient", "plain"):
+        del table[name]
+    assert from_table(table) == CONFIG
+    assert CONFIG.algorithm == "ppo"
+    with pytest.raises(ConfigError, match="expected 'ppo' or 'gradient'"):
+        from_table(table | {"algorithm": "sac"})
+    for name, value in (("target_rate", 0.0), ("noise", math.inf), ("critic_learning_rate", -1.0)):
+        with pytest.raises(ConfigError, match=name):
+            from_table(table | {"gradient": {name: value}})
