@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.dynamics import Wrench, advance, held, wrench
+from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Vec2, Vec3
 from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft

@@ -7,8 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.dynamics import AnyState, PlanarState, SpatialState, held
+from rans.model.dynamics import AnyState, PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, generator, seed_words
 from rans.model.spacecraft import Spacecraft

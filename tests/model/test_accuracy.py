@@ -224,7 +224,7 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
     told = Influences(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
     ends = [
-        World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told)
+        World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told)[-1]
         for n in (number, 8 * number, 1)
     ]
     angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from rans.effectors.commands import is_identity, of_outputs
 from rans.errors import ConfigError
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
@@ -26,9 +27,11 @@ from rans.tasks.derived import layout
 class Agent:
     """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
-    def __init__(self, network: Network, name: str) -> None:
+    def __init__(self, network: Network, name: str, craft: Spacecraft | None = None) -> None:
         self.name = name
         self.network = network
+        self._craft = craft
+        """Whose commands it gives; None: one whose commands are all from 0 to 1."""
         self._memory: torch.Tensor | None = None
 
     def __repr__(self) -> str:
@@ -47,7 +50,10 @@ class Agent:
         """
         self.network.architecture.check_width(self.name, observation)
         command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
-        return command.numpy()
+        outputs = command.numpy()
+        if self._craft is None or is_identity(self._craft):
+            return outputs
+        return np.stack(of_outputs(self._craft, tuple(outputs.T)), axis=1)
 
 
 class LoadedRun(NamedTuple):
@@ -62,7 +68,7 @@ class LoadedRun(NamedTuple):
     """What its episodes do not promise; None: a perfect world."""
 
     def __repr__(self) -> str:
-        return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"
+        return f"<{self.controller.name}: {type(self.task).__name__} for {self._craft.name}>"
 
     @property
     def judged(self) -> Setup:
@@ -71,7 +77,7 @@ class LoadedRun(NamedTuple):
         A single substep is what trainings make do with; more were asked for and stay.
         """
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
-        return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
+        return Setup(self._craft, self.task.for_evaluation(), timing, self.conditions)
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
         """The same under other conditions, by name, file or as such; None: its own."""
@@ -95,7 +101,7 @@ def load_agent(path: Path) -> LoadedRun:
     network = read_policy(run.agent_file).network
     _check_fit(network, craft, config.settings, run)
     return LoadedRun(
-        Agent(network, path.resolve().name),
+        Agent(network, path.resolve().name, craft),
         craft,
         config.settings,
         config.timing,
@@ -108,10 +114,10 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
     shown = layout(task, craft.dimension)
     seen = given.layout.width
     commanded = given.thrusters
-    needed = shown.width, len(craft.thrusters)
+    needed = shown.width, len(craft.commands)
     if (seen, commanded) != needed:
         raise ConfigError(
-            f"{run.agent_file} observes {seen} columns and commands {commanded} thrusters, but "
+            f"{run.agent_file} observes {seen} columns and gives {commanded} commands, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
         )
     if given.layout != shown:
@@ -119,7 +125,7 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
             f"{run.agent_file} observes other columns than the task in {run.config_file} "
             "shows: they are of different runs."
         )
-    if given.continuous != craft.actuators.is_continuous:
+    if given.continuous != craft.is_continuous:
         raise ConfigError(
             f"{run.agent_file} does not command the {craft.actuators.kind} actuators of "
             f"{run.spacecraft_file}: they are of different runs."

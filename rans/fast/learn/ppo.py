@@ -131,7 +131,7 @@ class Learner:
         for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
-            step = engine.step(acted.command)
+            step = engine.step(engine.commands(acted.command))
             self._remember(observation, acted, privileged, step, slot, rollout)
             observation = step.observation
         return rollout.all.reward
