@@ -68,7 +68,7 @@ class LoadedRun(NamedTuple):
     """What its episodes do not promise; None: a perfect world."""
 
     def __repr__(self) -> str:
-        return f"<{self.controller.name}: {type(self.task).__name__} for {self._craft.name}>"
+        return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     @property
     def judged(self) -> Setup:
@@ -77,7 +77,7 @@ class LoadedRun(NamedTuple):
         A single substep is what trainings make do with; more were asked for and stay.
         """
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
-        return Setup(self._craft, self.task.for_evaluation(), timing, self.conditions)
+        return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
         """The same under other conditions, by name, file or as such; None: its own."""
