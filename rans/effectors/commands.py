@@ -14,6 +14,9 @@ from rans.model.spacecraft import CommandRange, Spacecraft
 if TYPE_CHECKING:
     from gymnasium import spaces
 
+_ROUNDING = 1e-6
+"""By which commands may be outside a level such as 0.3, which single precision does not have."""
+
 
 def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
     """Gymnasium's space of the craft's commands.
@@ -34,6 +37,15 @@ def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest of each command, float32."""
     low, high = np.array([(one.low, one.high) for one in craft.commands], dtype=np.float32).T
     return low, high
+
+
+def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest number that passes for each command, with room for a level's binary rounding."""
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    return tuple(
+        np.where(np.isin(bound, (-1.0, 0.0, 1.0)), bound, bound + side * _ROUNDING)
+        for bound, side in ((low, -1.0), (high, 1.0))
+    )
 
 
 def allowed(craft: Spacecraft) -> str:
@@ -70,7 +82,7 @@ def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
         return False
     if not craft.is_continuous:
         return True
-    low, high = bounds(craft)
+    low, high = limits(craft)
     return bool(((values >= low) & (values <= high)).all())
 
 

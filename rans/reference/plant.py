@@ -196,6 +196,7 @@ class Plant:
         m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
         """
         commands = self._with_wheels(commands)
+        states = self._with_stores(states)
         self._set(states, commands)
         self._drive(commands, self._momenta(states), np.inf)
         rows = self._rows(
@@ -235,6 +236,7 @@ class Plant:
             looks: how many instants to return, evenly spaced.
         """
         nozzles = nozzles or self._nozzles
+        states = self._with_stores(states)
         self._set(states, commands)
         self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
@@ -261,7 +263,7 @@ class Plant:
 
         Each command is held for one control period, s.
         """
-        states = [np.array(starts, dtype=np.float64)]
+        states = [self._with_stores(np.array(starts, dtype=np.float64))]
         for command in commands:
             states.append(self.advance(states[-1], command, control_period))
         return np.array(states)
@@ -334,6 +336,13 @@ class Plant:
         """Commands (N, commands), with zeros for the wheels where they are of thrusters alone."""
         missing = len(self.craft.commands) - commands.shape[1]
         return np.pad(commands, ((0, 0), (0, missing)))
+
+    def _with_stores(self, states: np.ndarray) -> np.ndarray:
+        """States (N, width), with a full tank and wheels at rest where they say nothing of them."""
+        if states.shape[1] > self._width:
+            return states
+        stores = np.tile([store.initial for store in self.craft.stores], (len(states), 1))
+        return np.hstack([states, stores.reshape(len(states), -1)])
 
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
@@ -410,6 +419,7 @@ class Plant:
 
     def _set(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Put states and commands into the context."""
+        states = self._with_stores(states)
         stores = states[:, self._width :]
         states = states[:, : self._width]
         q = np.zeros(self._plant.num_positions())

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.effectors.commands import allowed, bounds, check
+from rans.effectors.commands import allowed, check, limits
 from rans.environment import array, dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -23,8 +23,8 @@ class Actions:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._shape = (engine.num_envs, len(engine.craft.commands))
-        self._bounds = [
-            torch.as_tensor(bound, device=engine.device) for bound in bounds(engine.craft)
+        self._limits = [
+            torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
         ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
         """Whether any was wrong."""
@@ -59,7 +59,7 @@ class Actions:
         craft = self._engine.craft
         if not craft.is_continuous:
             return ((given == 0) | (given == 1)).all()
-        low, high = self._bounds
+        low, high = self._limits
         within = ((given >= low) & (given <= high)).all()
         if craft.actuators.is_continuous:
             return within
