@@ -410,10 +410,16 @@ class Plant:
                     stop = min(b, now + float(lasts.min()))
                     step = stop - now
                     used = step * (flow + 0.5 * step * change)
-                    self._weigh(self._share_of_mass(left - 0.5 * used))
+                    # The mass in the middle counts, and thrusts that give what they give the true one.
+                    first = self._share_of_mass(left)
                     left = np.where(lasts <= step + 1e-12, 0.0, np.maximum(left - used, 0.0))
+                    last = self._share_of_mass(left)
+                    middle = 0.5 * (first + last)
+                    self._weigh(middle)
                     self._left = left
-                    yield Segment(stop, opened, growing)
+                    given = opened * (middle / first)[:, None]
+                    ends = (opened + growing * step) * (middle / last)[:, None]
+                    yield Segment(stop, given, (ends - given) / max(step, 1e-30))
                     now = stop
             begin = end
 
