@@ -112,6 +112,11 @@ class Flight:
         """(T + 1,) s."""
         return np.arange(len(self.commands) + 1) * self.timing.control_period
 
+    @property
+    def openings(self) -> np.ndarray:
+        """(T, N, thrusters) commands of the thrusters alone, without those of reaction wheels."""
+        return self.commands[:, :, : len(self.craft.thrusters)]
+
     def errors(self) -> dict[str, np.ndarray]:
         """The task's errors at every instant, each (T + 1, N)."""
         return self.task.errors(self.states, self.goals)
