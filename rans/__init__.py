@@ -19,7 +19,7 @@ import gymnasium
 
 from rans.api import certify, compare, evaluate, load_agent, optimal_trajectory, train, validate
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
-from rans.model.actuators import OnOff, Pulsed, Throttle
+from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.conditions import (
     BodyConditions,
     Conditions,
@@ -105,6 +105,8 @@ __all__ = [
     "OnOff",
     "Pulsed",
     "Throttle",
+    "Wheel",
+    "Propellant",
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",

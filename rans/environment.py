@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
+from rans.effectors.commands import action_space, check
 from rans.episode import Episode, Guard, Mover, Setup, World, step
 from rans.errors import ConfigError, brief, checked
 from rans.model.conditions import Conditions
@@ -35,7 +36,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
-    Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
+    Action: (commands,), as `rans.model.spacecraft.Spacecraft.commands` lists them: usually 0 (shut) or 1 (open).
     ``info``: "reward_terms" and "errors" by name, with constraints also "margins"; at the end of an episode
     "is_success", whether the mission was won, or time ran out within the task's tolerances.
 
@@ -109,21 +110,21 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._now: Episode | None = _plain(
             self._world.begin(chosen.start, chosen.goal, 0, self._draws)
         )
-        self._command = (0.0,) * len(self.craft.thrusters)
+        self._command = (0.0,) * len(self.craft.commands)
         self._trail: list[tuple[float, ...]] = []
         self._show()
         return self._observe(), {"errors": self._errors()}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the thrusters for one control period.
+        """Hold the commands for one control period.
 
         Raises:
-            ConfigError: the craft's actuators cannot follow the action.
+            ConfigError: the craft cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
         before = self._running()
         values = _numbers(action)
-        self.craft.actuators.check(values, len(self.craft.thrusters))
+        check(self.craft, values)
         self._trail.append(before.state.p.columns())
         outcome = step(
             self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move
@@ -280,11 +281,6 @@ def observation_space(
     """
     bounds = np.minimum(example(task, dimension).bounds(), np.finfo(np.float32).max).astype(dtype)
     return spaces.Box(-bounds, bounds, dtype=dtype)
-
-
-def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
-    """What the craft's actuators take."""
-    return craft.actuators.action_space(len(craft.thrusters))
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:

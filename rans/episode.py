@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, NamedTuple, Protocol
 
+from rans.effectors.motion import states_at_looks
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, Influences, draw, examples
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES, states_at_looks
+from rans.model.dynamics import NODES
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.memory import Memory
 from rans.model.random import Draws
@@ -30,7 +31,7 @@ from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
 
 Command = tuple[Field, ...]
-"""One field per thruster."""
+"""One field per command of the craft (`rans.model.spacecraft.Spacecraft.commands`)."""
 
 
 @dataclass(frozen=True)
@@ -222,17 +223,19 @@ class World:
         """A new episode from a start to a goal.
 
         The clock is as in `Episode`. Under conditions it takes draws. A body is what flies before conditions
-        change it; None: as designed.
+        change it; None: as designed. Effectors begin as the craft's ``stores`` say, unless the start has some.
         """
-        shut = (0,) * len(self.craft.thrusters)
+        still = (0,) * len(self.craft.commands)
+        if self.craft.stores and not start.stores:
+            start = replace(start, stores=tuple(store.initial for store in self.craft.stores))
         new = self.recalled(
             Episode(
                 start,
                 goal,
                 body,
-                past=(start,) * self._memory.states,
+                past=(replace(start, stores=()),) * self._memory.states,
                 clock=clock,
-                commands=(shut,) * self.remembered,
+                commands=(still,) * self.remembered,
                 violated=self._never(start, goal, clock),
             ),
             draws,
@@ -333,7 +336,7 @@ def step(
     draws: Draws | None = None,
     move: Mover | None = None,
 ) -> Outcome:
-    """Hold the command, 0 (shut) to 1 (open) each, for one control period.
+    """Hold the command, one number for each of the craft's ``commands``, for one control period.
 
     Under conditions it takes draws, and an episode that knows its case. By default our equations move.
     """
@@ -363,7 +366,7 @@ def step(
         state=state,
         goal=goal,
         clock=clock,
-        past=(episode.state, *episode.past)[: len(episode.past)],
+        past=(replace(episode.state, stores=()), *episode.past)[: len(episode.past)],
         commands=(command, *episode.commands)[: len(episode.commands)],
     )
     if episode.reading is not None:

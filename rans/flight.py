@@ -49,7 +49,7 @@ class Controller(Protocol):
         """Forget the past: ``count`` new episodes start."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, thrusters) for every episode: what the craft's actuators take, usually 0 or 1 (open).
+        """Commands (N, commands) for every episode: what the craft takes, usually 0 or 1 (open) per thruster.
 
         State and goal are a `State` of float64 arrays (N,) each; the observation is (N, width) float32, as
         `rans.tasks.observation` orders it.
@@ -75,7 +75,7 @@ class Flight:
     goals: Any
     """Goals as a `State` of arrays (T + 1, N) where they move, elsewhere (N,)."""
     commands: np.ndarray
-    """(T, N, thrusters), 0 to 1."""
+    """(T, N, commands), see `rans.model.spacecraft.Spacecraft.commands`: of most craft 0 to 1 per thruster."""
     controller: str
     """Name of the controller."""
     engine: str = "fast"
@@ -100,6 +100,11 @@ class Flight:
     def times(self) -> np.ndarray:
         """(T + 1,) s."""
         return np.arange(len(self.commands) + 1) * self.timing.control_period
+
+    @property
+    def openings(self) -> np.ndarray:
+        """(T, N, thrusters) commands of the thrusters alone, without those of reaction wheels."""
+        return self.commands[:, :, : len(self.craft.thrusters)]
 
     def errors(self) -> dict[str, np.ndarray]:
         """The task's errors at every instant, each (T + 1, N)."""
@@ -241,9 +246,12 @@ def fly(
     world = World(Setup(craft, task, how, conditions, guard))
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
     count = len(leaves(starts.start)[0])
-    nowhere = map_leaves(lambda _: np.nan, starts.start)
+    if craft.stores:
+        now = replace(now, state=map_leaves(lambda x: np.broadcast_to(x, count), now.state))
+    begun = now.state
+    nowhere = map_leaves(lambda _: np.nan, begun)
     controller.reset(count)
-    states = [starts.start]
+    states = [begun]
     goals = [starts.goal]
     commands = []
     margins = []
@@ -255,10 +263,10 @@ def fly(
         told = np.asarray(
             controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64
         )
-        if told.shape != (count, len(craft.thrusters)):
+        if told.shape != (count, len(craft.commands)):
             raise ConfigError(
                 f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
-                f"shape {(count, len(craft.thrusters))}, got {told.shape}: was it made for another "
+                f"shape {(count, len(craft.commands))}, got {told.shape}: was it made for another "
                 f"craft than {craft.name}?"
             )
         outcome = step(world, now, tuple(told.T), draws, move)
@@ -287,7 +295,7 @@ def fly(
         alive = alive & finite(*leaves(now.state))
         where_alive = partial(np.where, alive)
         states.append(map_leaves(where_alive, now.state, nowhere))
-        now = replace(now, state=map_leaves(where_alive, now.state, starts.start))
+        now = replace(now, state=map_leaves(where_alive, now.state, begun))
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
@@ -332,15 +340,15 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
     known = getattr(controller, "craft", None)
     if isinstance(known, Spacecraft) and _form(known) != _form(craft):
         raise ConfigError(
-            f"{controller.name} was made for {known.name}, with {len(known.thrusters)} thrusters in "
-            f"{known.dimension} dimensions, but {craft.name} has {len(craft.thrusters)} in "
+            f"{controller.name} was made for {known.name}, with {len(known.commands)} commands in "
+            f"{known.dimension} dimensions, but {craft.name} has {len(craft.commands)} in "
             f"{craft.dimension}."
         )
 
 
 def _form(craft: Spacecraft) -> tuple[int, int]:
     """What its controllers cannot do without."""
-    return craft.dimension, len(craft.thrusters)
+    return craft.dimension, len(craft.commands)
 
 
 def _stacked(trees: list[Any]) -> Any:

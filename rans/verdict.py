@@ -145,7 +145,8 @@ class Effort:
         return Effort(
             gained=self.gained + where(going & ~lost, outcome.reward, zero),
             impulse=self.impulse + spent,
-            opened=self.opened + where(going & late, reduce(add, outcome.command), zero),
+            opened=self.opened
+            + where(going & late, reduce(add, outcome.command[: len(craft.thrusters)]), zero),
         )
 
 

@@ -26,6 +26,7 @@ LAYERS: list[set[str]] = [
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},
+    {"rans.effectors"},
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},
     {"rans.verdict"},
@@ -100,7 +101,7 @@ def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
         assert not libraries & {"pydrake", "casadi"}
     if RANK[unit(name)] <= RANK["rans.flight"]:
         spaces = (
-            {"gymnasium"} if name == "rans.model.actuators" else set()
+            {"gymnasium"} if name == "rans.effectors.commands" else set()
         )  # imported where one is asked for
         assert not libraries & HEAVY - spaces
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.dynamics import Wrench, advance, held, wrench
+from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Vec2, Vec3
 from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
@@ -19,7 +20,7 @@ from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from validation.checks import Check
-from validation.sampling import FASTEST, gap_checks, gentle_commands, random_states
+from validation.sampling import FASTEST, gap_checks, gentle_commands, random_states, stocked
 
 VALIDATION_SUBSTEPS = {2: 1, 3: 32}
 """Physics substeps at which the equations, not the step size, are compared with Drake: the plane's step
@@ -102,7 +103,7 @@ def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]
 
 def period_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """One control period from random states, commands as the actuators take them, validation substeps."""
-    states = random_states(craft.dimension, seed, count)
+    states = stocked(craft, random_states(craft.dimension, seed, count))
     commands = gentle_commands(craft, seed, count)
     timing = Timing(substeps=VALIDATION_SUBSTEPS[craft.dimension])
     ours = held(states, craft, Body.of(craft), tuple(commands.T), timing)
@@ -116,7 +117,7 @@ def disturbance_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
 
     Up to 0.5 N and 0.1 N m per axis: the original system's largest uneven floor and torque.
     """
-    states = random_states(craft.dimension, seed, count)
+    states = stocked(craft, random_states(craft.dimension, seed, count))
     commands = gentle_commands(craft, seed, count)
     split = 2 if craft.dimension == 2 else 3
     scale = np.array([0.5] * split + [0.1] * (craft.degrees_of_freedom - split))

@@ -110,7 +110,7 @@ def _engine(
 
 def _fly_engine(engine: Engine, commands: np.ndarray, graph: bool = False) -> Any:
     """The engine's states with float64 fields (T + 1, N) under commands (T, N, thrusters)."""
-    dtype = torch.float64 if engine.craft.actuators.is_continuous else torch.uint8
+    dtype = torch.float64 if engine.craft.is_continuous else torch.uint8
     action = torch.zeros(commands.shape[1:], dtype=dtype, device=engine.device)
     step: Callable[[], Any] = lambda: engine.step(action).reward  # noqa: E731
     step = graphed(step, engine.device) if graph else step

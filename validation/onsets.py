@@ -39,7 +39,7 @@ class Told:
     name = "told"
 
     def __init__(self, craft: Spacecraft, *periods: int) -> None:
-        self._thrusters = len(craft.thrusters)
+        self._thrusters = len(craft.commands)
         self._periods = periods
 
     def reset(self, count: int) -> None:

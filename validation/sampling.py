@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
+from rans.effectors.commands import of_outputs
+from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.dynamics import AnyState, PlanarState, SpatialState, held
+from rans.model.dynamics import AnyState, PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, generator, seed_words
 from rans.model.spacecraft import Spacecraft
@@ -36,13 +39,21 @@ def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
     return SpatialState(p, attitude, v, w)
 
 
+def stocked(craft: Spacecraft, states: Any) -> Any:
+    """States with full tanks and wheels at rest, of a craft that has them."""
+    like = states.p.x * 0.0
+    return replace(states, stores=tuple(like + store.initial for store in craft.stores))
+
+
 def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
-    """Random commands (N, thrusters): on/off in the even rows, anywhere between in the odd ones.
+    """Random commands (N, commands): on/off in the even rows, anywhere between in the odd ones.
+
+    Those of other ranges are scaled to them.
 
     All are scaled down for a spacecraft that would spin up faster than `_GENTLE`: the equations are
     linear in the torque, and step sizes are for spacecraft that tasks can be solved with.
     """
-    commands = generator(seed).random((count, len(craft.thrusters)))
+    commands = generator(seed).random((count, len(craft.commands)))
     commands[::2] = commands[::2] > 0.5
     size = craft.dimension
     moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
@@ -50,7 +61,8 @@ def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     most = np.linalg.norm(
         np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1))
     )
-    return commands * min(1.0, _GENTLE / max(float(most), _GENTLE))
+    commands *= min(1.0, _GENTLE / max(float(most), _GENTLE))
+    return np.stack(of_outputs(craft, tuple(commands.T)), axis=1)
 
 
 class Restless:
@@ -75,6 +87,7 @@ class Restless:
     def __init__(self, craft: Spacecraft, seed: int, share: float = 0.5) -> None:
         self._random = generator(seed)
         self._share = share
+        self._craft = craft
         self._by_quarters = craft.actuators.is_continuous and share > 0.0
         columns = np.array(craft.wrench_map)
         size = craft.dimension
@@ -95,9 +108,18 @@ class Restless:
         wanted = np.stack([*linear.columns(), *angular], axis=1)
         opened = wanted @ self._projection > self._share
         opened ^= self._random.random(opened.shape) < 0.05
-        return (
+        outputs = (
             opened * self._random.integers(1, 5, opened.shape) / 4 if self._by_quarters else opened
         )
+        if self._craft.wheels:
+            # A craft that is to turn one way turns its wheels the other way.
+            moments = np.array(self._craft.inertia)[-len(turn) :, -len(turn) :]
+            torque = np.stack(angular, axis=1) @ moments.T
+            strongest = np.array(self._craft.wheel_map)
+            share = np.clip(torque @ strongest.T / (strongest**2).sum(axis=1), -1.0, 1.0)
+            share *= np.where(self._random.random(share.shape) < 0.05, -1.0, 1.0)
+            outputs = np.hstack([outputs, 0.5 + 0.5 * share])
+        return np.stack(of_outputs(self._craft, tuple(outputs.T)), axis=1)
 
 
 def rollout(
@@ -116,6 +138,7 @@ def rollout(
         The states with fields (T + 1, N), NumPy float64.
     """
     body = Body.of(craft)
+    start = start if start.stores else stocked(craft, start)
     states = [start]
     timing = Timing(control_period=period, substeps=substeps)
     for command in commands:
@@ -129,11 +152,17 @@ def rollout(
 def gaps(a: Any, b: Any) -> dict[str, np.ndarray]:
     """How far two states of arrays differ: position (m), attitude (rad), velocity, spin."""
     spin = [x - y for x, y in zip(a.spin(), b.spin(), strict=True)]
+    stores = {}
+    if a.stores and b.stores:
+        # Propellant and momenta of wheels.
+        apart = [x - y for x, y in zip(a.stores, b.stores, strict=True)]
+        stores = {"stores": np.linalg.norm(np.array(apart), axis=0)}
     return {
         "position": np.asarray((a.p - b.p).norm()),
         "attitude": np.asarray(a.attitude.to(b.attitude).magnitude()),
         "velocity": np.asarray((a.v - b.v).norm()),
         "spin": np.linalg.norm(np.array(spin), axis=0),
+        **stores,
     }
 
 
@@ -146,7 +175,12 @@ def gap_checks(layer: str, ours: Any, drake: Any, tolerance: float, reason: str)
     """One check per quantity of the largest of the `gaps`, which may have the shape (N,) or (T + 1, N)."""
     return [
         Check(
-            f"{layer}: {name}", float(np.max(value)), tolerance, UNITS[name], reason, _where(value)
+            f"{layer}: {name}",
+            float(np.max(value)),
+            tolerance,
+            UNITS.get(name, "kg, N m s"),
+            reason,
+            _where(value),
         )
         for name, value in gaps(ours, drake).items()
     ]

@@ -7,6 +7,7 @@ and `rans list TASK` say, written with numbers: 0.25 m, 0.25 rad, 0.5 m/s and 0.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import cos, exp, sin
@@ -86,6 +87,7 @@ class Moment:
 
 def task_checks(craft: Spacecraft) -> Iterator[Check]:
     """Rewards and observations of every task, prices, and when episodes end."""
+    craft = _with_three(craft)
     moment = _in_plane() if craft.dimension == 2 else _in_space()
     yield from _reward_checks(craft, moment)
     yield _sight_check(craft, moment)
@@ -232,7 +234,7 @@ def _arrived(
         episode,
         _valves(craft, 0, 2),
         None,
-        lambda *_: moment.state,
+        lambda *_: (moment.state,),
     )
 
 
@@ -242,7 +244,7 @@ def _misled(craft: Spacecraft, moment: Moment) -> Outcome:
     own = draws(0, 1)
     world = World(Setup(craft, GoToPose(), Timing(), blind))
     begun = world.begin(moment.state, moment.goal, 0, own)
-    return step(world, begun, _valves(craft, 0, 2), own, lambda *_: moment.state)
+    return step(world, begun, _valves(craft, 0, 2), own, lambda *_: (moment.state,))
 
 
 def _noted(task: Task, goal: Any) -> Any:
@@ -250,8 +252,17 @@ def _noted(task: Task, goal: Any) -> Any:
 
 
 def _valves(craft: Spacecraft, *opened: int) -> tuple[float, ...]:
-    """Nothing is flown: a spacecraft of one thruster is paid as if it had three."""
-    return tuple(float(k in opened) for k in range(max(3, len(craft.thrusters))))
+    """Commands of thrusters, with wheels that do nothing."""
+    return tuple(float(k in opened) for k in range(len(craft.commands)))
+
+
+def _with_three(craft: Spacecraft) -> Spacecraft:
+    """The craft with three thrusters at least: nothing is flown, but three are paid for."""
+    missing = max(0, 3 - len(craft.thrusters))
+    if not missing:
+        return craft
+    with warnings.catch_warnings(action="ignore"):
+        return replace(craft, thrusters=craft.thrusters + craft.thrusters[:1] * missing)
 
 
 def _spinning(state: Any, rate: float) -> Any:

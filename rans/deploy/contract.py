@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import torch
 
+from rans.effectors.commands import of_outputs
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
@@ -62,7 +63,7 @@ def observed(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> np.ndarray:
     """What the network observes when it flies from the starts of training: (T, N, width) float32."""
-    recorder = Recorder(Agent(network, "agent"))
+    recorder = Recorder(Agent(network, "agent", setup.craft))
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
     fly_episodes(recorder, setup._replace(timing=short), seed, count)
@@ -111,6 +112,8 @@ def contract(
             "actuators": craft.actuators.kind,
             "values": craft.actuators.allowed,
             "thrusters": [_thruster(craft, at) for at in range(len(craft.thrusters))],
+            "wheels": [asdict(wheel) for wheel in craft.wheels],
+            "ranges": [one._asdict() for one in craft.commands],
         },
         "memory": memory,
         "valid": f"least and largest of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts "
@@ -134,7 +137,7 @@ def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
 
 
 @torch.no_grad()
-def golden(network: Network, seen: np.ndarray) -> dict[str, Any]:
+def golden(network: Network, seen: np.ndarray, craft: Spacecraft | None = None) -> dict[str, Any]:
     """Pairs of observations and commands, episode after episode; ``begins`` where the memory is zero.
 
     Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none.
@@ -158,8 +161,15 @@ def golden(network: Network, seen: np.ndarray) -> dict[str, Any]:
         "begins": begins,
         "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
         "observation": [_short(row) for row in kept.reshape(len(begins), -1)],
-        "command": [_short(row) for row in pairs.reshape(len(begins), -1)],
+        "command": [_short(row) for row in _in_ranges(pairs.reshape(len(begins), -1), craft)],
     }
+
+
+def _in_ranges(outputs: np.ndarray, craft: Spacecraft | None) -> np.ndarray:
+    """Commands (rows, commands) of a policy's outputs from 0 to 1."""
+    if craft is None:
+        return outputs
+    return np.stack(of_outputs(craft, tuple(outputs.T)), axis=1)
 
 
 def _short(row: np.ndarray) -> list[float]:

@@ -11,6 +11,7 @@ from rans.deploy.contract import contract, golden, observed
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import agent_program
+from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
@@ -31,6 +32,7 @@ from rans.files import (
     write_json,
     write_text,
 )
+from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
 
 Form = Literal["sb3", "rans", "onnx", "numpy"]
@@ -69,6 +71,11 @@ def export(
     target = RunFolder(folder)
     name = folder.resolve().name
     craft = source.spacecraft()
+    if form == "sb3" and not is_identity(craft):
+        raise ConfigError(
+            f"Stable-Baselines3's policies act from 0 to 1, and {craft.name} takes {allowed(craft)}: export "
+            "as onnx or numpy."
+        )
     config = source.config()
     card = _card(source)
     saved = read_policy(source.agent_file)
@@ -77,7 +84,7 @@ def export(
     seen = observed(
         network, Setup(craft, config.settings, config.timing, config.conditions.or_none)
     )
-    pairs = json.dumps(golden(network, seen)) + "\n"
+    pairs = json.dumps(golden(network, seen, craft)) + "\n"
     _check_alone(folder, form, pairs)
     about = contract(name, config, craft, text, network.architecture.memory, seen)
     write_agent(
@@ -87,6 +94,7 @@ def export(
         config.ppo,
         f"{name}: flies {craft.name} by RANS's task {config.task}.",
         json.dumps(plain(about)),
+        craft,
     )
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
@@ -136,14 +144,20 @@ def write_agent(
     settings: PPOSettings,
     title: str,
     contract: str = "",
+    craft: Spacecraft | None = None,
 ) -> None:
-    """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with."""
+    """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with.
+
+    Only programs give commands in the craft's ranges: the other forms hold a policy, whose outputs are 0 to 1.
+    """
     network = saved.network
     if form == "onnx":
         about = {"what": title, "contract": contract}
-        write_onnx(folder / "agent.onnx", agent_program(network), network.architecture, about)
+        write_onnx(
+            folder / "agent.onnx", agent_program(network, craft), network.architecture, about
+        )
     elif form == "numpy":
-        write_numpy(folder, agent_program(network), network.architecture, title)
+        write_numpy(folder, agent_program(network, craft), network.architecture, title)
     elif form == "rans":
         content = packed_actor(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

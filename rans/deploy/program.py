@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -10,10 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.effectors.commands import is_identity
 from rans.errors import ConfigError
 from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.network import Network
 from rans.fast.symmetry import AIM, Symmetries
+from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import Symbol, ordered
 from rans.tasks.sight import Columns, Layout
 
@@ -103,8 +105,10 @@ class Program:
         return [values[symbol] for symbol in results]
 
 
-def agent_program(network: Network) -> Program:
-    """What a network of one member answers: "command" (N, thrusters), and "memory_out" (N, m) if it has one.
+def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
+    """What a network of one member answers: "command" (N, commands), and "memory_out" (N, m) if it has one.
+
+    Commands are in the ranges of the craft; without one they are from 0 to 1.
 
     The same as `rans.fast.learn.selection.likeliest`, of "observation" (N, width) and "memory" (N, m).
     What the network sees of its columns is traced from the layout's own code.
@@ -140,18 +144,44 @@ def agent_program(network: Network) -> Program:
     head = program.linear(x, weights["head.weight"], weights["head.bias"])
     if view is not None:
         head = program.apply("GatherElements", head, view.place, axis=1)
+    ranges = () if craft is None or is_identity(craft) else craft.commands
     if given.continuous:
         command = program.apply(
-            "Clip", head, program.constant(0.0), program.constant(1.0), name="command"
+            "Clip",
+            head,
+            program.constant(0.0),
+            program.constant(1.0),
+            name="output" if ranges else "command",
         )
     else:
         opens = program.apply("Greater", head, program.constant(0.0))
         command = program.apply("Cast", opens, name="command", to=1)  # to float32
+    if ranges:
+        _commanded(program, command, ranges)
     if any(kept):
         rows = _remembered(program, given, history, columns, command) if history else []
         rows += _expected(program, given, body, filters) if filters else []
         program.joined(*rows, name="memory_out")
     return program
+
+
+def _commanded(program: Program, output: str, ranges: Sequence[CommandRange]) -> None:
+    """Commands in their ranges, from outputs from 0 to 1: what `rans.effectors.commands.of_outputs` does."""
+
+    def row(values: Iterable[float]) -> str:
+        return program.constant(np.array([*values], dtype=np.float32))
+
+    scale = row(one.high - one.low if one.kind != "on-off" else 0.0 for one in ranges)
+    low = row(one.low for one in ranges)
+    if not any(one.kind == "on-off" for one in ranges):
+        program.apply("Add", program.apply("Mul", output, scale), low, name="command")
+        return
+    between = program.apply("Add", program.apply("Mul", output, scale), low)
+    # From 0.5 on: more than the number before it.
+    before = np.nextafter(np.float32(0.5), np.float32(0.0))
+    opens = program.apply("Cast", program.apply("Greater", output, program.constant(before)), to=1)
+    chosen = row(float(one.kind == "on-off") for one in ranges)
+    program.apply("Add", between, program.apply("Mul", opens, chosen), name="command")
 
 
 def _actors(network: Network) -> dict[str, Tensor]:

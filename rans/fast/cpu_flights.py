@@ -36,7 +36,7 @@ class CpuFlights:
         carried = [one.symbol for one in program.carried]
         self._moved = [one for one in program.carried if one.after is not one.symbol]
         self._carried = set(carried)
-        self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters))]
+        self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._begin = Straight(words, [one.begin for one in program.carried])
         shown = [*program.seen, program.view, *program.columns]
         self._step = Straight(

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.effectors.commands import check, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, checked, counted
 from rans.fast.distributed import ALONE, Processes
@@ -151,7 +152,7 @@ class Engine:
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
         zero = leaves(self.state)[0] * 0.0
-        shut = (zero,) * len(self.craft.thrusters)
+        shut = (zero,) * len(self.craft.commands)
         transition = Transition(
             self.state,
             self.goal,
@@ -227,14 +228,15 @@ class Engine:
         return {name: torch.as_tensor(error) for name, error in errors.items()}
 
     def step(self, action: Tensor) -> Step:
-        """Hold the thrusters for one control period.
+        """Hold the commands for one control period.
 
-        Actions are a tensor (N, thrusters), ConfigError else: 0 (shut) to 1 (open), checked on a CPU
-        where nothing is compiled; elsewhere 5 is five times the thrust, and NaN ends the episode as
-        ``terminated``. Only environments check that on/off thrusters are told nothing between.
+        Actions are a tensor (N, commands), ConfigError else, in the ranges of the craft's ``commands``, usually
+        0 (shut) to 1 (open), checked on a CPU where nothing is compiled; elsewhere 5 is five times the thrust,
+        and NaN ends the episode as ``terminated``. Only environments check that on/off thrusters are told
+        nothing between.
         """
         cheap = self.device.type == "cpu" and not self.compiled
-        _check_actions(action, self.num_envs, len(self.craft.thrusters), cheap)
+        _check_actions(action, self.num_envs, self.craft, cheap)
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
@@ -267,6 +269,12 @@ class Engine:
         """Go on with these episodes, as `stepped` returned them."""
         write(self.episode.memory(), [x.detach() for x in episode.memory()])
 
+    def commands(self, outputs: Tensor) -> Tensor:
+        """Actions of a policy whose outputs (N, commands) are from 0 to 1, see `rans.effectors.commands`."""
+        if is_identity(self.craft):
+            return outputs
+        return torch.stack(tuple(of_outputs(self.craft, outputs.unbind(dim=1))), dim=1)
+
     def holding(self, held: Tensor) -> AbstractContextManager[None]:
         """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
         return holding(self.episode.memory(), held)
@@ -284,28 +292,32 @@ class Engine:
         )
 
 
-def _check_actions(action: Tensor, count: int, thrusters: int, with_range: bool) -> None:
-    """Refuse (`ConfigError`) actions that are no tensor (environments, thrusters).
+def _check_actions(action: Tensor, count: int, craft: Spacecraft, with_range: bool) -> None:
+    """Refuse (`ConfigError`) actions that are no tensor (environments, commands).
 
-    With their range also numbers that are none from 0 to 1, of a tensor on the CPU.
+    With their range also numbers that are in none of the commands' ranges, of a tensor on the CPU.
     """
     if not isinstance(action, Tensor):
         checked("actions", action, Tensor)
     given = tuple(action.shape)
-    if given != (count, thrusters):
+    if given != (count, len(craft.commands)):
         raise ConfigError(
-            f"actions must have the shape {(count, thrusters)} (environments, "
-            f"thrusters), got {given}."
+            f"actions must have the shape {(count, len(craft.commands))} (environments, "
+            f"commands), got {given}."
         )
     if with_range:
-        _check_range(action.numpy())
+        _check_range(action.numpy(), craft)
 
 
-def _check_range(actions: np.ndarray) -> None:
-    """Refuse (`ConfigError`) what no thruster can be told; NaN is one of these.
+def _check_range(actions: np.ndarray, craft: Spacecraft) -> None:
+    """Refuse (`ConfigError`) what is outside the commands' ranges; NaN is one of these.
 
     It takes half a per cent of a step of 16,384 environments.
     """
+    if not is_identity(craft):
+        if not is_possible(craft, actions):
+            check(craft, actions, len(actions))
+        return
     least = actions.min()
     most = actions.max()
     if not (least >= 0 and most <= 1):

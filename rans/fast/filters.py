@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans.effectors.commands import allowed, is_identity
+from rans.errors import ConfigError
 from rans.fast.filter import Filter
 from rans.fast.shares import Share, shares
 from rans.model.spacecraft import Spacecraft
@@ -47,7 +49,12 @@ class Filters(NamedTuple):
         response: Sequence[float] = (),
         gate: float = 0.0,
     ) -> Filters:
-        """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
+        """Of a spacecraft as designed; ConfigError where no filter can follow what the task shows, or the craft."""
+        if not is_identity(craft):
+            raise ConfigError(
+                f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
+                f'{allowed(craft)}: train without filters, with memory="history".'
+            )
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]

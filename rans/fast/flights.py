@@ -9,6 +9,7 @@ from contextlib import closing
 import numpy as np
 import torch
 
+from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief
 from rans.fast.cpu_flights import CpuFlights
@@ -191,9 +192,8 @@ class Flights:
             seen = self._seen(world.observe(now, draws), count)
             command, memory = likeliest(network, seen, memory)
             columns = command.T.contiguous()
-            outcome = step(
-                world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws
-            )
+            outputs = tuple(columns.numpy() if backend.on_numpy else columns)
+            outcome = step(world, now, tuple(of_outputs(world.craft, outputs)), draws)
             yield now, outcome
             now = outcome.episode
 

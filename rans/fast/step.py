@@ -194,7 +194,7 @@ class Backend:
         conditions, or draw it in every step.
         """
         zeros = torch.zeros(count, dtype=torch.float64)
-        kept = getattr(torch, world.craft.actuators.dtype)
+        kept = getattr(torch, world.craft.command_dtype)
         real = torch.float64 if self.fields in (np.float64, torch.float64) else torch.float32
         clock = self.put(zeros, torch.int32)
 
@@ -212,7 +212,7 @@ class Backend:
             )
         return replace(
             new,
-            state=map_leaves(buffer, start),
+            state=map_leaves(buffer, new.state),
             goal=map_leaves(buffer, goal, moved),
             case=case,
             past=map_leaves(buffer, new.past),

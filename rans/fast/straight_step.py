@@ -57,7 +57,7 @@ class StraightStep:
         ]
         stride = Symbol.input("stride", "int")
         self._count = len(episode.clock)
-        self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters))]
+        self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._stores = list(_everywhere(program))
         self._memory = [given.source for given in program.memory]
         straight = Straight(

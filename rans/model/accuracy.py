@@ -72,11 +72,12 @@ def chosen(
             be lost.
     """
     period = timing.control_period
-    alpha = spin_up(craft, body) * period**2
+    alpha = spin_up(craft, body) / craft.lightest * period**2
     _check_range(craft, body, alpha, period)
     if timing.substeps is not None:
         return timing
     turn = max(_USUAL_SPIN * period, math.sqrt(math.pi * alpha), _PEAK * alpha)
+    turn = max(turn, gyroscopic_rate(craft, body) * period)
     needed = turn / _longest(craft, body, _RESERVE)
     if craft.dimension == 3:
         least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
@@ -101,7 +102,7 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
         thruster.force * (numbers(gain) + numbers(leak))
         for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True)
     )
-    way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
+    way = 0.5 * float(np.max(force / numbers(flown.mass))) / craft.lightest * period**2
     for size, most, does, cause in (
         (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
         (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia"),
@@ -129,13 +130,30 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
     return _STEP[3] / (1.0 + uneven * float(np.max(factors)))
 
 
+def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
+    """The fastest nutation of a craft whose reaction wheels hold all that they can, rad/s; 0 in the plane."""
+    if craft.dimension == 2 or not craft.wheels:
+        return 0.0
+    momentum = math.hypot(*(wheel.max_momentum for wheel in craft.wheels))
+    least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
+    return momentum / (least * craft.lightest)
+
+
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
     ways = _ways(craft, body or Body.of(craft))
     directions = np.random.default_rng(0).normal(size=(64, 3))
+    wheels = np.zeros((1, 0, ways.shape[-1]))
+    if craft.wheels:
+        wheels = _wheel_ways(craft, body or Body.of(craft))
     if craft.thrust_sharing != "none" and (body is None or body.droop is None):
-        return float(np.linalg.norm(ways, axis=-1).max())
+        most = float(np.linalg.norm(ways, axis=-1).max())
+        return most + float(np.linalg.norm(wheels, axis=-1).sum(axis=1).max())
     # Exactly for those few that are the quickest in some of many directions.
+    if craft.wheels:
+        either = np.concatenate([wheels, -wheels], axis=1)
+        either = np.broadcast_to(either, (len(ways), *either.shape[1:]))
+        ways = np.concatenate([ways, either], axis=1)
     directions = directions[:, : ways.shape[-1]]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     seen = np.maximum(ways @ directions.T, 0.0).sum(axis=1).max(axis=-1)
@@ -163,6 +181,13 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     )
     torques = (table[:, size:] - moved) * shares[..., None]
     return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
+
+
+def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:
+    """Angular acceleration of every body by each wheel's largest torque, (bodies, wheels, 1 or 3)."""
+    tensors = np.atleast_3d(_tensors(body).T).T
+    torques = np.array(craft.wheel_map).reshape(len(craft.wheels), tensors.shape[-1])
+    return np.linalg.solve(tensors[:, None], torques[None, ..., None])[..., 0]
 
 
 def _longest_sum(vectors: np.ndarray) -> float:

@@ -1,21 +1,19 @@
-"""What a craft's thrusters can be told, and what they do with it within one control period."""
+"""Descriptions of what pushes a craft: how thrusters take commands, reaction wheels, and propellant."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
-
-import numpy as np
+from typing import ClassVar, Literal
 
 from rans.errors import ConfigError, brief
 from rans.model.fields import Field, ascending, at_least, floor, where
 
-if TYPE_CHECKING:
-    from gymnasium import spaces
-
 Command = Sequence[Field]
 """One field per thruster."""
+
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of free fall, m/s^2: effective exhaust speed per second of specific impulse."""
 
 
 @dataclass(frozen=True)
@@ -31,33 +29,23 @@ class Actuators:
     allowed: ClassVar[str]
     """What a command's entries may be, in words."""
 
-    def action_space(self, n: int) -> spaces.Space[np.ndarray]:
-        """Gymnasium's space of the commands of n thrusters: 0 to 1 for each."""
-        from gymnasium import spaces
+    @property
+    def low(self) -> float:
+        """Least command of a thruster."""
+        return 0.0
 
-        return spaces.Box(0.0, 1.0, (n,), np.float32)
+    @property
+    def high(self) -> float:
+        """Largest command of a thruster: the share of its full force that it can give."""
+        return 1.0
+
+    def levels(self, command: Command) -> Command:
+        """Shares of full force that thrusters give of commands that are held: the commands themselves."""
+        return command
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """Pieces of a control period: their share of it, and that of its force which each thruster gives."""
         yield 1.0, command
-
-    def check(self, values: Any, *shape: int) -> None:
-        """Refuse commands, (n,) for n thrusters or (N, n) for N spacecraft, that thrusters cannot follow.
-
-        Raises:
-            ConfigError: there are not so many, or one of them is not allowed.
-        """
-        given = np.asarray(values)
-        if given.shape != shape or given.dtype.kind not in "biuf" or not self._possible(given):
-            many = "" if len(shape) == 1 else f"{shape[0]:,} times "
-            raise ConfigError(
-                f"an action must be {many}{shape[-1]} numbers, {self.allowed}, one per "
-                f"thruster, got {_shown(given, shape, values)}."
-            )
-
-    def _possible(self, values: np.ndarray) -> bool:
-        """Whether every number is allowed; NaN is not."""
-        return bool(((values >= 0) & (values <= 1)).all())
 
 
 @dataclass(frozen=True)
@@ -73,26 +61,76 @@ class OnOff(Actuators):
     dtype: ClassVar[Literal["int8", "float32"]] = "int8"
     allowed: ClassVar[str] = "0 (shut) or 1 (open)"
 
-    def action_space(self, n: int) -> spaces.MultiDiscrete:
-        """One choice of two per thruster."""
-        from gymnasium import spaces
-
-        return spaces.MultiDiscrete([2] * n)
-
-    def _possible(self, values: np.ndarray) -> bool:
-        return bool(np.isin(values, (0, 1)).all())
-
 
 @dataclass(frozen=True)
 class Throttle(Actuators):
-    """Thrusters that give any share of their force, steadily.
+    """Thrusters that give any share of their full force between two levels, steadily.
 
     >>> dataclasses.replace(rans.load_spacecraft("floating-platform"), actuators=rans.Throttle()).actuators
-    Throttle()
+    Throttle(least=0.0, most=1.0, always_lit=False)
+
+    A command is the share of full force. Engines that are always lit take least to most. Others may be shut:
+    they take 0 to most, are shut by a command below half of their least level, and give at least that level
+    otherwise.
+
+    Raises:
+        ConfigError: the levels are not numbers with 0 <= least <= most <= 1 and most > 0, or always_lit is
+            no truth value.
     """
 
+    least: float = 0.0
+    """Least share of full force of a thruster that is lit."""
+    most: float = 1.0
+    """Largest share of full force."""
+    always_lit: bool = False
+    """Whether thrusters cannot be shut."""
     kind: ClassVar[str] = "throttle"
-    allowed: ClassVar[str] = "0 (no thrust) to 1 (full thrust)"
+
+    def __post_init__(self) -> None:
+        for key in ("least", "most"):
+            value = getattr(self, key)
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not 0.0 <= value <= 1.0:
+                raise ConfigError(
+                    f"{key} of throttle actuators must be a number from 0 to 1, a share of the full force, "
+                    f"got {brief(value)}."
+                )
+        if self.least > self.most or self.most == 0.0:
+            raise ConfigError(
+                f"least of throttle actuators ({self.least:g}) must not exceed most ({self.most:g}), and most "
+                "must be above 0."
+            )
+        if not isinstance(self.always_lit, bool):
+            raise ConfigError(
+                f"always_lit of throttle actuators must be true or false, got {brief(self.always_lit)}."
+            )
+
+    @property
+    def low(self) -> float:
+        """Least command of a thruster."""
+        return float(self.least) if self.always_lit else 0.0
+
+    @property
+    def high(self) -> float:
+        """Largest command of a thruster."""
+        return float(self.most)
+
+    @property
+    def allowed(self) -> str:  # type: ignore[override]
+        """What a command's entries may be, in words."""
+        if self.always_lit:
+            return f"{self.least:g} (least thrust) to {self.most:g} (most thrust)"
+        most = "full thrust" if self.most == 1.0 else "most thrust"
+        return f"0 (no thrust) to {self.most:g} ({most})"
+
+    def levels(self, command: Command) -> Command:
+        """Shares of full force that thrusters give of commands that are held: 0, or the least level and more."""
+        if self.always_lit or self.least == 0.0:
+            return command
+        return [
+            where(share < 0.5 * self.least, share * 0.0, at_least(share, self.least))
+            for share in command
+        ]
 
 
 @dataclass(frozen=True)
@@ -153,14 +191,49 @@ ON_OFF = OnOff()
 KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed, Throttle)}
 
 
-def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
-    """Few values whole, of many only what is wrong with them."""
-    if given.size <= 32:
-        return " ".join(brief(values).split())
-    if given.shape != shape:
-        return f"an array of shape {given.shape}"
-    return (
-        f"numbers from {given.min()} to {given.max()}"
-        if given.dtype.kind in "biuf"
-        else f"{given.dtype}"
-    )
+@dataclass(frozen=True)
+class Wheel:
+    """Reaction wheel: a rotor whose motor turns the craft the other way.
+
+    >>> rans.Wheel(axis=(0.0, 0.0, 1.0), max_torque=0.007, max_momentum=0.0236, inertia=4.1e-5).max_torque
+    0.007
+
+    A command from -1 to 1 is the motor's torque on the wheel as a share of ``max_torque``; the craft is turned
+    by the opposite torque. The motor gives less where the momentum would leave its limit by the end of the
+    control period, so that a wheel at its limit only slows down.
+
+    A wheel's momentum is its absolute one about its axis, inertia (w . axis + wheel speed): only the motor
+    changes it. The craft's inertia is without the axial inertia of its wheels, and with all the rest of them.
+    """
+
+    axis: tuple[float, float, float]
+    """Unit vector of the spin axis, in G; in the plane (0, 0, 1) or (0, 0, -1)."""
+    max_torque: float
+    """Largest torque of the motor, N m."""
+    max_momentum: float
+    """Largest absolute angular momentum about the axis, N m s."""
+    inertia: float
+    """Moment of inertia about the axis, kg m^2."""
+
+
+@dataclass(frozen=True)
+class Propellant:
+    """What thrusters use up.
+
+    >>> rans.Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed
+    2206.49625
+
+    Thrusters that give the forces F_i use sum(F_i) / exhaust_speed kilograms a second. The craft's mass and
+    inertia are those with a full tank; both fall in the same proportion, and the centre of mass stays where it
+    is. Thrust ends when the tank is empty.
+    """
+
+    mass: float
+    """In a full tank, kg: a part of the craft's mass."""
+    specific_impulse: float
+    """Of all thrusters, s."""
+
+    @property
+    def exhaust_speed(self) -> float:
+        """Effective exhaust speed, m/s."""
+        return self.specific_impulse * STANDARD_GRAVITY

@@ -7,13 +7,11 @@ its drift says (`rans.model.drift`); there is no friction.
 
 from __future__ import annotations
 
-import math
 import operator
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
-from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import (
@@ -29,7 +27,6 @@ from rans.model.fields import (
 )
 from rans.model.rotation import Rotation, at, even, exponential, pulled, spin_series, turned
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
 
 NODES = 6
@@ -54,6 +51,9 @@ class State:
     """Angular velocity, rad/s."""
     notes: tuple[Field, ...] = ()
     """What else a task's goals hold, such as which task is drawn or how much of a path is gone."""
+    stores: tuple[Field, ...] = ()
+    """What the craft's effectors have left or hold, as `rans.model.spacecraft.Spacecraft.stores` lists it:
+    propellant, kg, then the momentum of each reaction wheel, N m s. Goals have none."""
 
     def normalised(self) -> Self:
         """The same state with its heading in [-pi, pi), or with a unit quaternion."""
@@ -94,6 +94,8 @@ class Wrench:
     """N."""
     torque: Field
     """N m; a vector in space, a scalar about z in the plane."""
+    exhaust: Field | None = None
+    """Sum of the forces of all thrusters, N, which is what uses propellant; None where nothing counts it."""
 
 
 def thrust(
@@ -101,9 +103,13 @@ def thrust(
 ) -> tuple[Field, ...]:
     """Share of its full force that each thruster gives, after its faults and the supply's limit.
 
-    Commands are 0 (shut) to 1 (open); without a body every thruster does as it is told. The supply is shared
-    by what is really open, if the craft's ``thrust_sharing`` says so.
+    Commands are 0 (shut) to 1 (open), those of wheels after the thrusters' are left out; without a body every
+    thruster does as it is told. The supply is shared by what is really open, if the craft's
+    ``thrust_sharing`` says so.
     """
+    if craft.wheels:
+        command = command[: len(craft.thrusters)]
+    command = craft.actuators.levels(command)
     if body is not None and body.gain:
         command = [
             c if _is(gain, 1.0) else c * gain for c, gain in zip(command, body.gain, strict=True)
@@ -132,15 +138,17 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 
 def wrench_of(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
     """That of thrusters which give these shares of their force; linear in them."""
+    forces = [thruster.force for thruster in craft.thrusters]
+    exhaust = None if craft.propellant is None else _dot(shares, forces)
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
     force, torque = (Vec2(*total[:2]), total[2]) if planar else (Vec3(*total[:3]), Vec3(*total[3:]))
     if body is None or all(_is(x, 0.0) for x in body.centre):
-        return Wrench(force, torque)
+        return Wrench(force, torque, exhaust)
     if isinstance(force, Vec2):
         x, y = body.centre
-        return Wrench(force, torque - (x * force.y - y * force.x))
-    return Wrench(force, torque - Vec3(*body.centre).cross(force))
+        return Wrench(force, torque - (x * force.y - y * force.x), exhaust)
+    return Wrench(force, torque - Vec3(*body.centre).cross(force), exhaust)
 
 
 def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
@@ -163,92 +171,6 @@ def at_once(
         yield share * period, wrench(craft, part, body), None, longest
 
 
-def states_at_looks(
-    state: AnyState,
-    craft: Spacecraft,
-    body: Body,
-    command: Sequence[Field],
-    timing: Timing,
-    drift: Drift = FREE,
-    nodes: int = NODES,
-    disturbance: Wrench | None = None,
-    pieces: Iterable[Piece] | None = None,
-) -> tuple[AnyState, ...]:
-    """States at the looks of a control period in which a command is held (`rans.model.timing.Timing.looks`).
-
-    The last one is the state at the end of the period. Headings and quaternions are normalised.
-
-    The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``pieces`` are instead
-    what late valves and failing thrusters make of it (`rans.model.case.Influences.pieces`). Each takes the
-    share of the substeps that is its share of the period at most; the rest is as for `advance`.
-    """
-    substeps = timing.substeps or chosen(craft, timing).substeps or 1
-    period = timing.control_period
-    if pieces is None:
-        pieces = at_once(craft, body, command, period)
-    states = []
-    for part in cut(pieces, period, timing.looks):
-        for duration, first, last, longest in part:
-            # A float, not one of NumPy.
-            longest = min(duration if type(duration) is float else longest, period)
-            steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-            # Half as long a step needs one node less at the angles that `NODES` is for.
-            few = nodes - (2.0 * longest * substeps <= period * steps)
-            state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
-        states.append(state.normalised())
-    return tuple(states)
-
-
-def held(*arguments: Any, **options: Any) -> Any:
-    """State at the end of a control period in which a command is held; arguments as `states_at_looks`."""
-    return states_at_looks(*arguments, **options)[-1]
-
-
-def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable[Piece]]:
-    """Pieces of a control period (s), divided among equal parts of it, in their order.
-
-    A piece that lasts beyond the end of a part goes on in the next one. Where durations are fields, each part
-    holds a share of every piece, which may last no time.
-    """
-    if parts == 1:
-        yield pieces
-        return
-    pieces = list(pieces)
-    for k in range(parts):
-        low = period * k / parts
-        high = period * (k + 1) / parts
-        part = []
-        begin: Field = 0.0
-        for duration, first, last, longest in pieces:
-            end = begin + duration
-            enters = _clamped(begin, low, high)
-            exits = _clamped(end, low, high)
-            if not (isinstance(begin, float) and isinstance(end, float) and enters == exits):
-                first_share = (enters - begin) / at_least(duration, 1e-30)
-                last_share = (exits - begin) / at_least(duration, 1e-30)
-                part.append(
-                    (
-                        exits - enters,
-                        first if last is None else _between(first, last, first_share),
-                        None if last is None else _between(first, last, last_share),
-                        min(longest, high - low),
-                    )
-                )
-            begin = end
-        yield part
-
-
-def _clamped(time: Field, low: float, high: float) -> Field:
-    """A time within bounds; a float where it is one."""
-    if isinstance(time, float):
-        return min(max(time, low), high)
-    return high - at_least(high - at_least(time, low), 0.0)
-
-
-def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
-    return map_leaves(lambda a, b: a + (b - a) * share, first, last)
-
-
 def advance(
     state: AnyState,
     applied: Wrench,
@@ -259,6 +181,7 @@ def advance(
     disturbance: Wrench | None = None,
     drift: Drift = FREE,
     last: Wrench | None = None,
+    momentum: tuple[Vec3, Vec3] | None = None,
 ) -> AnyState:
     """The state after the wrench acted on the body for the duration (s), constant in B.
 
@@ -272,19 +195,25 @@ def advance(
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
         drift: how a free point moves.
         last: what the wrench has become in the end, along a straight line over time; None: it stays.
+        momentum: angular momentum of what spins inside the body, N m s, in B, at the start and what is added to
+            it over the duration; None: nothing does. In the plane it changes no motion.
     """
     h = duration / substeps
     growth = None
     if last is not None:
         growth = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
+    if momentum is not None:
+        momentum = (momentum[0], momentum[1].scale(1.0 / substeps))
     for _ in range(substeps):
-        load = _Load(applied, growth, disturbance, body, drift)
+        load = _Load(applied, growth, disturbance, body, drift, momentum)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
         else:
             state = _advance_spatial(state, load, h)
         if growth is not None:
             applied = map_leaves(operator.add, applied, growth)
+        if momentum is not None:
+            momentum = (momentum[0] + momentum[1], momentum[1])
     return state
 
 
@@ -298,6 +227,8 @@ class _Load:
     disturbance: Wrench | None
     body: Body
     drift: Drift
+    momentum: tuple[Vec3, Vec3] | None = None
+    """Of what spins inside the body, in B, and what is added to it until the end."""
 
     def pushes(self) -> Callable[[float], Any]:
         """Acceleration by the thrust, in B, when a share of the time is gone."""
@@ -352,7 +283,7 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     growth = load.growth
     torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
-    rate = spin_series(state.w, torque, inertia, h, steady)
+    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum)
     rotation = Rotation(rate, h)
     push = load.pushes()
     rule = RULES[_SPATIAL_NODES]
@@ -365,7 +296,7 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
     turn = rotation.whole
     w = at(rate, 1.0)
-    if steady is not None and even(inertia):
+    if steady is not None and even(inertia) and load.momentum is None:
         once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady))
         turn = (state.w + twice).scale(h) + rotation.brackets
         w = state.w + once

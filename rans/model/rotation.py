@@ -38,13 +38,18 @@ def at(series: Series, share: float) -> Vec3:
 
 
 def spin_series(
-    w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field, steady: Vec3 | None
+    w: Vec3,
+    torque: Sequence[Any],
+    inertia: Sequence[Field],
+    h: Field,
+    steady: Vec3 | None,
+    stored: Sequence[Vec3] | None = None,
 ) -> Series:
     """Taylor series of the angular velocity over the share of h that is gone.
 
-    Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
-    w x I w, so the series of a body with three equal moments ends after its second term. A torque that is
-    constant in W turns in B: u' = u x w.
+    Euler's equation, I w' = tau - w x ((I - I_zz 1) w + h): a multiple of the unit tensor has no part in
+    w x I w, so the series of a body with three equal moments, in which nothing spins (h = 0), ends after its
+    second term. A torque that is constant in W turns in B: u' = u x w.
 
     Args:
         w: angular velocity in B, rad/s.
@@ -52,11 +57,14 @@ def spin_series(
         inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
         h: length of the step, s.
         steady: a second torque, constant in W, as B sees it at the start, N m.
+        stored: angular momentum of what spins inside the body, in B, by powers of the share of h, N m s; None:
+            nothing does.
     """
     xx, xy, xz, yy, yz, zz = inertia
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
     inverse = _inverse(inertia)
-    calm = even(inertia)
+    is_even = even(inertia)
+    calm = is_even and stored is None
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
     rate = [w]
@@ -67,7 +75,9 @@ def spin_series(
             torques.append(turning[k])
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
         if not calm:
-            momentum.append(_symmetric_times(excess, rate[k]))
+            own = [] if is_even else [_symmetric_times(excess, rate[k])]
+            own += (stored or ())[k : k + 1]
+            momentum.append(reduce(add, own) if own else Vec3(0.0, 0.0, 0.0))
             torques.append(last_product(momentum, rate))
         rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
     return rate

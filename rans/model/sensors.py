@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.model.conditions import Range, SensorConditions, SensorsConditions, largest
@@ -99,7 +99,8 @@ def reading(
         last: the reading before, which stands where one drops out; None: there was none.
         time: since the episode's start, s.
     """
-    state = states[0]
+    stores = states[0].stores  # effectors report them without delay or error
+    state = replace(states[0], stores=())
     streams = [random(PER_STEP + quantity * 4) for quantity in range(4)]
     for age, old in enumerate(states[1:], 1):
         late = sensors.delay >= age
@@ -114,7 +115,7 @@ def reading(
             attitude = _turned(attitude, errors[1])
             v = v + errors[2]
             w = w + errors[3]
-    seen = type(state)(p, attitude, v, w)
+    seen = type(state)(p, attitude, v, w, stores=stores)
     if last is None or not sensors.repeats:
         return seen
     stopped = None if sensors.outage is None else sensors.outage.at(time)
@@ -133,7 +134,8 @@ def reading(
         *(
             map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)
             for new, old, gone in parts
-        )
+        ),
+        stores=stores,
     )
 
 

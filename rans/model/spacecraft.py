@@ -11,12 +11,12 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, checked
-from rans.model.actuators import ON_OFF, Actuators
+from rans.errors import ConfigError, brief, checked, counted
+from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 from rans.model.solids import MOST_SOLIDS, Solid
 from rans.shown import Shown
 
@@ -53,6 +53,28 @@ class Thruster:
     """Thrust when fully on, N."""
 
 
+class CommandRange(NamedTuple):
+    """One number that a craft takes in every control period, from a least to a largest."""
+
+    name: str
+    """Such as "thruster 0" or "wheel 2"."""
+    kind: str
+    """"on-off", "pulsed", "throttle" or "wheel"."""
+    low: float
+    high: float
+
+
+class Store(NamedTuple):
+    """One number that effectors keep in a craft's state, such as propellant left."""
+
+    name: str
+    unit: str
+    initial: float
+    """At the start of an episode."""
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class Spacecraft(Shown):
     """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
@@ -87,6 +109,10 @@ class Spacecraft(Shown):
     """How all thrusters take commands."""
     solids: tuple[Solid, ...] = ()
     """What it looks like; by default a platform on air bearings in the plane, a free flyer in space."""
+    wheels: tuple[Wheel, ...] = ()
+    """Reaction wheels; their commands come after those of the thrusters."""
+    propellant: Propellant | None = None
+    """What thrusters use up; None: mass stays as it is."""
 
     def __post_init__(self) -> None:
         check(self)
@@ -142,7 +168,50 @@ class Spacecraft(Shown):
 
     def __repr__(self) -> str:
         where = "the plane" if self.dimension == 2 else "space"
-        return f"<Spacecraft {self.name}: {self.mass:g} kg in {where}, thrusters {self.thrust}>"
+        return f"<Spacecraft {self.name}: {self.mass:g} kg in {where}, {self._effectors}>"
+
+    @property
+    def _effectors(self) -> str:
+        wheels = f", {counted(len(self.wheels), 'wheel')}" if self.wheels else ""
+        tank = "" if self.propellant is None else f", {self.propellant.mass:g} kg propellant"
+        return f"thrusters {self.thrust}{wheels}{tank}"
+
+    @cached_property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """What the craft takes in every control period, in order: one of each thruster, then one of each wheel."""
+        actuators = self.actuators
+        thrusters = (
+            CommandRange(f"thruster {i}", actuators.kind, actuators.low, actuators.high)
+            for i in range(len(self.thrusters))
+        )
+        wheels = (CommandRange(f"wheel {i}", "wheel", -1.0, 1.0) for i in range(len(self.wheels)))
+        return (*thrusters, *wheels)
+
+    @cached_property
+    def stores(self) -> tuple[Store, ...]:
+        """Meaning of `rans.model.dynamics.State.stores`: propellant left, if it is used, then wheels' momenta."""
+        tank = self.propellant
+        left = () if tank is None else (Store("propellant", "kg", tank.mass, 0.0, tank.mass),)
+        wheels = (
+            Store(f"momentum of wheel {i}", "N m s", 0.0, -wheel.max_momentum, wheel.max_momentum)
+            for i, wheel in enumerate(self.wheels)
+        )
+        return (*left, *wheels)
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether any command may be a number between its least and its largest."""
+        return self.actuators.is_continuous or bool(self.wheels)
+
+    @property
+    def command_dtype(self) -> Literal["int8", "float32"]:
+        """Type in which commands are remembered."""
+        return "float32" if self.wheels else self.actuators.dtype
+
+    @property
+    def lightest(self) -> float:
+        """Share of its mass and inertia that is left with an empty tank."""
+        return 1.0 if self.propellant is None else 1.0 - self.propellant.mass / self.mass
 
     @property
     def thrust(self) -> str:
@@ -168,12 +237,20 @@ class Spacecraft(Shown):
         kept = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
         return tuple(map(tuple, kept.tolist()))
 
+    @cached_property
+    def wheel_map(self) -> tuple[tuple[float, ...], ...]:
+        """Per wheel, the torque on the craft of the command 1: (tau_z,) in the plane, three in space; N m."""
+        torques = [[-wheel.max_torque * x for x in wheel.axis] for wheel in self.wheels]
+        return tuple(tuple(t[2:] if self.dimension == 2 else t) for t in torques)
+
     @property
     def degrees_of_freedom(self) -> int:
         """3 in the plane, 6 in space."""
         return 3 if self.dimension == 2 else 6
 
 
+MOST_WHEELS = 100
+"""More than any spacecraft has."""
 MOST_THRUSTERS = 1000
 """Ten times what any spacecraft has: more is a slip, and takes minutes only to be looked at."""
 
@@ -198,7 +275,7 @@ def check(craft: Spacecraft) -> None:
         _require(holds, craft, key, getattr(craft, key), bound)
     has_name = isinstance(craft.name, str) and bool(craft.name.strip())
     _require(has_name, craft, "name", craft.name, "a non-empty text")
-    for key in ("thrusters", "solids"):
+    for key in ("thrusters", "solids", "wheels"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _require(
@@ -216,19 +293,28 @@ def check(craft: Spacecraft) -> None:
         f"at most {MOST_SOLIDS} solids",
     )
     _check_inertia(craft)
+    _check_wheels(craft)
+    _check_propellant(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(
             craft,
             index,
             checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
         )
-    if not is_steerable(craft):
+    # Engines that cannot be shut are for flight against gravity, which pushes where they do not.
+    if craft.actuators.low == 0.0 and not is_steerable(craft):
         warnings.warn(
-            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn it in "
+            f"spacecraft {craft.name!r}: its {_effectors(craft)} cannot push and turn it in "
             f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
             "solved; the usual cause is a missing or reversed thruster.",
             stacklevel=3,
         )
+
+
+def _effectors(craft: Spacecraft) -> str:
+    """Such as "8 thrusters and 1 reaction wheel"."""
+    wheels = f" and {counted(len(craft.wheels), 'reaction wheel')}" if craft.wheels else ""
+    return f"{len(craft.thrusters)} thrusters{wheels}"
 
 
 def _in_plane(position: Pair, direction: Pair, force: float) -> Thruster:
@@ -311,13 +397,59 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
         )
 
 
+def _check_wheels(craft: Spacecraft) -> None:
+    _require(
+        len(craft.wheels) <= MOST_WHEELS,
+        craft,
+        "wheel",
+        len(craft.wheels),
+        f"at most {MOST_WHEELS} wheels",
+    )
+    for index, given in enumerate(craft.wheels):
+        key = f"wheel {index} "
+        wheel = checked(f"spacecraft {craft.name!r}: wheel {index}", given, Wheel)
+        _require(_triple(wheel.axis), craft, key + "axis", wheel.axis, _TRIPLE)
+        length = math.hypot(*wheel.axis)
+        _require(
+            abs(length - 1) < 1e-9,
+            craft,
+            key + "axis",
+            wheel.axis,
+            f"a unit vector (its length is {length:.4g}; a zero axis has none)",
+        )
+        for name, unit in (
+            ("max_torque", "N m"),
+            ("max_momentum", "N m s"),
+            ("inertia", "kg m^2"),
+        ):
+            value = getattr(wheel, name)
+            _require(_positive(value), craft, key + name, value, f"{_POSITIVE} {unit}")
+        if craft.dimension == 2:
+            upright = math.hypot(*wheel.axis[:2]) <= _PLANE_TOLERANCE
+            bound = "(0, 0, 1) or (0, 0, -1) when dimension = 2: only such a wheel turns it in the plane"
+            _require(upright, craft, key + "axis", wheel.axis, bound)
+
+
+def _check_propellant(craft: Spacecraft) -> None:
+    if craft.propellant is None:
+        return
+    tank = checked(f"spacecraft {craft.name!r}: propellant", craft.propellant, Propellant)
+    below = f"a number from {_SMALLEST:g} kg to less than the craft's mass with a full tank, {craft.mass:g} kg"
+    possible = _positive(tank.mass) and tank.mass <= craft.mass * (1.0 - 1e-3)
+    _require(possible, craft, "propellant mass", tank.mass, below)
+    value = tank.specific_impulse
+    _require(_positive(value), craft, "specific_impulse", value, f"{_POSITIVE} s")
+
+
 def can_turn(craft: Spacecraft) -> bool:
-    """Whether any thruster gives a torque about the centre of mass.
+    """Whether any thruster or reaction wheel gives a torque about the centre of mass.
 
     A craft whose thrusters all act through its centre of mass moves as a point does: it can be pushed, but
     its angular velocity stays as it is. Torques below a billionth of what the same force would give on the
     longest arm are rounding.
     """
+    if craft.wheels:
+        return True
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()
     torques = np.array(craft.wrench_map)[:, craft.dimension :]
@@ -325,18 +457,30 @@ def can_turn(craft: Spacecraft) -> bool:
 
 
 def is_steerable(craft: Spacecraft) -> bool:
-    """Whether the thrusters push the craft in every direction and, if any turns it, turn it about every axis.
+    """Whether effectors push the craft in every direction and, if any turns it, turn it about every axis.
 
     Holds for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose forces
     positively span the plane or space.
     """
-    wrenches = np.array(craft.wrench_map).T
+    wrenches = _wrenches(craft)
     return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:
-    """Whether the thrusters' wrenches positively span all degrees of freedom."""
-    return _positively_spans(np.array(craft.wrench_map).T)
+    """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
+    return _positively_spans(_wrenches(craft))
+
+
+def _wrenches(craft: Spacecraft) -> np.ndarray:
+    """Wrench of each thruster, and of each wheel either way: (3 or 6, effectors)."""
+    size = craft.dimension
+    turns = np.array(
+        [sign * np.array(column) for column in craft.wheel_map for sign in (1.0, -1.0)]
+    )
+    wheels = np.zeros((len(turns), craft.degrees_of_freedom))
+    if len(turns):
+        wheels[:, size:] = turns
+    return np.vstack([craft.wrench_map, wheels]).T
 
 
 def _positively_spans(columns: np.ndarray) -> bool:

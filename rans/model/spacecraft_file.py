@@ -13,16 +13,17 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief, named
 from rans.files import distinct, first_line, read_text
-from rans.model.actuators import KINDS, Actuators
+from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
 from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
+_OPTIONAL = {"solid", "wheel"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
     "thrusters",
     "solids",
+    "wheels",
     *_REQUIRED,
 }
 
@@ -128,8 +129,9 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
     """The spacecraft that a TOML text describes; messages begin with the source.
 
     Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, ``[actuators]``
-    with their ``kind`` and its settings, and a ``[[solid]]`` table for every shape that is drawn. Planar
-    spacecraft may give positions and directions of thrusters as two numbers and the inertia as one.
+    with their ``kind`` and its settings, a ``[[wheel]]`` table per reaction wheel, ``[propellant]`` where
+    thrusters use up mass, and a ``[[solid]]`` table for every shape that is drawn. Planar spacecraft may give
+    positions and directions of thrusters as two numbers and the inertia as one.
 
     Raises:
         ConfigError: names the source, the key, the value and the bound.
@@ -151,13 +153,24 @@ def spacecraft_label(craft: Spacecraft) -> str:
 def to_toml(craft: Spacecraft) -> str:
     """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
     table: dict[str, Any] = dataclasses.asdict(craft)
-    actuators = {"kind": craft.actuators.kind} | table.pop("actuators")
+    defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
+    given = table.pop("actuators").items()
+    actuators = {"kind": craft.actuators.kind} | {
+        key: value
+        for key, value in given
+        if value != defaults[key] or craft.actuators.kind == "pulsed"
+    }
+    tank = table.pop("propellant")
+    propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
+    wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
     thrusters = "".join(f"\n[[thruster]]\n{_lines(each)}" for each in table.pop("thrusters"))
     solids = "".join(
         "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
         for each in table.pop("solids")
     )
-    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}{solids}"
+    return (
+        f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{propellant}{thrusters}{wheels}{solids}"
+    )
 
 
 def _lines(table: dict[str, Any]) -> str:
@@ -179,12 +192,19 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "centre_of_mass": partial(_vector, lengths=lengths),
         "radius": _number,
         "actuators": _actuators,
+        "propellant": _propellant,
+        "wheel": _wheels,
         "thrust_sharing": _text,
         "shape": _text,
         "solid": _solids,
     }
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
-    return Spacecraft(thrusters=values.pop("thruster"), solids=values.pop("solid", ()), **values)
+    return Spacecraft(
+        thrusters=values.pop("thruster"),
+        solids=values.pop("solid", ()),
+        wheels=values.pop("wheel", ()),
+        **values,
+    )
 
 
 def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
@@ -196,16 +216,43 @@ def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruste
 def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
     where = f"thruster {index}"
     _check_keys(table, ("direction", "force", "position"), (), where, f"{where}: ")
-    direction = _vector(table["direction"], f"{where} direction", lengths)
-    length = math.hypot(*direction)
-    if not (math.isfinite(length) and length > 0):
-        raise ConfigError(f"{where} direction must be finite and not zero, got {brief(direction)}.")
-    unit = (direction[0] / length, direction[1] / length, direction[2] / length)
+    direction = _unit(table["direction"], f"{where} direction", lengths)
     return Thruster(
         _vector(table["position"], f"{where} position", lengths),
-        unit,
+        direction,
         _number(table["force"], f"{where} force"),
     )
+
+
+def _unit(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
+    """A direction of any length, made a unit vector."""
+    direction = _vector(value, key, lengths)
+    length = math.hypot(*direction)
+    if not (math.isfinite(length) and length > 0):
+        raise ConfigError(f"{key} must be finite and not zero, got {brief(direction)}.")
+    return (direction[0] / length, direction[1] / length, direction[2] / length)
+
+
+def _wheels(tables: Any, key: str) -> tuple[Wheel, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{key} must be [[wheel]] tables, got {brief(tables)}.")
+    return tuple(_wheel(table, index) for index, table in enumerate(tables))
+
+
+def _wheel(table: dict[str, Any], index: int) -> Wheel:
+    where = f"wheel {index}"
+    names = ("axis", "max_torque", "max_momentum", "inertia")
+    _check_keys(table, names, (), where, f"{where}: ")
+    numbers = (_number(table[name], f"{where} {name}") for name in names[1:])
+    return Wheel(_unit(table["axis"], f"{where} axis", (3,)), *numbers)
+
+
+def _propellant(table: Any, key: str) -> Propellant:
+    if not isinstance(table, dict):
+        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
+    names = ("mass", "specific_impulse")
+    _check_keys(table, names, (), key, f"{key}: ")
+    return Propellant(*(_number(table[name], f"{key} {name}") for name in names))
 
 
 def _solids(tables: Any, key: str) -> tuple[Solid, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from rans.environment import Environment
 from rans.episode import Guard, Mover
 from rans.flight import Controller, Flight, fly
-from rans.model.accuracy import spin_up
+from rans.model.accuracy import gyroscopic_rate, spin_up
 from rans.model.body import Body
 from rans.model.case import Influences
 from rans.model.conditions import Conditions
@@ -131,6 +131,7 @@ class DrakeMover:
         period = self._timing.control_period
         spins = np.square(np.stack(np.broadcast_arrays(*state.spin()))).sum(axis=0)
         fastest = float(np.sqrt(np.nan_to_num(spins).max())) + _STRONGER * self._spin_up * period
+        fastest += gyroscopic_rate(self._craft)
         return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:
@@ -187,10 +188,10 @@ def replay(
 
 
 def rows_from_states(states: State) -> np.ndarray:
-    """The rows of `rans.reference.plant`, (..., 6 or 13), from fields of shape (...)."""
+    """The rows of `rans.reference.plant`, (..., width), from fields of shape (...)."""
     return np.stack(leaves(states), axis=-1)
 
 
 def states_from_rows(rows: np.ndarray, like: State) -> Any:
-    """A state of the same kind whose fields have shape (...), from rows (..., 6 or 13)."""
+    """A state of the same kind whose fields have shape (...), from rows (..., width)."""
     return unflatten(like, np.moveaxis(rows, -1, 0))

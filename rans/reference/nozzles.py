@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from rans.model.actuators import Actuators, Pulsed
+from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 
@@ -179,8 +179,12 @@ def told(
 ) -> list[tuple[float, np.ndarray]]:
     """From when on (s) which valves are told to be how far open: anew where any of any spacecraft shuts.
 
-    The commands, (N, thrusters), are 0 to 1 and held for the duration, s.
+    The commands, (N, thrusters), are 0 to 1 and held for the duration, s. A throttle that may be shut gives
+    nothing below half of its least level, and at least that level otherwise.
     """
+    if isinstance(actuators, Throttle) and actuators.least > 0.0 and not actuators.always_lit:
+        lit = commands >= 0.5 * actuators.least
+        commands = np.where(lit, np.maximum(commands, actuators.least), 0.0)
     if not isinstance(actuators, Pulsed):
         return [(0.0, commands)]
     counts = np.floor(commands * actuators.counts + 0.5)

@@ -17,6 +17,7 @@ from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.errors import ConfigError
+from rans.model.actuators import Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -30,10 +31,43 @@ def designed(craft: Spacecraft) -> Body:
     return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
 
-def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia:
-    """Mass, centre of mass and inertia of one of many spacecraft, in the author's frame G.
+_WHEEL_MASS = 1e-3
+"""Mass of a wheel as a share of the craft's: only Drake wants one, as the wheel's stands in the craft's."""
 
-    In the plane only the moment about z counts; the others are the craft's in the same proportion.
+
+def wheel_inertia(craft: Spacecraft, wheel: Wheel) -> SpatialInertia:
+    """Thin disc of a reaction wheel at the craft's centre of mass, in a frame with G's axes and origin there."""
+    axis = np.array(wheel.axis)
+    tensor = 0.5 * wheel.inertia * (np.eye(3) + np.outer(axis, axis))
+    return SpatialInertia.MakeFromCentralInertia(
+        _WHEEL_MASS * craft.mass, np.zeros(3), _rotational(tensor)
+    )
+
+
+def centre_of_mass(craft: Spacecraft, body: Body, index: int) -> np.ndarray:
+    """Centre of mass of one of many spacecraft, (3,) m, in G."""
+    shift = np.zeros(3)
+    for k, x in enumerate(body.centre):
+        shift[k] = x if np.ndim(x) == 0 else x[index]
+    return np.array(craft.centre_of_mass) + shift
+
+
+def _rotational(tensor: np.ndarray) -> RotationalInertia:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
+    return RotationalInertia(xx, yy, zz, xy, xz, yz)
+
+
+def spatial_inertia(craft: Spacecraft, body: Body, index: int, left: float = 1.0) -> SpatialInertia:
+    """Mass, centre of mass and inertia of one of many spacecraft without its wheels, in the author's frame G.
+
+    In the plane only the moment about z counts; the others are the craft's in the same proportion. Wheels are
+    bodies of their own: their masses and the moments across their axes are taken off.
+
+    Args:
+        craft: as it is described.
+        body: with a full tank, each value one number or (N,).
+        index: of the spacecraft.
+        left: share of mass and inertia that is left when propellant is used.
 
     Raises:
         ConfigError: Drake refuses them.
@@ -46,16 +80,18 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia
         moments = np.array(craft.inertia)[np.triu_indices(3)] * (
             own(body.inertia) / craft.inertia[2][2]
         )
-        shift = np.append(own(body.centre or (0.0, 0.0)), 0.0)
     else:
         moments = own(body.inertia)
-        shift = own(body.centre or (0.0,) * 3)
-    xx, xy, xz, yy, yz, zz = moments
+    xx, xy, xz, yy, yz, zz = left * moments
+    mass = left * own([body.mass])[0]
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    for wheel in craft.wheels:
+        axis = np.array(wheel.axis)
+        tensor -= 0.5 * wheel.inertia * (np.eye(3) - np.outer(axis, axis))
+        mass -= _WHEEL_MASS * craft.mass
     try:
         return SpatialInertia.MakeFromCentralInertia(
-            own([body.mass])[0],
-            np.array(craft.centre_of_mass) + shift,
-            RotationalInertia(xx, yy, zz, xy, xz, yz),
+            mass, centre_of_mass(craft, body, index), _rotational(tensor)
         )
     except RuntimeError as error:
         reason = str(error).partition("\n")[0]
@@ -91,27 +127,27 @@ class Orbit(LeafSystem):
 
     They are m (3 n^2 x + 2 n v_y, -2 n v_x, -n^2 z), for x radial, y along the track, z across.
 
-    The mean motion n is in rad/s, the masses (N,) in kg. Places (N, 2 or 3) tell where each spacecraft's
+    The mean motion n is in rad/s, the input of masses (N,) in kg. Places (N, 2 or 3) tell where each spacecraft's
     place stands among the plant's positions, speeds (N, 2 or 3) where its velocity stands among the
-    velocities, and its force among the generalised forces.
+    velocities, and its force among the generalised forces. The plant has so many positions, and a count of
+    velocities.
     """
 
     def __init__(
         self,
         mean_motion: float,
-        masses: np.ndarray,
         places: np.ndarray,
         speeds: np.ndarray,
         positions: int,
+        count: int,
     ) -> None:
         super().__init__()
         self._n = mean_motion
-        self._masses = masses
         self._positions = positions
         self._places = places
         self._speeds = speeds
-        count = len(masses) * (3 if places.shape[1] == 2 else 6)
         self.state = self.DeclareVectorInputPort("state", positions + count)
+        self.masses = self.DeclareVectorInputPort("masses", len(places))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
@@ -119,11 +155,12 @@ class Orbit(LeafSystem):
         n = self._n
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
+        masses = np.array(self.masses.Eval(context))
         place = state[self._places]
         speed = state[self._positions + self._speeds]
         pull = np.zeros_like(place)
         pull[:, 0] = 3.0 * n * n * place[:, 0] + 2.0 * n * speed[:, 1]
         pull[:, 1] = -2.0 * n * speed[:, 0]
         pull[:, 2:] = -n * n * place[:, 2:]
-        total[self._speeds] += self._masses[:, None] * pull
+        total[self._speeds] += masses[:, None] * pull
         output.SetFromVector(total)

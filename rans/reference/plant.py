@@ -8,6 +8,10 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 - plane: ``[x, y, theta, v_x, v_y, w]``: p_WB (m), heading (rad, not wrapped), v_WB in W (m/s), w_WB (rad/s);
 - space: ``[p_WB (3), q_WB as w x y z (4), v_WB in W (3), w_WB in B (3)]``. Drake does not renormalise the
   quaternion: its length drifts at rounding level.
+
+Behind them stands what effectors hold, in the order of the craft's ``stores``: propellant left, kg, and the
+absolute momentum of each reaction wheel about its axis, N m s. Commands are those of the thrusters, 0 to 1, then
+those of the wheels, -1 to 1.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
@@ -15,7 +19,9 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,6 +32,7 @@ from pydrake.multibody.tree import (
     MultibodyForces,
     PlanarJoint,
     QuaternionFloatingJoint,
+    RevoluteJoint,
 )
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -34,8 +41,11 @@ from pydrake.systems.primitives import Integrator
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
-from rans.reference.nozzles import Failure, Nozzles
-from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia
+from rans.reference.nozzles import Failure, Nozzles, Segment
+from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia, wheel_inertia
+
+_WEIGHINGS = 16
+"""Times that a craft is weighed anew in a control period in which it uses propellant."""
 
 
 class Plant:
@@ -46,6 +56,9 @@ class Plant:
     How far each nozzle's thrust has grown is a state of Drake's too, which moves at a rate of its own.
     Integration steps end where a valve switches, where a thruster fails, and where a thrust begins or ends to
     grow.
+
+    A reaction wheel is a body of its own on a revolute joint with an actuator. Propellant that is used makes
+    the craft lighter in short steps of the integration, each with the mass in its middle.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
     continues from stale kinematics after a rejected step, and a discrete plant is a first-order Euler scheme
@@ -97,6 +110,10 @@ class Plant:
             self._plant.AddJoint(kind(frame.name(), self._plant.world_frame(), frame))
             for frame in self._frames
         ]
+        self._wheels = [
+            [self._add_wheel(k, number) for number in range(len(craft.wheels))]
+            for k in range(count)
+        ]
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array(
@@ -105,7 +122,12 @@ class Plant:
         self._velocity = np.array(
             [j.velocity_start() + np.arange(j.num_velocities()) for j in joints]
         )
+        self._spins = np.array(
+            [[joint.velocity_start() for joint in wheels] for wheels in self._wheels], dtype=int
+        )
         self._propeller, self._thrust = self._add_thrusters(builder)
+        if craft.wheels:
+            builder.ExportInput(self._plant.get_actuation_input_port(), "motors")
         self._export_forces(builder)
         self._simulator = Simulator(builder.Build())
         ApplySimulatorConfig(
@@ -119,6 +141,7 @@ class Plant:
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
+        self._weigh(np.ones(count))
 
     def set_max_step(self, step: float) -> None:
         """Integrate in steps of at most so many seconds from now on."""
@@ -130,7 +153,7 @@ class Plant:
         Plane: (N, 3) as F_x, F_y, tau_z; space: (N, 6) as F, tau; N and N m.
         """
         # At rest with B along W, so that Drake's vectors in W are vectors in B.
-        self._set(np.tile(self._rest(), (self.count, 1)), commands)
+        self._set(np.tile(self._rest(), (self.count, 1)), self._with_wheels(commands))
         forces = MultibodyForces(self._plant)
         for force in self._propeller.get_spatial_forces_output_port().Eval(self._propeller_context):
             self._plant.get_body(force.body_index).AddInForce(
@@ -154,19 +177,28 @@ class Plant:
         """
         self._set(
             np.tile(self._rest(), (self.count, 1)),
-            np.zeros((self.count, len(self.craft.thrusters))),
+            np.zeros((self.count, len(self.craft.commands))),
         )
         own = self._velocity[0]
-        matrix = self._plant.CalcMassMatrix(self._plant_context)[np.ix_(own, own)]
+        whole = self._plant.CalcMassMatrix(self._plant_context)
+        matrix = whole[np.ix_(own, own)]
+        if self.craft.wheels:
+            # Of wheels that spin freely.
+            spins = self._spins[0]
+            coupling = whole[np.ix_(spins, own)]
+            matrix = matrix - coupling.T @ np.linalg.solve(whole[np.ix_(spins, spins)], coupling)
         return matrix if self.craft.dimension == 2 else np.roll(matrix, (3, 3), axis=(0, 1))
 
     def accelerations(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Time derivatives of v_WB in W and of the angular velocity's components in B.
 
-        Of states (N, 6 or 13), see the module, under commands (N, thrusters), 0 to 1. Plane: (N, 3) in
+        Of states (N, width), see the module, under commands (N, thrusters), 0 to 1. Plane: (N, 3) in
         m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
         """
+        commands = self._with_wheels(commands)
+        states = self._with_stores(states)
         self._set(states, commands)
+        self._drive(commands, self._momenta(states), np.inf)
         rows = self._rows(
             self._plant.get_generalized_acceleration_output_port().Eval(self._plant_context)
         )
@@ -176,7 +208,7 @@ class Plant:
         return rows
 
     def advance(self, *arguments: Any, **options: Any) -> np.ndarray:
-        """States (N, 6 or 13) after the commands were held for a duration; arguments of `states_at_looks`."""
+        """States (N, width) after the commands were held for a duration; arguments of `states_at_looks`."""
         return self.states_at_looks(*arguments, **options)[-1]
 
     def states_at_looks(
@@ -190,10 +222,10 @@ class Plant:
         failure: Failure | None = None,
         looks: int = 1,
     ) -> np.ndarray:
-        """States (looks, N, 6 or 13) while the commands are held, the last ones after the duration.
+        """States (looks, N, width) while the commands are held, the last ones after the duration.
 
         Args:
-            states: (N, 6 or 13), see the module.
+            states: (N, width), see the module.
             commands: (N, thrusters), 0 to 1.
             duration: s.
             disturbances: (N, 3 or 6), force and torque about the centre of mass, constant in W, ordered
@@ -204,13 +236,18 @@ class Plant:
             looks: how many instants to return, evenly spaced.
         """
         nozzles = nozzles or self._nozzles
+        states = self._with_stores(states)
         self._set(states, commands)
+        self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        told = [commands, *earlier]
+        told = [command[:, : len(self.craft.thrusters)] for command in (commands, *earlier)]
         seen = []
-        for end, thrust, rate in nozzles.segments(self.craft.actuators, told, duration, failure):
+        segments = nozzles.segments(self.craft.actuators, told, duration, failure)
+        if self.craft.propellant is not None:
+            segments = self._burned(segments, states[:, self._width], duration, looks)
+        for end, thrust, rate in segments:
             self._open(thrust, rate)
             while len(seen) < looks - 1 and (instant := duration * (len(seen) + 1) / looks) <= end:
                 self._simulator.AdvanceTo(instant)
@@ -222,14 +259,25 @@ class Plant:
     def rollout(
         self, starts: np.ndarray, commands: np.ndarray, control_period: float
     ) -> np.ndarray:
-        """States (T + 1, N, 6 or 13), the starts first, under commands (T, N, thrusters) given beforehand.
+        """States (T + 1, N, width), the starts first, under commands (T, N, thrusters) given beforehand.
 
         Each command is held for one control period, s.
         """
-        states = [np.array(starts, dtype=np.float64)]
+        states = [self._with_stores(np.array(starts, dtype=np.float64))]
         for command in commands:
             states.append(self.advance(states[-1], command, control_period))
         return np.array(states)
+
+    def _add_wheel(self, k: int, number: int) -> RevoluteJoint:
+        """One wheel of one spacecraft, with its motor."""
+        wheel = self.craft.wheels[number]
+        name = f"W{number} of G{k}"
+        body = self._plant.AddRigidBody(name, wheel_inertia(self.craft, wheel))
+        joint = self._plant.AddJoint(
+            RevoluteJoint(name, self._frames[k], body.body_frame(), np.array(wheel.axis))
+        )
+        self._plant.AddJointActuator(name, joint)
+        return joint
 
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
@@ -262,26 +310,134 @@ class Plant:
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
         orbit = Orbit(
             self._drift.mean_motion,
-            np.broadcast_to(self._body.mass, self.count),
             self._position[:, along],
             self._velocity[:, along],
             self._plant.num_positions(),
+            self._plant.num_velocities(),
         )
         builder.AddSystem(orbit)
         builder.Connect(self._plant.get_state_output_port(), orbit.state)
         builder.Connect(orbit.total, forces)
         builder.ExportInput(orbit.others, "disturbance")
+        builder.ExportInput(orbit.masses, "masses")
 
     def _rest(self) -> np.ndarray:
-        """At W's origin, B along W, no motion."""
-        return (
-            np.zeros(6) if self.craft.dimension == 2 else np.eye(13)[3]
-        )  # a quaternion of 1, 0, 0, 0
+        """At W's origin, B along W, no motion, full tank, wheels at rest."""
+        # A quaternion of 1, 0, 0, 0.
+        motion = np.zeros(6) if self.craft.dimension == 2 else np.eye(13)[3]
+        return np.append(motion, [store.initial for store in self.craft.stores])
+
+    @property
+    def _width(self) -> int:
+        """Numbers of a state before those that effectors hold."""
+        return 6 if self.craft.dimension == 2 else 13
+
+    def _with_wheels(self, commands: np.ndarray) -> np.ndarray:
+        """Commands (N, commands), with zeros for the wheels where they are of thrusters alone."""
+        missing = len(self.craft.commands) - commands.shape[1]
+        return np.pad(commands, ((0, 0), (0, missing)))
+
+    def _with_stores(self, states: np.ndarray) -> np.ndarray:
+        """States (N, width), with a full tank and wheels at rest where they say nothing of them."""
+        if states.shape[1] > self._width:
+            return states
+        stores = np.tile([store.initial for store in self.craft.stores], (len(states), 1))
+        return np.hstack([states, stores.reshape(len(states), -1)])
+
+    def _momenta(self, states: np.ndarray) -> np.ndarray:
+        """Momenta of the wheels (N, wheels), N m s."""
+        return states[:, states.shape[1] - len(self.craft.wheels) :]
+
+    def _axes(self) -> np.ndarray:
+        """Axes of the wheels in B, (3, wheels)."""
+        return np.array([wheel.axis for wheel in self.craft.wheels]).reshape(-1, 3).T
+
+    def _drive(self, commands: np.ndarray, momenta: np.ndarray, duration: float) -> None:
+        """Motors give the commanded torque, or what keeps the momentum within its limit for the duration (s)."""
+        if not self.craft.wheels:
+            return
+        strongest, largest = np.array(
+            [(wheel.max_torque, wheel.max_momentum) for wheel in self.craft.wheels]
+        ).T
+        wanted = commands[:, len(self.craft.thrusters) :] * strongest
+        if np.isfinite(duration):
+            least = (-largest - momenta) / duration
+            most = (largest - momenta) / duration
+            wanted = np.clip(wanted, least, most)
+        self._simulator.get_system().GetInputPort("motors").FixValue(self._context, wanted.ravel())
+
+    def _weigh(self, left: np.ndarray) -> None:
+        """Give every spacecraft a share (N,) of its full mass and inertia."""
+        masses = left * np.broadcast_to(self._body.mass, self.count)
+        if isinstance(self._drift, ClohessyWiltshire):
+            self._simulator.get_system().GetInputPort("masses").FixValue(self._context, masses)
+        if self.craft.propellant is not None:
+            for k, body in enumerate(self._bodies):
+                inertia = spatial_inertia(self.craft, self._body, k, float(left[k]))
+                body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
+
+    def _share_of_mass(self, left: np.ndarray) -> np.ndarray:
+        """Share of the full mass (N,) with so much propellant left, kg."""
+        tank = self.craft.propellant
+        assert tank is not None
+        return 1.0 - (tank.mass - left) / np.broadcast_to(self._body.mass, self.count)
+
+    def _burned(
+        self, segments: Iterable[Segment], left: np.ndarray, duration: float, looks: int
+    ) -> Iterator[Segment]:
+        """Segments cut into short steps, at looks and where a tank is empty, each with the mass in its middle set.
+
+        What is left in the tanks at the end of the step is `_left`.
+        """
+        tank = self.craft.propellant
+        assert tank is not None
+        per_share = np.array([t.force for t in self.craft.thrusters]) / tank.exhaust_speed
+        left = left.copy()
+        begin = 0.0
+        for end, thrust, rate in segments:
+            steps = math.ceil(_WEIGHINGS * (end - begin) / duration)
+            instants = [duration * k / looks for k in range(1, looks)]
+            edges = np.unique([*np.linspace(begin, end, 1 + steps), *np.clip(instants, begin, end)])
+            for a, b in pairwise(edges):
+                now = a
+                while now < b:
+                    lit = left[:, None] > 0.0
+                    opened = np.where(lit, thrust + rate * (now - begin), 0.0)
+                    growing = np.where(lit, rate, 0.0)
+                    flow = opened @ per_share
+                    change = growing @ per_share
+                    lasts = _until_empty(left, flow, change)
+                    stop = min(b, now + float(lasts.min()))
+                    step = stop - now
+                    used = step * (flow + 0.5 * step * change)
+                    # The mass in the middle counts, and thrusts that give what they give the true one.
+                    first = self._share_of_mass(left)
+                    left = np.where(lasts <= step + 1e-12, 0.0, np.maximum(left - used, 0.0))
+                    last = self._share_of_mass(left)
+                    middle = 0.5 * (first + last)
+                    self._weigh(middle)
+                    self._left = left
+                    given = opened * (middle / first)[:, None]
+                    ends = (opened + growing * step) * (middle / last)[:, None]
+                    yield Segment(stop, given, (ends - given) / max(step, 1e-30))
+                    now = stop
+            begin = end
 
     def _set(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Put states and commands into the context."""
+        states = self._with_stores(states)
+        stores = states[:, self._width :]
+        states = states[:, : self._width]
         q = np.zeros(self._plant.num_positions())
         v = np.zeros(self._plant.num_velocities())
+        if self.craft.wheels:
+            # Of their absolute momentum, what the craft's spin gives is not theirs to have.
+            spins = states[:, 5:6] * np.eye(3)[2] if self.craft.dimension == 2 else states[:, 10:]
+            rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
+            v[self._spins] = self._momenta(stores) / rotors - spins @ self._axes()
+        if self.craft.propellant is not None:
+            self._left = stores[:, 0]
+            self._weigh(self._share_of_mass(self._left))
         if self.craft.dimension == 2:
             q[self._position] = states[:, :3]
             v[self._velocity] = states[:, 3:]
@@ -292,7 +448,8 @@ class Plant:
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
-        self._open(self._nozzles.given(commands), np.zeros(commands.shape))
+        opened = commands[:, : len(self.craft.thrusters)]
+        self._open(self._nozzles.given(opened), np.zeros(opened.shape))
 
     def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
         """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""
@@ -312,9 +469,18 @@ class Plant:
         q = self._plant.GetPositions(self._plant_context)[self._position]
         v = self._rows(self._plant.GetVelocities(self._plant_context))
         if self.craft.dimension == 2:
-            return np.concatenate([q, v], axis=1)
-        w_B = np.einsum("nji,nj->ni", self._rotations(), v[:, 3:])
-        return np.concatenate([np.roll(q, -4, axis=1), v[:, :3], w_B], axis=1)
+            rows = np.concatenate([q, v], axis=1)
+            w_B = v[:, 2:] * np.eye(3)[2]
+        else:
+            w_B = np.einsum("nji,nj->ni", self._rotations(), v[:, 3:])
+            rows = np.concatenate([np.roll(q, -4, axis=1), v[:, :3], w_B], axis=1)
+        if self.craft.propellant is not None:
+            rows = np.column_stack([rows, self._left])
+        if self.craft.wheels:
+            rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
+            spins = self._plant.GetVelocities(self._plant_context)[self._spins]
+            rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
+        return rows
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:
         """One row per spacecraft, translation first (Drake's floating joint puts rotation first)."""
@@ -324,3 +490,15 @@ class Plant:
         """R_WB of every spacecraft, (N, 3, 3)."""
         context = self._plant_context
         return np.array([f.CalcPoseInWorld(context).rotation().matrix() for f in self._frames])
+
+
+def _until_empty(left: np.ndarray, flow: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Times (N,), s, in which flows, kg/s, that change steadily, kg/s^2, use up what is left, kg.
+
+    Infinite where they never do, or nothing is left.
+    """
+    # The smaller root of change t^2 / 2 + flow t - left, in the form that no cancellation spoils.
+    square = flow * flow + 2.0 * change * left
+    below = flow + np.sqrt(np.maximum(square, 0.0))
+    uses = (left > 0.0) & (square >= 0.0) & (below > 0.0)
+    return np.where(uses, 2.0 * left / np.where(uses, below, 1.0), np.inf)

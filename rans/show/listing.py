@@ -51,8 +51,24 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("outer radius", f"{craft.radius:g} m"),
             ("thrust sharing", craft.thrust_sharing),
             ("actuators", craft.actuators.kind),
+            *_further(craft),
         ],
     )
+
+
+def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
+    """Rows of what only some craft have: throttle levels, propellant, reaction wheels."""
+    actuators = craft.actuators
+    if (actuators.low, actuators.high) != (0.0, 1.0) or getattr(actuators, "always_lit", False):
+        yield "a thruster's command", actuators.allowed
+    if (tank := craft.propellant) is not None:
+        yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
+    for i, wheel in enumerate(craft.wheels):
+        yield (
+            f"wheel {i}",
+            f"about {vector(wheel.axis, 4)}, {wheel.max_torque:g} N m, {wheel.max_momentum:g} N m s, "
+            f"{wheel.inertia:g} kg m²",
+        )
 
 
 def thruster_listing(craft: Spacecraft) -> Listing:

@@ -60,7 +60,7 @@ class Arrived:
                     + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
                 )
             if is_used(self.arrived_thrust_weight):
-                worth = worth - reduce(add, transition.command) * self.arrived_thrust_weight
+                worth = worth - reduce(add, transition.thrusters) * self.arrived_thrust_weight
             terms["arrived"] = inside(*shares, *rest) * worth
         if is_used(self.verge_weight):
             near = inside(*(0.5 * share for share in shares))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,9 @@ def example(task: Task, dimension: Dimension) -> Sight:
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
     """Start and goal of one episode, of arrays of one number."""
-    return task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
+    start, goal = task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
+    # As many stores as a craft may have: what a task sees of them is decided without one.
+    return (start if start.stores else replace(start, stores=(np.ones(1),) * 16)), goal
 
 
 def _with_numbers(task: Task) -> Task:
@@ -142,13 +145,14 @@ def watches_switching(task: Task, craft: Spacecraft) -> bool:
 
     A reward that cannot be computed of them, as only torch can follow it, may read anything.
     """
-    shut = (np.zeros(1),) * len(craft.thrusters)
+    shut = (np.zeros(1),) * len(craft.commands)
     previous = _Noted(shut)
     task = _with_numbers(task)
     try:
         with np.errstate(all="ignore"):
             state, goal = example_state(task, craft.dimension)
-            task.reward(Transition(state, goal, shut, previous, state, 0.2, (1.0,) * len(shut)))
+            forces = (1.0,) * len(craft.thrusters)
+            task.reward(Transition(state, goal, shut, previous, state, 0.2, forces))
     except Exception:  # somebody else's code raises anything
         return True
     return previous.read

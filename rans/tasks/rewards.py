@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -72,12 +72,17 @@ class Transition:
         return iter((self.state, self.goal, self.command, self.previous))
 
     @property
+    def thrusters(self) -> Sequence[Field]:
+        """Commands of the thrusters alone, without those of reaction wheels; all, if nothing says how many."""
+        return self.command[: len(self.forces)] if self.forces else self.command
+
+    @property
     def impulse(self) -> Field:
         """Impulse that the command asks for, N s: force times time, summed over the thrusters.
 
         Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts what they give.
         """
-        return reduce(add, (c * f for c, f in zip(self.command, self.forces, strict=True))) * (
+        return reduce(add, (c * f for c, f in zip(self.thrusters, self.forces, strict=True))) * (
             self.period
         )
 
@@ -106,7 +111,7 @@ class Prices:
         previous = transition.previous
         terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
-            terms["thrust"] = reduce(add, command) * -self.thrust_weight
+            terms["thrust"] = reduce(add, transition.thrusters) * -self.thrust_weight
         if is_used(self.switching_weight):
             moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
             terms["switching"] = reduce(add, moved) * -self.switching_weight

@@ -8,8 +8,10 @@ import gymnasium
 import numpy as np
 import pytest
 
+from rans.effectors.commands import action_space, check
 from rans.errors import ConfigError
 from rans.model.actuators import ON_OFF, OnOff, Pulsed, Throttle
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
 
 FILE = """
@@ -72,10 +74,20 @@ def test_arrays_shut_each_in_its_own_time() -> None:
     np.testing.assert_array_equal(first[1], np.ones((3, 2)))
 
 
+def craft_with(actuators: Any, thrusters: int) -> Spacecraft:
+    """A planar craft of so many thrusters."""
+    with pytest.warns(UserWarning, match="cannot push"):
+        return Spacecraft.planar(
+            "probe", 5.0, 0.1, [((0.1, 0.0), (1, 0), 1.0)] * thrusters, actuators=actuators
+        )
+
+
 def test_spaces_and_memory() -> None:
-    assert OnOff().action_space(3) == gymnasium.spaces.MultiDiscrete([2, 2, 2])
+    assert action_space(craft_with(OnOff(), 3)) == gymnasium.spaces.MultiDiscrete([2, 2, 2])
     for continuous in (Pulsed(4), Throttle()):
-        assert continuous.action_space(3) == gymnasium.spaces.Box(0.0, 1.0, (3,), np.float32)
+        assert action_space(craft_with(continuous, 3)) == gymnasium.spaces.Box(
+            0.0, 1.0, (3,), np.float32
+        )
         assert (continuous.is_continuous, continuous.dtype) == (True, "float32")
     assert (ON_OFF.is_continuous, ON_OFF.dtype) == (False, "int8")
 
@@ -98,16 +110,16 @@ def test_spaces_and_memory() -> None:
 )
 def test_what_cannot_be_followed_is_refused(actuators: Any, values: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        actuators.check(values, 2)
+        check(craft_with(actuators, 2), values)
 
 
 def test_what_can_be_followed_is_not() -> None:
-    OnOff().check(np.array([True, False]), 2)
-    Throttle().check(np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2, 2)
+    check(craft_with(OnOff(), 2), np.array([True, False]))
+    check(craft_with(Throttle(), 2), np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2)
     with pytest.raises(
         ConfigError, match=r"must be 100 times 2 numbers, .* got numbers from 0\.0 to 2\.0"
     ):
-        OnOff().check(np.linspace(0, 2, 200).reshape(100, 2), 100, 2)
+        check(craft_with(OnOff(), 2), np.linspace(0, 2, 200).reshape(100, 2), 100)
 
 
 def test_files_say_which() -> None:

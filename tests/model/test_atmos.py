@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, held, wrench
+from rans.model.dynamics import PlanarState, wrench
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from rans.effectors.motion import held
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, Wrench, held
+from rans.model.dynamics import PlanarState, Wrench
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing

@@ -12,11 +12,11 @@ import pytest
 import torch
 
 import rans.model.dynamics
+from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.model.actuators import Actuators, OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
-from rans.model.dynamics import held
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

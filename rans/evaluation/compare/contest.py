@@ -198,7 +198,7 @@ class Entry:
     @cached_property
     def duty(self) -> np.ndarray:
         """Mean share of thrusters open, (N,)."""
-        return self.flight.commands.mean(axis=(0, 2))
+        return self.flight.openings.mean(axis=(0, 2))
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.learn.network import Network
@@ -27,9 +28,11 @@ from rans.tasks.derived import layout
 class Agent:
     """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
-    def __init__(self, network: Network, name: str) -> None:
+    def __init__(self, network: Network, name: str, craft: Spacecraft | None = None) -> None:
         self.name = name
         self.network = network
+        self._craft = craft
+        """Whose commands it gives; None: one whose commands are all from 0 to 1."""
         self._memory: torch.Tensor | None = None
 
     def __repr__(self) -> str:
@@ -48,7 +51,10 @@ class Agent:
         """
         self.network.architecture.check_width(self.name, observation)
         command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
-        return command.numpy()
+        outputs = command.numpy()
+        if self._craft is None or is_identity(self._craft):
+            return outputs
+        return np.stack(of_outputs(self._craft, tuple(outputs.T)), axis=1)
 
 
 class LoadedRun(NamedTuple):
@@ -96,7 +102,7 @@ def load_agent(path: Path) -> LoadedRun:
     network = read_policy(run.agent_file).network
     _check_fit(network, craft, config.settings, run)
     return LoadedRun(
-        Agent(network, path.resolve().name),
+        Agent(network, path.resolve().name, craft),
         craft,
         config.settings,
         config.timing,
@@ -109,10 +115,10 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
     shown = layout(task, craft.dimension)
     seen = given.layout.width
     commanded = given.thrusters
-    needed = shown.width, len(craft.thrusters)
+    needed = shown.width, len(craft.commands)
     if (seen, commanded) != needed:
         raise ConfigError(
-            f"{run.agent_file} observes {seen} columns and commands {commanded} thrusters, but "
+            f"{run.agent_file} observes {seen} columns and gives {commanded} commands, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
         )
     if given.layout != shown:
@@ -120,7 +126,7 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
             f"{run.agent_file} observes other columns than the task in {run.config_file} "
             "shows: they are of different runs."
         )
-    if given.continuous != craft.actuators.is_continuous:
+    if given.continuous != craft.is_continuous:
         raise ConfigError(
             f"{run.agent_file} does not command the {craft.actuators.kind} actuators of "
             f"{run.spacecraft_file}: they are of different runs."

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from rans.effectors.commands import action_space, allowed, check, of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller
-from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed
 from rans.tasks import Task, observation_width
@@ -125,8 +125,8 @@ USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """Forms of names that `user_policy` understands, for messages and help."""
 
 Policy = Callable[[np.ndarray], Any]
-"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, thrusters) what the
-craft's actuators take: zeros and ones, or numbers between."""
+"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, commands) what the
+craft takes: zeros and ones, or numbers between."""
 
 
 class UserPolicy:
@@ -156,7 +156,7 @@ class UserPolicy:
 
 
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
-    """The commands (N, thrusters) that somebody else's code answers N observations with.
+    """The commands (N, commands) that somebody else's code answers N observations with.
 
     `ConfigError` if it fails, or answers what the craft's actuators cannot follow.
     """
@@ -164,14 +164,14 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
         commands = np.asarray(ask(), dtype=np.float64)
     except (Exception, SystemExit) as error:  # somebody else's code raises anything
         raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
-    wanted = count, len(craft.thrusters)
+    wanted = count, len(craft.commands)
     if commands.shape != wanted:
         raise ConfigError(
             f"{who} must answer {count} observations with commands of shape "
             f"{wanted}, got {commands.shape}."
         )
     try:
-        craft.actuators.check(commands, *wanted)
+        check(craft, commands, count)
     except ConfigError as error:
         raise ConfigError(
             f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
@@ -233,21 +233,23 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
         )
     network = read_policy(file).network
     _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
-    return lambda observation: predict(network, observation)[0]
+    return lambda observation: np.stack(
+        of_outputs(craft, tuple(predict(network, observation)[0].T)), axis=1
+    )
 
 
 def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
-    from gymnasium.spaces import MultiBinary
+    from gymnasium.spaces import MultiBinary, MultiDiscrete
 
     width = observation_width(task, craft.dimension)
-    count = len(craft.thrusters)
+    count = len(craft.commands)
     if seen.shape != (width,):
         raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
-    known = ON_OFF.action_space(count), MultiBinary(count), craft.actuators.action_space(count)
+    known = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
     if action not in known:
         raise ConfigError(
-            f"{name} acts by {action}, but {craft.name} has {count} thrusters, which take "
-            f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}."
+            f"{name} acts by {action}, but {craft.name} takes {count} numbers, "
+            f"{allowed(craft)}: {', '.join(dict.fromkeys(map(str, known)))}."
         )
 
 

@@ -170,7 +170,7 @@ class Following:
                     "duty",
                     "mean share of thrusters open",
                     "%",
-                    100.0 * mean(self.flight.commands.mean(axis=2)),
+                    100.0 * mean(self.flight.openings.mean(axis=2)),
                 ),
             )
         )

@@ -36,7 +36,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
     if protocol == "own":
         return own
     craft = load_spacecraft(_SPACECRAFT[protocol])
-    if (own.craft.dimension, len(own.craft.thrusters)) != (craft.dimension, len(craft.thrusters)):
+    if (own.craft.dimension, len(own.craft.commands)) != (craft.dimension, len(craft.commands)):
         raise ConfigError(
             f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
             f"thrusters, but {own.craft.name} is another kind; use --protocol own."

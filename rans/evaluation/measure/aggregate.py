@@ -164,7 +164,7 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
     - one array (N,) per metric, in its unit, named as in the tables with "_" for spaces: ``PT5``,
       ``reach_2_cm``, ``settling_time`` (infinite if never), ``position_error``, ...
     - ``start`` and ``goal`` (N, k), and ``columns`` (k,), what each column is;
-    - with trajectories: ``times`` (T + 1,) s, ``states`` (T + 1, N, k) and ``commands`` (T, N, thrusters).
+    - with trajectories: ``times`` (T + 1,) s, ``states`` (T + 1, N, k) and ``commands`` (T, N, commands).
     """
     arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.numbers for s in samples(flight)}
     states = np.stack(leaves(flight.states), axis=-1)
@@ -172,7 +172,9 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
     if trajectories:
         arrays |= {"times": flight.times, "states": states, "commands": flight.commands}
     packed = {key: np.asarray(value, dtype=np.float32) for key, value in arrays.items()}
-    save_arrays(file, packed | {"columns": np.array(_STATES[flight.craft.dimension].split())})
+    names = [store.name.replace(" ", "_") for store in flight.craft.stores]
+    columns = np.array([*_STATES[flight.craft.dimension].split(), *names])
+    save_arrays(file, packed | {"columns": columns})
 
 
 def save_arrays(file: Path, arrays: dict[str, Any]) -> None:

@@ -90,7 +90,7 @@ def settling_times(flight: Flight) -> np.ndarray:
 
 def on_times(flight: Flight) -> np.ndarray:
     """Summed time the thrusters of each episode were open, (N,) thruster-seconds."""
-    return flight.commands.sum(axis=(0, 2)) * flight.timing.control_period
+    return flight.openings.sum(axis=(0, 2)) * flight.timing.control_period
 
 
 def impulses(flight: Flight) -> np.ndarray:
@@ -244,14 +244,14 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 
 
 def _effort(flight: Flight) -> Iterator[Sample]:
-    opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
-    last = flight.commands[-verdict.last_fifth(len(flight.commands)) :]
+    opened = np.diff(flight.openings, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
+    last = flight.openings[-verdict.last_fifth(len(flight.commands)) :]
     for name, meaning, unit, values in (
         (
             "duty",
             "mean share of thrusters open (AAC)",
             "%",
-            100.0 * flight.commands.mean(axis=(0, 2)),
+            100.0 * flight.openings.mean(axis=(0, 2)),
         ),
         ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
         ("openings", "times a thruster opens, an episode", "", opened),
@@ -260,6 +260,16 @@ def _effort(flight: Flight) -> Iterator[Sample]:
         ("return", "sum of rewards of the full episode", "", returns(flight)),
     ):
         yield Sample("effort", name, meaning, unit, values)
+    stores = flight.states.stores
+    if flight.craft.propellant is not None:
+        used = stores[0][0] - stores[0][-1]
+        yield Sample("effort", "propellant", "used an episode", "kg", used)
+    if flight.craft.wheels:
+        held = stores[len(stores) - len(flight.craft.wheels) :]
+        limits = [wheel.max_momentum for wheel in flight.craft.wheels]
+        most = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
+        meaning = "largest momentum of any wheel, of what it can hold"
+        yield Sample("effort", "wheel momentum", meaning, "%", 100.0 * most)
 
 
 def outran(flight: Flight) -> str:

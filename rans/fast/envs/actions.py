@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.effectors.commands import allowed, check, limits
 from rans.environment import array, dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -21,17 +22,20 @@ class Actions:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._shape = (engine.num_envs, len(engine.craft.thrusters))
+        self._shape = (engine.num_envs, len(engine.craft.commands))
+        self._limits = [
+            torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
+        ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
         """Whether any was wrong."""
         self._wrong = torch.zeros((), dtype=torch.bool, pin_memory=engine.device.type == "cuda")
         self._done: torch.cuda.Event | None = None
 
     def checked(self, actions: Any) -> Tensor:
-        """Actions (N, thrusters) on the engine's device, without gradients, in a dtype that it knows.
+        """Actions (N, commands) on the engine's device, without gradients, in a dtype that it knows.
 
         Raises:
-            ConfigError: they have another shape or kind, or the craft's actuators cannot follow them.
+            ConfigError: they have another shape or kind, or the craft cannot follow them.
         """
         given = dense(actions)
         if not isinstance(given, Tensor):
@@ -52,9 +56,15 @@ class Actions:
         return given
 
     def _possible(self, given: Tensor) -> Tensor:
-        if not self._engine.craft.actuators.is_continuous:
+        craft = self._engine.craft
+        if not craft.is_continuous:
             return ((given == 0) | (given == 1)).all()
-        return ((given >= 0) & (given <= 1)).all()
+        low, high = self._limits
+        within = ((given >= low) & (given <= high)).all()
+        if craft.actuators.is_continuous:
+            return within
+        chosen = given[:, : len(craft.thrusters)]
+        return within & ((chosen == 0) | (chosen == 1)).all()
 
     def _tensor(self, given: np.ndarray) -> Tensor:
         """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
@@ -63,7 +73,7 @@ class Actions:
         return torch.from_numpy(np.require(given, requirements=["C", "W"]))
 
     def _refuse(self, given: np.ndarray) -> None:
-        self._engine.craft.actuators.check(given, *self._shape)
+        check(self._engine.craft, given, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
         self._found |= ~possible
@@ -74,8 +84,8 @@ class Actions:
                 self._done = None
                 self._found.zero_()
                 raise ConfigError(
-                    "an action of before was not what the thrusters take: "
-                    f"{self._engine.craft.actuators.allowed}."
+                    "an action of before was not what the craft takes: "
+                    f"{allowed(self._engine.craft)}."
                 )
         self._wrong.copy_(self._found, non_blocking=True)
         self._done = torch.cuda.Event()

@@ -11,7 +11,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 from torch import Tensor
 
-from rans.environment import action_space, observation_space
+from rans.effectors.commands import action_space
+from rans.environment import observation_space
 from rans.errors import checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions

@@ -16,7 +16,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rans.environment import action_space, checked_render_mode, choose, dense, observation_space
+from rans.effectors.commands import action_space
+from rans.environment import checked_render_mode, choose, dense, observation_space
 from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
@@ -322,7 +323,7 @@ class Film:
 
     def restart(self) -> None:
         """New episodes began everywhere."""
-        self._commands = np.zeros((self._count, len(self.engine.craft.thrusters)))
+        self._commands = np.zeros((self._count, len(self.engine.craft.commands)))
         self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
         self._remember()
 

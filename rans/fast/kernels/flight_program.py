@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.effectors.commands import of_outputs
 from rans.episode import World, step
 from rans.fast.learn.architecture import Architecture
 from rans.fast.symmetry import AIM, Symmetries
@@ -67,7 +68,7 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     clock = Symbol.constant(0)
     first = world.begin(*world.scenario(clock, draws), clock, draws)
     begun = (first, FlightAccumulator.begin(world, first, effort=True))
-    commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
+    commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
     kinds = dict[int, Kind]()
     while True:
         # What begins as a number is carried only if some step changes it.
@@ -75,7 +76,7 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
             _carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))
         ]
         now, verdict = unflatten(begun, inputs)
-        outcome = step(world, now, commands, draws)
+        outcome = step(world, now, tuple(of_outputs(world.craft, commands)), draws)
         after = leaves((outcome.episode, verdict.after(world, outcome)))
         known = len(kinds)
         for place, (new, old) in enumerate(zip(map(Symbol.constant, after), inputs, strict=True)):

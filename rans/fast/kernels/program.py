@@ -130,7 +130,7 @@ class Program:
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
     """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
     world, inputs, memory, settings = on_symbols(world, episode)
-    command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
+    command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
     low, high, first, stride = (
         Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
     )

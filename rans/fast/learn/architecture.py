@@ -34,6 +34,7 @@ class Architecture:
     layout: Layout
     """Which columns of an observation are what."""
     thrusters: int
+    """Outputs: one for each command of the craft, 0 to 1 (`rans.effectors.commands.of_outputs`)."""
     layers: tuple[int, ...] = (64, 64)
     """Units of each hidden layer."""
     activation: str = "tanh"
@@ -74,13 +75,13 @@ class Architecture:
         has_history = settings.memory in ("history", "commands")
         return cls(
             layout=engine.layout,
-            thrusters=len(craft.thrusters),
+            thrusters=len(craft.commands),
             layers=tuple(settings.layers),
             activation=settings.activation,
             zoom=settings.zoom,
             symmetries=symmetries(craft) if settings.symmetric else None,
             bf16=settings.matmul == "bf16",
-            continuous=craft.actuators.is_continuous,
+            continuous=craft.is_continuous,
             history=settings.history if has_history else 0,
             commands_only=settings.memory == "commands",
             averages=tuple(settings.averages) if has_history else (),

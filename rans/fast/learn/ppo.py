@@ -144,7 +144,7 @@ class PPOLearner:
         for uniform, slot in zip(drawn, rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
-            step = engine.step(acted.command)
+            step = engine.step(engine.commands(acted.command))
             self._remember(observation, acted, privileged, step, slot, rollout)
             observation = step.observation
         return rollout.all.reward

@@ -111,7 +111,7 @@ class Selection:
                 )
             command, memory = self._act(self._network, observation, memory)
             duty = duty + mean(command) / steps
-            step = engine.step(command)
+            step = engine.step(engine.commands(command))
             observation = step.observation
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)

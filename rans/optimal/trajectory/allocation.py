@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.model.actuators import OnOff
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
@@ -42,10 +42,11 @@ class Allocation:
 
     Raises:
         ConfigError: the thrusters cannot push it in every direction, or turn it about some axes only, or in
-            some direction a million times weaker than in others.
+            some direction a million times weaker than in others; see `check_effectors`.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
+        check_effectors(craft)
         if not is_steerable(craft):
             raise ConfigError(
                 f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} "
@@ -125,6 +126,52 @@ class Allocation:
     def _value(self, wrench: np.ndarray, dual: np.ndarray) -> np.ndarray:
         push = np.maximum(0.0, dual @ self._columns)
         return (wrench * dual).sum(axis=1) - 0.5 * (push * push).sum(axis=1)
+
+
+def check_effectors(craft: Spacecraft) -> None:
+    """Refuse a craft whose commands are not those of thrusters from shut to full force.
+
+    Raises:
+        ConfigError: it has reaction wheels, or throttles with another least or largest level than 0 and 1.
+    """
+    _check_wheels(craft)
+    if (craft.actuators.low, craft.actuators.high) != (0.0, 1.0):
+        raise ConfigError(
+            f"controllers open thrusters from 0 to 1, but those of {craft.name!r} take "
+            f"{craft.actuators.allowed}: fly an agent or a controller of your own."
+        )
+
+
+def check_relaxation(craft: Spacecraft) -> None:
+    """Refuse a craft for which optimal control has no equations yet.
+
+    Raises:
+        ConfigError: it has reaction wheels or propellant, or throttles that are shut below a least level.
+    """
+    _check_wheels(craft)
+    if craft.propellant is not None:
+        raise ConfigError(
+            f"optimal trajectories are those of a constant mass, but {craft.name!r} uses propellant: take "
+            "[propellant] out of its file for what its full mass could do."
+        )
+    actuators = craft.actuators
+    if (
+        actuators.low == 0.0
+        and getattr(actuators, "least", 0.0) > 0.0
+        and actuators.kind == "throttle"
+    ):
+        raise ConfigError(
+            f"the thrusters of {craft.name!r} are shut or give a least level, and optimal trajectories "
+            "have commands without gaps: set always_lit = true, or least = 0 for a bound."
+        )
+
+
+def _check_wheels(craft: Spacecraft) -> None:
+    if craft.wheels:
+        raise ConfigError(
+            f"controllers and optimal trajectories command thrusters alone, but {craft.name!r} has "
+            f"{counted(len(craft.wheels), 'reaction wheel')}: fly an agent or a controller of your own."
+        )
 
 
 def check_attitude(craft: Spacecraft, task: Task) -> None:

@@ -21,7 +21,7 @@ from rans.model.drift import Drift
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, is_steerable
-from rans.optimal.trajectory.allocation import Allocation, check_attitude
+from rans.optimal.trajectory.allocation import Allocation, check_attitude, check_relaxation
 from rans.optimal.trajectory.arrival import (
     LEAST_MARGIN,
     ROUNDINGS,
@@ -88,7 +88,7 @@ class Trajectory:
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
     """A trajectory of NaN, for a problem whose solver never answered."""
-    nothing = np.full((objective.intervals + 1, len(craft.thrusters)), np.nan)
+    nothing = np.full((objective.intervals + 1, len(craft.commands)), np.nan)
     return Trajectory(
         objective.name,
         status,
@@ -135,6 +135,7 @@ class Transcription:
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:
         check_attitude(craft, task)
+        check_relaxation(craft)
         self._craft = craft
         self._task = task
         self._objective = objective
@@ -146,7 +147,11 @@ class Transcription:
         self._margins = path_margins(task, example.start, example.goal)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
-        self._allocation = Allocation(craft) if is_steerable(craft) else None
+        self._low, self._high = np.array([(one.low, one.high) for one in craft.commands]).T[
+            :, :, None
+        ]
+        shuts = not self._low.any() and (self._high == 1.0).all()
+        self._allocation = Allocation(craft) if shuts and is_steerable(craft) else None
         self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
 
@@ -239,9 +244,8 @@ class Transcription:
         table = variables[:-1].reshape(self._objective.intervals, -1)
         (nozzles, forces, _) = self._rows
         states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces :]]).T)
-        commands = np.clip(
-            table[:, :nozzles], 0.0, 1.0
-        )  # interior point methods leave bounds by up to 1e-8
+        # Interior point methods leave bounds by up to 1e-8.
+        commands = np.clip(table[:, :nozzles], self._low.T, self._high.T)
         solved = statistics["success"]
         cost = float(self._cost(variables, leaves(start), leaves(goal))) if solved else math.nan
         return Trajectory(
@@ -279,8 +283,8 @@ class Transcription:
         margins = np.zeros(0 if self._margins is None else count * self._margins.size1_out(0))
         return {
             "x0": pack(command, self._wrenches @ command, states, period),
-            "lbx": pack(0.0 * command, -unbound, -free, shortest),
-            "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
+            "lbx": pack(0.0 * command + self._low, -unbound, -free, shortest),
+            "ubx": pack(0.0 * command + self._high, unbound, free, longest),
             "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums, margins + LEAST_MARGIN]),
             "ubg": np.concatenate([joined, self._arrival.high, sums, margins + np.inf]),
         }
@@ -306,7 +310,8 @@ class Transcription:
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
-            return np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
+            share = np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
+            return self._low + (self._high - self._low) * share
         wrenches = needed_wrenches(
             self._craft, unflatten(start, np.column_stack([leaves(start), states])), period
         )

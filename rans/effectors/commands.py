@@ -1,0 +1,122 @@
+"""Commands of a craft: the space they come from, the check of those of others, and those of a policy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+from rans.model.fields import Field, where
+from rans.model.spacecraft import CommandRange, Spacecraft
+
+if TYPE_CHECKING:
+    from gymnasium import spaces
+
+_ROUNDING = 1e-6
+"""By which commands may be outside a level such as 0.3, which single precision does not have."""
+
+
+def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
+    """Gymnasium's space of the craft's commands.
+
+    A choice of two each where all are on/off thrusters, otherwise a box from each one's least to its largest.
+    """
+    from gymnasium import spaces
+
+    if not craft.is_continuous:
+        return spaces.MultiDiscrete([2] * len(craft.commands))
+    low, high = bounds(craft)
+    if len({*low.tolist()}) == len({*high.tolist()}) == 1:
+        return spaces.Box(float(low[0]), float(high[0]), low.shape, np.float32)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest of each command, float32."""
+    low, high = np.array([(one.low, one.high) for one in craft.commands], dtype=np.float32).T
+    return low, high
+
+
+def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest number that passes for each command, with room for a level's binary rounding."""
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    return tuple(
+        np.where(np.isin(bound, (-1.0, 0.0, 1.0)), bound, bound + side * _ROUNDING)
+        for bound, side in ((low, -1.0), (high, 1.0))
+    )
+
+
+def allowed(craft: Spacecraft) -> str:
+    """What the craft's commands may be, in words."""
+    thrusters = craft.actuators.allowed
+    if not craft.wheels:
+        return f"{thrusters}, one per thruster"
+    return (
+        f"{thrusters}, one per thruster, then -1 to 1 (the largest torque on the wheel either way), one per "
+        "wheel"
+    )
+
+
+def check(craft: Spacecraft, values: Any, *batch: int) -> None:
+    """Refuse commands, (n,) for the craft's n commands or (N, n) for a batch of N, that it cannot follow.
+
+    Raises:
+        ConfigError: there are not so many, or one of them is not allowed.
+    """
+    shape = (*batch, len(craft.commands))
+    given = np.asarray(values)
+    if given.shape != shape or given.dtype.kind not in "biuf" or not is_possible(craft, given):
+        many = f"{batch[0]:,} times " if batch else ""
+        raise ConfigError(
+            f"an action must be {many}{shape[-1]} numbers, {allowed(craft)}, got "
+            f"{_shown(given, shape, values)}."
+        )
+
+
+def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
+    """Whether every command of (..., n) is allowed; NaN is not."""
+    choices = [k for k, one in enumerate(craft.commands) if one.kind == "on-off"]
+    if choices and not np.isin(values[..., choices], (0, 1)).all():
+        return False
+    if not craft.is_continuous:
+        return True
+    low, high = limits(craft)
+    return bool(((values >= low) & (values <= high)).all())
+
+
+def of_outputs(craft: Spacecraft, outputs: Sequence[Field]) -> Sequence[Field]:
+    """Commands of a policy whose outputs are from 0 to 1, one for each command of the craft.
+
+    An output of 0 is the least command and of 1 the largest; where an on/off thruster is among commands of
+    other kinds, it opens from 0.5 on. Where all ranges are 0 to 1 this is the outputs themselves.
+    """
+    if is_identity(craft):
+        return outputs
+    return tuple(_command(one, x) for one, x in zip(craft.commands, outputs, strict=True))
+
+
+def is_identity(craft: Spacecraft) -> bool:
+    """Whether `of_outputs` changes nothing for this craft."""
+    return all((one.low, one.high) == (0.0, 1.0) for one in craft.commands)
+
+
+def _command(given: CommandRange, output: Field) -> Field:
+    if given.kind == "on-off":
+        return where(output < 0.5, output * 0.0, output * 0.0 + 1.0)
+    scaled = output if given.high - given.low == 1.0 else output * (given.high - given.low)
+    return scaled if given.low == 0.0 else scaled + given.low
+
+
+def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
+    """Few values whole, of many only what is wrong with them."""
+    if given.size <= 32:
+        return " ".join(brief(values).split())
+    if given.shape != shape:
+        return f"an array of shape {given.shape}"
+    return (
+        f"numbers from {given.min()} to {given.max()}"
+        if given.dtype.kind in "biuf"
+        else f"{given.dtype}"
+    )

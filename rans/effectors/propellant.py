@@ -1,0 +1,74 @@
+"""Propellant over one control period: what thrust uses up, and how much more it does to a lighter craft."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from rans.model.body import Body
+from rans.model.dynamics import Piece, Wrench
+from rans.model.fields import Field, at_least, map_leaves
+from rans.model.spacecraft import Propellant
+
+
+@dataclass(frozen=True)
+class Tank:
+    """Tank of a craft that flies.
+
+    Mass and inertia fall in the same proportion, so that a craft with a share s of its full mass moves under a
+    wrench as the full craft does under 1 / s times that wrench. Motion is computed that way: the body stays,
+    wrenches grow.
+    """
+
+    propellant: Propellant
+    full_mass: Field
+    """Mass of the craft with a full tank, kg."""
+
+    @classmethod
+    def of(cls, propellant: Propellant, body: Body) -> Tank:
+        """Tank of a craft whose body is that with a full tank."""
+        return cls(propellant, body.mass)
+
+    def growth(self, left: Field) -> Field:
+        """Full mass over the mass with so much propellant left, kg."""
+        return self.full_mass / (self.full_mass - (self.propellant.mass - left))
+
+    def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Piece, Field]]:
+        """A piece of a control period as two, with thrust and after the tank is empty, each with what is left then.
+
+        Wrenches are those of the full craft that moves alike. The thrust over the falling mass is taken as a
+        straight line over time, lowered by (dm / m)^2 / 6 for the mass dm that the piece uses, so that its mean
+        is right: the change of velocity is exact but for (dm / m)^4, the way but for (dm / m)^3. The instant at
+        which a tank is empty is exact for constant thrust.
+
+        Args:
+            piece: of the thrusters, with their exhaust.
+            left: propellant at its beginning, kg.
+        """
+        duration, first, last, longest = piece
+        end = first if last is None else last
+        flow = first.exhaust if last is None else 0.5 * (first.exhaust + last.exhaust)
+        needed = flow * duration * (1.0 / self.propellant.exhaust_speed)
+        share = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
+        if last is not None:
+            end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
+            used = 0.5 * (first.exhaust + end.exhaust) * (duration * share)
+            used = used * (1.0 / self.propellant.exhaust_speed)
+        else:
+            used = needed * share
+        after = at_least(left - used, 0.0)
+        begins = self.growth(left)
+        ends = self.growth(after)
+        gone = used * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
+        factor = 1.0 - gone * gone * (1.0 / 6.0)
+        yield (
+            (duration * share, grown(first, begins * factor), grown(end, ends * factor), longest),
+            after,
+        )
+        nothing = map_leaves(lambda x: x * 0.0, first)
+        yield (duration * (1.0 - share), nothing, None, longest), after
+
+
+def grown(wrench: Wrench, factor: Field) -> Wrench:
+    """A wrench times a factor."""
+    return map_leaves(lambda x: x * factor, wrench)

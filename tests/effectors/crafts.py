@@ -1,0 +1,85 @@
+"""Craft with reaction wheels, propellant and engines that are always lit."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.model.actuators import Propellant, Throttle, Wheel
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "spacecraft"
+CUBESAT = load_spacecraft(str(EXAMPLES / "afrl-cubesat.toml"))
+LANDER = load_spacecraft(str(EXAMPLES / "mars-lander.toml"))
+
+UNEVEN = replace(
+    CUBESAT,
+    name="uneven",
+    inertia=((0.06, 0.002, -0.001), (0.002, 0.05, 0.003), (-0.001, 0.003, 0.08)),
+    wheels=(
+        Wheel((1.0, 0.0, 0.0), 0.02, 0.1, 4e-4),
+        Wheel((0.0, 0.6, 0.8), 0.03, 0.2, 5e-4),
+        Wheel((0.0, 0.0, 1.0), 0.01, 0.1, 2e-4),
+    ),
+)
+"""Different moments of inertia, and wheels that do not stand at right angles to all of its axes."""
+
+
+def platform(**changes: Any) -> Spacecraft:
+    """The floating platform with other effectors."""
+    return replace(load_spacecraft("floating-platform"), name="platform", **changes)
+
+
+WHEELED = platform(wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
+"""On/off thrusters and a wheel, in the plane."""
+BURNING = platform(actuators=Throttle(), propellant=Propellant(2.0, 5.0))
+"""Uses up 1 N / (5 s g0) = 20 g a second with each thruster, of a mass of 5.32 kg."""
+
+
+def rocket(**changes: Any) -> Spacecraft:
+    """A point mass of 100 kg, 60 of them propellant, with one engine of 500 N along x in the plane."""
+    engine = Thruster((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 500.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return Spacecraft(
+            "rocket",
+            2,
+            100.0,
+            ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (0.0, 0.0, 10.0)),
+            (engine,),
+            actuators=Throttle(),
+            propellant=Propellant(60.0, 200.0),
+            **changes,
+        )
+
+
+def states(craft: Spacecraft, count: int, seed: int = 0, spin: float = 0.7) -> Any:
+    """Random states with half of what effectors can hold at most."""
+    random = np.random.default_rng(seed)
+    stores = tuple(random.uniform(0.5 * s.low, 0.5 * s.high, count) for s in craft.stores)
+    if craft.dimension == 2:
+        p, v = random.normal(size=(2, 2, count))
+        angle = random.uniform(-3, 3, count)
+        w = random.normal(size=count) * spin
+        return PlanarState(Vec2(*p), Heading(angle), Vec2(*v), w, stores=stores)
+    p, v, w = random.normal(size=(3, 3, count))
+    quaternion = random.normal(size=(4, count))
+    quaternion /= np.linalg.norm(quaternion, axis=0)
+    return SpatialState(Vec3(*p), Quat(*quaternion), Vec3(*v), Vec3(*(spin * w)), stores=stores)
+
+
+def commands(craft: Spacecraft, count: int, seed: int = 0) -> np.ndarray:
+    """Random commands (N, commands) in their ranges."""
+    random = np.random.default_rng(seed)
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    given = random.uniform(low, high, (count, len(low)))
+    choices = [k for k, one in enumerate(craft.commands) if one.kind == "on-off"]
+    given[:, choices] = given[:, choices] > 0.5
+    return given

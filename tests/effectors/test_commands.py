@@ -1,0 +1,108 @@
+"""Commands of a craft: their ranges, spaces, checks, and what a policy's outputs become."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rans.effectors.commands import action_space, check, is_identity, of_outputs
+from rans.errors import ConfigError
+from rans.model.actuators import Propellant, Pulsed, Throttle
+from rans.model.dynamics import thrust
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
+from rans.reference.nozzles import told
+from tests.effectors.crafts import BURNING, CUBESAT, LANDER, WHEELED, platform
+
+SHUT = platform(actuators=Throttle(0.3, 0.8))
+"""Engines of 30 to 80 % that may be shut."""
+
+
+def test_ranges_follow_from_the_effectors() -> None:
+    assert {(one.kind, one.low, one.high) for one in LANDER.commands} == {("throttle", 0.3, 0.8)}
+    assert {(one.kind, one.low, one.high) for one in SHUT.commands} == {("throttle", 0.0, 0.8)}
+    assert [one.name for one in WHEELED.commands[-2:]] == ["thruster 7", "wheel 0"]
+    assert WHEELED.commands[-1][1:] == ("wheel", -1.0, 1.0)
+    assert [store.name for store in replace(WHEELED, propellant=Propellant(1.0, 9.0)).stores] == [
+        "propellant",
+        "momentum of wheel 0",
+    ]
+
+
+def test_spaces_follow_from_the_ranges() -> None:
+    assert action_space(LANDER) == gymnasium.spaces.Box(0.3, 0.8, (6,), np.float32)
+    space = action_space(CUBESAT)
+    assert isinstance(space, gymnasium.spaces.Box)
+    np.testing.assert_array_equal(space.low, [0.0] * 6 + [-1.0] * 3)
+    np.testing.assert_array_equal(space.high, [1.0] * 9)
+
+
+@pytest.mark.parametrize(
+    ("craft", "values", "message"),
+    [
+        (LANDER, [0.2] + [0.5] * 5, "0.3 .least thrust. to 0.8 .most thrust., one per thruster"),
+        (SHUT, [0.9] + [0.5] * 7, "0 .no thrust. to 0.8 .most thrust."),
+        (CUBESAT, [0.0] * 8 + [1.1], "-1 to 1"),
+        (CUBESAT, [-0.1] + [0.0] * 8, "0 .no thrust."),
+        (WHEELED, [0.5] + [0.0] * 8, "0 .shut. or 1 .open."),
+        (WHEELED, [0.0] * 8, "must be 9 numbers"),
+    ],
+)
+def test_what_effectors_cannot_do_is_refused(craft: Any, values: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        check(craft, values)
+
+
+def test_engines_that_may_be_shut_give_nothing_or_their_least_level() -> None:
+    """By hand: below 0.15 shut, up to 0.3 the least level."""
+    given = np.array([0.0, 0.1499, 0.15, 0.2, 0.3, 0.31, 0.8, 0.0])
+    wanted = [0.0, 0.0, 0.3, 0.3, 0.3, 0.31, 0.8, 0.0]
+    np.testing.assert_array_equal(np.array(thrust(SHUT, tuple(given))), wanted)
+    ((_, judged),) = told(SHUT.actuators, given[None], 0.2)
+    np.testing.assert_array_equal(judged[0], wanted)
+
+
+def test_outputs_of_policies_are_scaled_to_the_ranges() -> None:
+    outputs = (np.array([0.0, 0.5, 1.0]),)
+    np.testing.assert_allclose(of_outputs(LANDER, outputs * 6)[0], [0.3, 0.55, 0.8], atol=1e-15)
+    np.testing.assert_array_equal(of_outputs(CUBESAT, outputs * 9)[8], [-1.0, 0.0, 1.0])
+    np.testing.assert_array_equal(of_outputs(WHEELED, outputs * 9)[0], [0.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("actuators", [None, Pulsed(10), Throttle()])
+def test_outputs_from_0_to_1_are_commands_as_they_are(actuators: Any) -> None:
+    craft = load_spacecraft("floating-platform")
+    craft = craft if actuators is None else replace(craft, actuators=actuators)
+    outputs = (0.5,) * 8
+    assert of_outputs(craft, outputs) is outputs
+    assert is_identity(craft)
+
+
+@pytest.mark.parametrize("craft", [LANDER, CUBESAT, WHEELED, BURNING, SHUT], ids=lambda c: c.name)
+def test_a_file_says_all_of_it(craft: Any) -> None:
+    read = parse_spacecraft(to_toml(craft), "x")
+    assert (read.wheels, read.propellant) == (craft.wheels, craft.propellant)
+    assert read.actuators == craft.actuators
+
+
+def test_files_of_craft_without_them_name_none_of_them() -> None:
+    text = to_toml(platform(actuators=Throttle()))
+    assert not {"wheel", "propellant", "least", "always_lit"} & {*text.replace("[", " ").split()}
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"least": 0.9, "most": 0.8}, "must not exceed most"),
+        ({"least": -0.1}, "a number from 0 to 1"),
+        ({"most": True}, "a number from 0 to 1"),
+        ({"most": 0.0}, "most must be above 0"),
+        ({"always_lit": 1}, "true or false"),
+    ],
+)
+def test_levels_that_cannot_be_are_refused(settings: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Throttle(**settings)

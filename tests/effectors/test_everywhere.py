@@ -1,0 +1,235 @@
+"""Craft with wheels, propellant and throttle levels in every executor: engines, environments, flights, exports."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+import rans
+from rans.deploy.contract import golden
+from rans.deploy.export import write_agent
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.measure.metrics import impulses, samples
+from rans.fast.flights import Flights
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.fast.saved import SavedPolicy
+from rans.flight import Setup, fly
+from rans.model.accuracy import chosen
+from rans.model.actuators import Propellant
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.reference.flight import DrakeMover
+from rans.scenario import scenarios
+from tests.effectors.crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
+
+BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
+"""On/off thrusters that use propellant, and a wheel."""
+ALL = [CUBESAT, LANDER, WHEELED, BURNING, BOTH]
+every_craft = pytest.mark.parametrize(
+    "craft", ALL, ids=["cubesat", "lander", "wheel", "tank", "both"]
+)
+
+
+def task_of(craft: Spacecraft) -> str:
+    return "track-velocity" if craft is LANDER else "go-to-pose"
+
+
+@every_craft
+def test_engines_step_alike(craft: Spacecraft) -> None:
+    """The program in single precision, torch as it is written, and NumPy in double precision."""
+    found = {}
+    for kind in ("program", "plain", "double"):
+        dtype = torch.float64 if kind == "double" else torch.float32
+        engine = rans.Engine(craft, task_of(craft), 32, seed=3, plain=kind == "plain", dtype=dtype)
+        for k in range(8):
+            engine.step(torch.from_numpy(commands(craft, 32, seed=k)).to(dtype))
+        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
+    assert np.abs(found["double"][-1]).max() > 1e-3
+    np.testing.assert_allclose(found["program"], found["double"], rtol=0, atol=2e-4)
+    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
+
+
+@every_craft
+def test_an_episode_begins_with_full_tanks_and_still_wheels(craft: Spacecraft) -> None:
+    engine = rans.Engine(craft, task_of(craft), 8, Timing(episode_steps=3))
+    initial = [store.initial for store in craft.stores]
+    for _ in range(2):
+        np.testing.assert_array_equal(np.array(engine.state.stores)[:, 0], initial)
+        for k in range(3):
+            step = engine.step(torch.from_numpy(commands(craft, 8, seed=k)).float())
+        assert step.truncated.all()
+
+
+def test_the_same_commands_wanted_of_the_drake_environment() -> None:
+    task = "GoToPose3D"
+    ours, drake = (
+        gymnasium.make(f"rans/{task}{engine}-v0", spacecraft=CUBESAT).unwrapped
+        for engine in ("", "-Drake")
+    )
+    check_env(ours, skip_render_check=True)
+    for env in (ours, drake):
+        env.reset(seed=4)
+    for k in range(5):
+        action = commands(CUBESAT, 1, seed=k)[0].astype(np.float32)
+        seen = [env.step(action)[0] for env in (ours, drake)]
+        np.testing.assert_allclose(*seen, atol=1e-6)
+    states: Any = ours.state, drake.state  # type: ignore[attr-defined]
+    np.testing.assert_allclose(states[0].stores, states[1].stores, rtol=0, atol=1e-12)
+    assert max(map(abs, states[0].stores)) > 1e-4
+
+
+@every_craft
+def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
+    task = rans.load_task(task_of(craft))
+    timing = Timing(episode_steps=20)
+    starts = scenarios(task, craft, 5, 3)
+    random = Scripted(craft)
+    ours = fly(craft, task, random, starts, timing)
+    drake = fly(craft, task, random, starts, timing, "drake", DrakeMover(craft, timing))
+    np.testing.assert_array_equal(ours.commands, drake.commands)
+    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=2e-5)
+    assert ours.states.stores[0].shape == (21, 3)
+
+
+class Scripted:
+    """Random commands, the same in every flight."""
+
+    name = "scripted"
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self._craft = craft
+
+    def reset(self, count: int) -> None:
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        self._step += 1
+        return commands(self._craft, len(observation), seed=self._step)
+
+
+@pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])
+def untrained(request: Any) -> tuple[Spacecraft, Network]:
+    """A craft and a policy for it with random weights that ask for a good deal."""
+    craft = ALL[request.param]
+    engine = rans.Engine(craft, task_of(craft), 8)
+    given = Architecture.of(engine, PPOSettings(layers=(16, 16)))
+    tensors, _ = given.initial(3, 0.5)
+    tensors["action_net.weight"] = tensors["action_net.weight"] * 60.0
+    return craft, Network(given, tensors)
+
+
+def test_whole_flights_are_those_of_the_agent(untrained: Any) -> None:
+    craft, network = untrained
+    task = rans.load_task(task_of(craft)).for_evaluation()
+    timing = chosen(craft, Timing(episode_steps=25))
+    setup = Setup(craft, task, timing)
+    flight = fly(craft, task, Agent(network, "", craft), scenarios(task, craft, 7, 64), timing)
+    for generated in (True, False):
+        flown = Flights(network, setup, generated=generated).fly(0, 64, 7)
+        assert flown.flights == 64
+        assert flown.sums["impulse"].mean == pytest.approx(impulses(flight).mean(), rel=2e-3)
+
+
+def test_exported_programs_command_in_the_ranges(untrained: Any, tmp_path: Path) -> None:
+    craft, network = untrained
+    seen = np.random.default_rng(0).normal(size=(5, 8, network.architecture.layout.width))
+    seen = seen.astype(np.float32)
+    saved = SavedPolicy(network, {}, 0, {}, 0.0)
+    write_agent(tmp_path, "numpy", saved, PPOSettings(), "title", craft=craft)
+    spec = importlib.util.spec_from_file_location("agent", tmp_path / "agent.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    pairs = golden(network, seen, craft)
+    for row, command in zip(pairs["observation"], pairs["command"], strict=True):
+        answered = np.asarray(module.Agent().act(np.array(row, np.float32)[None])).ravel()
+        np.testing.assert_allclose(answered, command, rtol=0, atol=1e-5)
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    given = np.array(pairs["command"])
+    assert (given >= low - 1e-6).all()
+    assert (given <= high + 1e-6).all()
+    assert np.ptp(given[:, -1]) > 0.1 * (high[-1] - low[-1])
+
+
+@pytest.mark.parametrize("craft", [CUBESAT, LANDER], ids=lambda craft: craft.name)
+def test_engines_give_policies_the_ranges(craft: Spacecraft) -> None:
+    engine = rans.Engine(craft, task_of(craft), 64)
+    outputs = torch.rand(64, len(craft.commands))
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    given = engine.commands(outputs).numpy()
+    np.testing.assert_allclose(given, low + (high - low) * outputs.numpy(), atol=1e-6)
+
+
+def test_metrics_tell_of_propellant_and_wheels() -> None:
+    """By hand: full thrust of all eight for 5 s, and a wheel that is filled up to its limit."""
+    task = rans.GoToPose()
+    timing = Timing(episode_steps=25)
+    flight = fly(BOTH, task, Full(BOTH), scenarios(task, BOTH, 5, 3), timing)
+    found = {one.name: one.values for one in samples(flight)}
+    used = 8.0 * 5.0 / (20.0 * 9.80665)
+    np.testing.assert_allclose(found["propellant"], used, rtol=1e-9)
+    np.testing.assert_allclose(found["wheel momentum"], 100.0, rtol=1e-12)
+    np.testing.assert_allclose(found["duty"], 100.0)
+    assert found["on-time"].tolist() == [40.0] * 3
+
+
+class Full(Scripted):
+    """The largest command of everything."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        return np.tile([one.high for one in self._craft.commands], (len(observation), 1))
+
+
+def test_controllers_refuse_what_they_cannot_command() -> None:
+    for controller in (rans.LQR, rans.MPC, rans.Switching, rans.MPPI):
+        with pytest.raises(ConfigError, match="3 reaction wheels"):
+            controller(CUBESAT, "go-to-pose")
+    with pytest.raises(ConfigError, match="uses propellant"):
+        rans.optimal_trajectory("go-to-pose", BURNING)
+
+
+def test_optimal_control_keeps_to_throttle_levels() -> None:
+    """Always lit at 10 to 90 %: no command of the optimum is beyond, and some are at both ends."""
+    from rans.model.actuators import Throttle
+    from rans.optimal.trajectory.objectives import MinimumFuel
+    from rans.optimal.trajectory.transcription import Transcription
+    from tests.effectors.crafts import platform
+
+    craft = platform(actuators=Throttle(0.1, 0.9, always_lit=True))
+    task = rans.GoToPose()
+    starts = scenarios(task.for_evaluation(), craft, 0, 1)
+    from rans.scenario import each
+
+    (one,) = each(starts)
+    found = Transcription(craft, task, MinimumFuel()).solve(one.start, one.goal)
+    assert found.solved
+    assert found.commands.min() == pytest.approx(0.1, abs=1e-6)
+    assert 0.5 < found.commands.max() <= 0.9
+
+
+def test_a_policy_without_wheels_has_no_view_to_turn() -> None:
+    from rans.fast.symmetry import symmetries
+
+    assert symmetries(replace(WHEELED, wheels=())) is not None
+    assert symmetries(WHEELED) is None
+
+
+def test_examples_are_found_and_say_what_they_have() -> None:
+    assert repr(rans.load_spacecraft(EXAMPLES / "afrl-cubesat.toml")) == (
+        "<Spacecraft afrl-cubesat: 12 kg in space, thrusters 6 x 1 N, 3 wheels>"
+    )
+    assert "400 kg propellant" in repr(LANDER)

@@ -1,0 +1,151 @@
+"""Propellant: Tsiolkovsky's equation, an independent integration, Drake, and the end of a tank."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rans.effectors.motion import held, states_at_looks
+from rans.errors import ConfigError
+from rans.model.actuators import Propellant
+from rans.model.body import Body
+from rans.model.drift import UniformGravity
+from rans.model.dynamics import PlanarState, at_once
+from rans.model.fields import Heading, Vec2, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.reference.flight import rows_from_states, states_from_rows
+from rans.reference.plant import Plant
+from tests.effectors.crafts import BURNING, LANDER, commands, platform, rocket, states
+
+G0 = 9.80665
+
+
+def at_rest(left: float) -> PlanarState:
+    """In W's origin, with so much propellant, kg."""
+    zero = np.zeros(1)
+    return PlanarState(
+        Vec2(zero, zero), Heading(zero), Vec2(zero, zero), zero, stores=(np.full(1, left),)
+    )
+
+
+def test_a_rocket_gains_what_tsiolkovsky_says() -> None:
+    """500 N at 200 s for 100 s use 25.493 kg of 100: 576.9 m/s, in periods of a tenth of a second."""
+    craft = rocket()
+    state = at_rest(60.0)
+    timing = Timing(control_period=0.1)
+    for _ in range(1000):
+        state = held(state, craft, Body.of(craft), (1.0,), timing)
+    used = 500.0 / (200.0 * G0) * 100.0
+    assert state.stores[0][0] == pytest.approx(60.0 - used, rel=1e-12)
+    expected = 200.0 * G0 * math.log(100.0 / (100.0 - used))
+    assert state.v.x[0] == pytest.approx(expected, rel=1e-13)
+
+
+def test_thrust_ends_when_the_tank_is_empty() -> None:
+    """10 g left: 0.03923 s of thrust within the period of 1 s, and a straight way afterwards."""
+    craft = rocket()
+    ends = 0.01 / (500.0 / (200.0 * G0))
+    state = held(at_rest(0.01), craft, Body.of(craft), (1.0,), Timing(control_period=1.0))
+    assert state.stores[0][0] == 0.0
+    speed = 200.0 * G0 * math.log(40.01 / 40.0)
+    assert state.v.x[0] == pytest.approx(speed, rel=1e-6)
+    assert state.p.x[0] == pytest.approx(speed * (1.0 - 0.5 * ends), rel=1e-5)
+    after = held(state, craft, Body.of(craft), (1.0,), Timing(control_period=1.0))
+    assert (after.v.x[0], after.stores[0][0]) == (state.v.x[0], 0.0)
+
+
+def test_flight_agrees_with_an_independent_integration() -> None:
+    """Ten periods of a platform that loses a tenth of its mass, by DOP853 with mass as a state."""
+    craft = BURNING
+    full = craft.propellant
+    assert full is not None
+    start = replace(states(craft, 4, spin=0.2), stores=(np.full(4, full.mass),))
+    given = commands(craft, 4)
+    timing = Timing(control_period=0.2)
+    state = start
+    for _ in range(10):
+        state = held(state, craft, Body.of(craft), tuple(given.T), timing)
+    table = np.array(craft.wrench_map)
+    for k in range(4):
+        force, torque = given[k] @ table[:, :2], given[k] @ table[:, 2]
+        flow = given[k].sum() * craft.thrusters[0].force / (full.specific_impulse * G0)
+
+        def rate(
+            _: float,
+            y: np.ndarray,
+            force: np.ndarray = force,
+            torque: float = torque,
+            flow: float = flow,
+        ) -> list[float]:
+            mass = craft.mass - (full.mass - y[6])
+            moment = craft.inertia[2][2] * mass / craft.mass
+            turn = np.exp(1j * y[2]) * complex(*force) / mass
+            return [y[3], y[4], y[5], turn.real, turn.imag, torque / moment, -flow]
+
+        begin = [x[k] for x in leaves(start)]
+        end = solve_ivp(rate, (0.0, 2.0), begin, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+        found = np.array([x[k] for x in leaves(state)])
+        found[2] += 2 * np.pi * np.round((end[2] - found[2]) / (2 * np.pi))
+        np.testing.assert_allclose(found, end, rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize(
+    ("craft", "drift"),
+    [
+        (LANDER, UniformGravity((0.0, 0.0, -3.7114))),
+        (BURNING, UniformGravity((0.3, 0.1))),
+        (replace(BURNING, thrust_sharing="split"), UniformGravity((0.0, 0.0))),
+    ],
+)
+def test_drake_weighs_a_craft_alike(craft: Spacecraft, drift: UniformGravity) -> None:
+    before = states(craft, 5, spin=0.2 if craft.dimension == 2 else 0.0)
+    most = craft.stores[0].high
+    before = replace(before, stores=(np.array([most, 0.5 * most, 0.0004, 0.0001, 0.0]),))
+    given = commands(craft, 5)
+    timing = Timing(control_period=0.2, looks=2, substeps=1)
+    ours = states_at_looks(before, craft, Body.of(craft), tuple(given.T), timing, drift)
+    drake = Plant(craft, 5, drift=drift).states_at_looks(
+        rows_from_states(before), given, 0.2, looks=2
+    )
+    for one, rows in zip(ours, drake, strict=True):
+        other = states_from_rows(rows, before).normalised()
+        np.testing.assert_allclose(
+            np.stack(leaves(one)), np.stack(leaves(other)), rtol=0, atol=2e-8
+        )
+    assert (ours[-1].stores[0][2:] < 1e-12).all()
+
+
+def test_leaking_thrusters_use_propellant_and_dead_ones_none() -> None:
+    craft = BURNING
+    body = replace(Body.of(craft), gain=(0.0,) * 8, leak=(0.5, *(0.0,) * 7))
+    start = states(craft, 1)
+    timing = Timing(control_period=1.0, substeps=1)
+    after = held(start, craft, body, (1.0,) * 8, timing)
+    used = 0.5 * craft.thrusters[0].force / (5.0 * G0)
+    assert start.stores[0] - after.stores[0] == pytest.approx(used, rel=1e-12)
+    still = replace(body, leak=(0.0,) * 8)
+    assert held(start, craft, still, (1.0,) * 8, timing).stores[0] == start.stores[0]
+
+
+def test_craft_without_propellant_count_no_exhaust() -> None:
+    craft = platform()
+    ((_, first, _, _),) = at_once(craft, Body.of(craft), (1.0,) * 8, 0.2)
+    assert first.exhaust is None
+
+
+@pytest.mark.parametrize(
+    ("tank", "message"),
+    [
+        (Propellant(5.32, 200.0), "propellant mass must be"),
+        (Propellant(0.0, 200.0), "propellant mass must be"),
+        (Propellant(1.0, 0.0), "specific_impulse must be"),
+    ],
+)
+def test_a_tank_that_cannot_exist_is_refused(tank: Propellant, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        platform(propellant=tank)

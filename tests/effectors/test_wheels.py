@@ -1,0 +1,122 @@
+"""Reaction wheels: the laws of mechanics, an independent integration, Drake, and their limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rans.effectors.motion import held, states_at_looks
+from rans.errors import ConfigError
+from rans.model.actuators import Wheel
+from rans.model.body import Body
+from rans.model.dynamics import Wrench
+from rans.model.fields import Vec3, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.reference.flight import rows_from_states, states_from_rows
+from rans.reference.plant import Plant
+from tests.effectors.crafts import CUBESAT, UNEVEN, WHEELED, commands, platform, states
+
+FINE = Timing(control_period=1.0, substeps=32)
+
+
+def total_momentum(craft: Spacecraft, state: Any) -> np.ndarray:
+    """Angular momentum of craft and wheels in W, (3, N) N m s, by matrices."""
+    w = np.array(state.w.columns())
+    axes = np.array([wheel.axis for wheel in craft.wheels]).T
+    in_body = np.array(craft.inertia) @ w + axes @ np.array(state.stores)
+    return np.array(state.attitude.rotate(Vec3(*in_body)).columns())
+
+
+@pytest.mark.parametrize("craft", [CUBESAT, UNEVEN], ids=lambda craft: craft.name)
+def test_motors_change_no_angular_momentum_of_craft_and_wheels(craft: Spacecraft) -> None:
+    before = states(craft, 20)
+    given = commands(craft, 20)
+    given[:, : len(craft.thrusters)] = 0.0
+    after = held(before, craft, Body.of(craft), tuple(given.T), FINE)
+    assert np.abs(np.array(after.stores) - np.array(before.stores)).max() > 1e-3
+    np.testing.assert_allclose(
+        total_momentum(craft, after), total_momentum(craft, before), rtol=0, atol=1e-12
+    )
+
+
+def test_spin_agrees_with_an_independent_integration() -> None:
+    """Euler's equation with wheels, written with matrices and solved by DOP853."""
+    inertia = np.array(UNEVEN.inertia)
+    axes = np.array([wheel.axis for wheel in UNEVEN.wheels]).T
+    before = states(UNEVEN, 5)
+    given = commands(UNEVEN, 5)
+    after = held(before, UNEVEN, Body.of(UNEVEN), tuple(given.T), FINE)
+    for k in range(5):
+        motor = given[k, -3:] * [wheel.max_torque for wheel in UNEVEN.wheels]
+
+        def rate(_: float, y: np.ndarray, motor: np.ndarray = motor) -> np.ndarray:
+            w, h = y[:3], y[3:]
+            torque = -axes @ motor - np.cross(w, inertia @ w + axes @ h)
+            return np.concatenate([np.linalg.solve(inertia, torque), motor])
+
+        start = [x[k] for x in (*before.w.columns(), *before.stores)]
+        end = solve_ivp(rate, (0.0, 1.0), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+        found = [x[k] for x in (*after.w.columns(), *after.stores)]
+        np.testing.assert_allclose(found, end, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("craft", [CUBESAT, UNEVEN, WHEELED], ids=lambda craft: craft.name)
+def test_drake_moves_a_body_on_a_revolute_joint_alike(craft: Spacecraft) -> None:
+    before = states(craft, 6)
+    given = commands(craft, 6)
+    timing = replace(FINE, looks=2)
+    push = Wrench(
+        *(
+            (before.p.scale(0.01), before.w * 0.001)
+            if craft.dimension == 2
+            else (before.p.scale(0.01), before.w.scale(0.001))
+        )
+    )
+    ours = states_at_looks(before, craft, Body.of(craft), tuple(given.T), timing, disturbance=push)
+    plant = Plant(craft, 6)
+    pushes = np.stack(leaves(push), axis=1)
+    drake = plant.states_at_looks(rows_from_states(before), given, 1.0, pushes, looks=2)
+    for one, rows in zip(ours, drake, strict=True):
+        other = states_from_rows(rows, before).normalised()
+        np.testing.assert_allclose(np.stack(leaves(one)), np.stack(leaves(other)), atol=2e-9)
+
+
+def test_a_wheel_at_its_limit_only_slows_down() -> None:
+    """By hand: 0.08 N m s at most, 0.05 N m, one second: from 0.06 it takes up 0.02, from 0.08 nothing."""
+    still = (0.0,) * 8
+    start = states(WHEELED, 4, spin=0.0)
+    start = replace(start, stores=(np.array([0.06, 0.08, 0.08, -0.07]),))
+    motor = np.array([1.0, 1.0, -1.0, -1.0])
+    timing = Timing(control_period=1.0, substeps=1)
+    after = held(start, WHEELED, Body.of(WHEELED), (*still, motor), timing)
+    np.testing.assert_allclose(after.stores[0], [0.08, 0.08, 0.03, -0.08], rtol=0, atol=1e-15)
+    inertia = WHEELED.inertia[2][2]
+    gained = np.array([-0.02, 0.0, 0.05, 0.01]) / inertia
+    np.testing.assert_allclose(after.w, gained, rtol=0, atol=1e-14)
+
+
+def test_a_wheel_turns_a_craft_whose_thrusters_cannot() -> None:
+    from rans.model.spacecraft import can_turn, controls_every_direction
+
+    assert can_turn(CUBESAT)
+    assert controls_every_direction(CUBESAT)
+    assert not can_turn(replace(CUBESAT, wheels=()))
+
+
+@pytest.mark.parametrize(
+    ("wheel", "message"),
+    [
+        (Wheel((1.0, 0.0, 0.0), 1.0, 1.0, 1.0), "only such a wheel turns it in the plane"),
+        (Wheel((0.0, 0.0, 2.0), 1.0, 1.0, 1.0), "its length is 2"),
+        (Wheel((0.0, 0.0, 1.0), 0.0, 1.0, 1.0), "max_torque must be a number from"),
+        (Wheel((0.0, 0.0, 1.0), 1.0, float("nan"), 1.0), "max_momentum must be a number from"),
+    ],
+)
+def test_a_wheel_that_cannot_exist_is_refused(wheel: Wheel, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        platform(wheels=(wheel,))
