@@ -146,7 +146,7 @@ class GradientLearner:
             action = output.policy.sample(uniform)
             command = Inward.apply(action)
             after = network.remember(columns, memory, command, output)
-            step, episode = engine.stepped(episode, command)
+            step, episode = engine.stepped(episode, engine.commands(command))
             # What is passed back from one period to the one before is bounded.
             episode = replace(episode, state=map_leaves(self._bounded, episode.state))
             step = step._replace(observation=self._bounded(step.observation))
