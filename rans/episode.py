@@ -127,6 +127,14 @@ class World:
             bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
             torque = self.conditions.steady_torque
         object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
+        # What a step reads of the craft is known beforehand: torch's compiler cannot trace cached properties.
+        _ = (
+            self.forces,
+            self.remembered,
+            self.craft.commands,
+            self.craft.stores,
+            self.craft.wheel_map,
+        )
 
     def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
         """States at the looks of one control period, by our equations; the last one is at its end."""

@@ -46,7 +46,7 @@ def states_at_looks(
     tank = None if craft.propellant is None else Tank.of(craft.propellant, body)
     left = None if tank is None else state.stores[0]
     momenta = state.stores[len(state.stores) - len(craft.wheels) :]
-    motors = motor_torques(craft, command, momenta, period)
+    motors = motor_torques(craft, command, momenta, period) if craft.wheels else ()
     elapsed: Field = 0.0
 
     states = []
