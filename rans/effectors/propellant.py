@@ -46,16 +46,16 @@ class Tank:
             left: propellant at its beginning, kg.
         """
         duration, first, last, longest = piece
+        per_newton = 1.0 / self.propellant.exhaust_speed
         end = first if last is None else last
-        flow = first.exhaust if last is None else 0.5 * (first.exhaust + last.exhaust)
-        needed = flow * duration * (1.0 / self.propellant.exhaust_speed)
+        exhaust: tuple[Field, Field] = first.exhaust, end.exhaust
+        flow = exhaust[0] if last is None else 0.5 * (exhaust[0] + exhaust[1])
+        needed = flow * duration * per_newton
         share = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
+        used = needed * share
         if last is not None:
             end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
-            used = 0.5 * (first.exhaust + end.exhaust) * (duration * share)
-            used = used * (1.0 / self.propellant.exhaust_speed)
-        else:
-            used = needed * share
+            used = 0.5 * (exhaust[0] + end.exhaust) * (duration * share) * per_newton
         after = at_least(left - used, 0.0)
         begins = self.growth(left)
         ends = self.growth(after)
