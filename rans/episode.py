@@ -295,7 +295,10 @@ def step(
     task = world.task
     period = world.timing.control_period
     if episode.case is not None and episode.case.hold is not None:
-        command = episode.case.hold.obeyed(command, episode.commands, period)
+        count = len(world.craft.thrusters)
+        before = [earlier[:count] for earlier in episode.commands]
+        obeyed = episode.case.hold.obeyed(command[:count], before, period)
+        command = (*obeyed, *command[count:])
 
     # Motion, and what is asked at every look.
     states = (move or world.move)(episode.state, world.influences(episode, command, draws))

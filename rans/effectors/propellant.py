@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ class Tank:
 
     Mass and inertia fall in the same proportion, so that a craft with a share s of its full mass moves under a
     wrench as the full craft does under 1 / s times that wrench. Motion is computed that way: the body stays,
-    wrenches grow.
+    wrenches grow. A disturbance acts on the mean mass of a piece of a period.
     """
 
     propellant: Propellant
@@ -61,10 +62,15 @@ class Tank:
         ends = self.growth(after)
         gone = used * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
         factor = 1.0 - gone * gone * (1.0 / 6.0)
-        yield (
-            (duration * share, grown(first, begins * factor), grown(end, ends * factor), longest),
-            after,
-        )
+        starts = grown(first, begins * factor)
+        stops = grown(end, ends * factor)
+        if last is not None:
+            # Of a thrust that changes too, for the mean of the product of two straight lines.
+            change = (ends - begins) * (1.0 / 6.0)
+            bent = map_leaves(lambda a, b: (b - a) * change, first, end)
+            starts = map_leaves(operator.sub, starts, bent)
+            stops = map_leaves(operator.sub, stops, bent)
+        yield (duration * share, starts, stops, longest), after
         nothing = map_leaves(lambda x: x * 0.0, first)
         yield (duration * (1.0 - share), nothing, None, longest), after
 
