@@ -213,6 +213,19 @@ def rounded_up(value: float, unit: float) -> float:
     return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
 
 
+def check_certifiable(craft: Spacecraft) -> None:
+    """Refuse a craft that no bound covers.
+
+    Raises:
+        ConfigError: it has reaction wheels, or uses propellant.
+    """
+    if craft.stores:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "
+            f"{'reaction wheels' if craft.wheels else 'propellant'}."
+        )
+
+
 def _check(craft: Spacecraft) -> None:
     if craft.dimension != 2:
         raise ConfigError(
@@ -225,6 +238,7 @@ def _check(craft: Spacecraft) -> None:
             f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
             "depends on how many thrusters are open."
         )
+    check_certifiable(craft)
     if craft.actuators != ON_OFF:
         raise ConfigError(
             f"spacecraft {craft.name!r}: the on/off certificate does not cover its "
