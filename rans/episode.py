@@ -157,6 +157,7 @@ class World:
         setup = self.setup
         bodies = None
         torque = 0.0
+<<<<<<< HEAD
         if setup.conditions is not None:
             steps = setup.timing.episode_steps
             bodies = examples(setup.conditions, setup.craft, steps).strongest()
@@ -183,6 +184,20 @@ class World:
     def conditions(self) -> Conditions | None:
         """Conditions of the setup."""
         return self.setup.conditions
+=======
+        if self.conditions is not None:
+            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
+            torque = self.conditions.steady_torque
+        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
+        # What a step reads of the craft is known beforehand: torch's compiler cannot trace cached properties.
+        _ = (
+            self.forces,
+            self.remembered,
+            self.craft.commands,
+            self.craft.stores,
+            self.craft.wheel_map,
+        )
+>>>>>>> effectors
 
     def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
         """States at the looks of one control period, by our equations; the last one is at its end."""
@@ -347,7 +362,10 @@ def step(
         sensed = world.sensed(episode, draws)
         command, guarded = world.setup.guard.admitted(world, sensed, episode.goal, command)
     if episode.case is not None and episode.case.hold is not None:
-        command = episode.case.hold.obeyed(command, episode.commands, period)
+        count = len(world.craft.thrusters)
+        before = [earlier[:count] for earlier in episode.commands]
+        obeyed = episode.case.hold.obeyed(command[:count], before, period)
+        command = (*obeyed, *command[count:])
 
     # Motion, and what is asked at every look.
     states = (move or world.move)(episode.state, world.influences(episode, command, draws))

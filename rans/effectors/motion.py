@@ -46,7 +46,7 @@ def states_at_looks(
     tank = None if craft.propellant is None else Tank.of(craft.propellant, body)
     left = None if tank is None else state.stores[0]
     momenta = state.stores[len(state.stores) - len(craft.wheels) :]
-    motors = motor_torques(craft, command, momenta, period)
+    motors = motor_torques(craft, command, momenta, period) if craft.wheels else ()
     elapsed: Field = 0.0
 
     states = []
@@ -61,17 +61,19 @@ def states_at_looks(
                 few = nodes - (2.0 * longest * substeps <= period * steps)
                 pull = disturbance
                 if growth is not None and pull is not None:
-                    pull = grown(pull, growth)
+                    pull = grown(pull, 0.5 * (growth[0] + growth[1]))
                 momentum = None
                 if motors:
                     turn = along_axes(craft, motors)
                     held_now = _held(momenta, motors, elapsed)
                     momentum = along_axes(craft, held_now), _times(turn, duration)
+                    begins = ends = turn
                     if growth is not None:
-                        turn = _times(turn, growth)
-                        momentum = (_times(momentum[0], growth), _times(momentum[1], growth))
-                    first = replace(first, torque=first.torque - turn)
-                    last = last if last is None else replace(last, torque=last.torque - turn)
+                        begins, ends = (_times(turn, one) for one in growth)
+                        middle = 0.5 * (growth[0] + growth[1])
+                        momentum = (_times(momentum[0], middle), _times(momentum[1], middle))
+                    first = replace(first, torque=first.torque - begins)
+                    last = last if last is None else replace(last, torque=last.torque - ends)
                     elapsed = elapsed + duration
                 stored = momentum if craft.dimension == 3 else None
                 state = advance(state, first, body, duration, steps, few, pull, drift, last, stored)
@@ -86,13 +88,13 @@ def states_at_looks(
 
 def _burned(
     tank: Tank | None, piece: Piece, left: Field | None
-) -> Iterator[tuple[Piece, Field | None, Field | None]]:
-    """A piece as it moves the full craft, its mean growth, and what is left afterwards; see `Tank.burned`."""
+) -> Iterator[tuple[Piece, tuple[Field, Field] | None, Field | None]]:
+    """A piece as it moves the full craft, its growth at both ends, and what is left afterwards (`Tank.burned`)."""
     if tank is None:
         yield piece, None, None
         return
     for (duration, first, last, longest), after in tank.burned(piece, left):
-        growth = 0.5 * (tank.growth(left) + tank.growth(after))
+        growth = tank.growth(left), tank.growth(after)
         first = replace(first, exhaust=None)
         last = last if last is None else replace(last, exhaust=None)
         yield (duration, first, last, longest), growth, after

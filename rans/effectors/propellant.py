@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ class Tank:
 
     Mass and inertia fall in the same proportion, so that a craft with a share s of its full mass moves under a
     wrench as the full craft does under 1 / s times that wrench. Motion is computed that way: the body stays,
-    wrenches grow.
+    wrenches grow. A disturbance acts on the mean mass of a piece of a period.
     """
 
     propellant: Propellant
@@ -46,25 +47,30 @@ class Tank:
             left: propellant at its beginning, kg.
         """
         duration, first, last, longest = piece
+        per_newton = 1.0 / self.propellant.exhaust_speed
         end = first if last is None else last
-        flow = first.exhaust if last is None else 0.5 * (first.exhaust + last.exhaust)
-        needed = flow * duration * (1.0 / self.propellant.exhaust_speed)
+        exhaust: tuple[Field, Field] = first.exhaust, end.exhaust
+        flow = exhaust[0] if last is None else 0.5 * (exhaust[0] + exhaust[1])
+        needed = flow * duration * per_newton
         share = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
+        used = needed * share
         if last is not None:
             end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
-            used = 0.5 * (first.exhaust + end.exhaust) * (duration * share)
-            used = used * (1.0 / self.propellant.exhaust_speed)
-        else:
-            used = needed * share
+            used = 0.5 * (exhaust[0] + end.exhaust) * (duration * share) * per_newton
         after = at_least(left - used, 0.0)
         begins = self.growth(left)
         ends = self.growth(after)
         gone = used * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
         factor = 1.0 - gone * gone * (1.0 / 6.0)
-        yield (
-            (duration * share, grown(first, begins * factor), grown(end, ends * factor), longest),
-            after,
-        )
+        starts = grown(first, begins * factor)
+        stops = grown(end, ends * factor)
+        if last is not None:
+            # Of a thrust that changes too, for the mean of the product of two straight lines.
+            change = (ends - begins) * (1.0 / 6.0)
+            bent = map_leaves(lambda a, b: (b - a) * change, first, end)
+            starts = map_leaves(operator.sub, starts, bent)
+            stops = map_leaves(operator.sub, stops, bent)
+        yield (duration * share, starts, stops, longest), after
         nothing = map_leaves(lambda x: x * 0.0, first)
         yield (duration * (1.0 - share), nothing, None, longest), after
 

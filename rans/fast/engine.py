@@ -105,6 +105,7 @@ class Engine:
         self.num_envs = num_envs
         self.dtype = dtype
         self.device = backend.device
+        self._is_usual = is_identity(craft)
         self.plain = plain
         """Whether everything is computed as it is written, see the class."""
         self.compiled = not plain and (self.device.type == "cuda" if compiled is None else compiled)
@@ -236,7 +237,7 @@ class Engine:
         nothing between.
         """
         cheap = self.device.type == "cpu" and not self.compiled
-        _check_actions(action, self.num_envs, self.craft, cheap)
+        _check_actions(action, self.num_envs, self.craft, cheap, self._is_usual)
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
@@ -271,7 +272,7 @@ class Engine:
 
     def commands(self, outputs: Tensor) -> Tensor:
         """Actions of a policy whose outputs (N, commands) are from 0 to 1, see `rans.effectors.commands`."""
-        if is_identity(self.craft):
+        if self._is_usual:
             return outputs
         return torch.stack(tuple(of_outputs(self.craft, outputs.unbind(dim=1))), dim=1)
 
@@ -292,10 +293,13 @@ class Engine:
         )
 
 
-def _check_actions(action: Tensor, count: int, craft: Spacecraft, with_range: bool) -> None:
+def _check_actions(
+    action: Tensor, count: int, craft: Spacecraft, with_range: bool, is_usual: bool
+) -> None:
     """Refuse (`ConfigError`) actions that are no tensor (environments, commands).
 
-    With their range also numbers that are in none of the commands' ranges, of a tensor on the CPU.
+    With their range also numbers that are in none of the commands' ranges, of a tensor on the CPU; usual ones
+    are from 0 to 1.
     """
     if not isinstance(action, Tensor):
         checked("actions", action, Tensor)
@@ -306,15 +310,15 @@ def _check_actions(action: Tensor, count: int, craft: Spacecraft, with_range: bo
             f"commands), got {given}."
         )
     if with_range:
-        _check_range(action.numpy(), craft)
+        _check_range(action.numpy(), craft, is_usual)
 
 
-def _check_range(actions: np.ndarray, craft: Spacecraft) -> None:
+def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None:
     """Refuse (`ConfigError`) what is outside the commands' ranges; NaN is one of these.
 
     It takes half a per cent of a step of 16,384 environments.
     """
-    if not is_identity(craft):
+    if not is_usual:
         if not is_possible(craft, actions):
             check(craft, actions, len(actions))
         return

@@ -220,8 +220,8 @@ class Wheel:
 class Propellant:
     """What thrusters use up.
 
-    >>> rans.Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed
-    2206.49625
+    >>> round(rans.Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed, 3)
+    2206.496
 
     Thrusters that give the forces F_i use sum(F_i) / exhaust_speed kilograms a second. The craft's mass and
     inertia are those with a full tank; both fall in the same proportion, and the centre of mass stays where it

@@ -166,7 +166,7 @@ def at_once(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
     """What thrusters make of a command that they obey at once, for a control period, s."""
-    for share, part in craft.actuators.pulses(command):
+    for share, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
         longest = share * period if type(share) is float else period
         yield share * period, wrench(craft, part, body), None, longest
 

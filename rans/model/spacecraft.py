@@ -220,7 +220,7 @@ class Spacecraft(Shown):
         each = f"{forces[0]:g} N" if len(forces) == 1 else f"{forces[0]:g} to {forces[-1]:g} N"
         return f"{len(self.thrusters)} x {each}"
 
-    @property
+    @cached_property
     def droop(self) -> float:
         """How much of each thruster's force every further open one takes, see `thrust_sharing`."""
         return 1.0 if self.thrust_sharing == "split" else 0.0

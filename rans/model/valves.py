@@ -175,7 +175,7 @@ def _told(
     thrusts = []
     for age, command in reversed(list(enumerate(commands))):
         time: Field = -age * period
-        for share, part in craft.actuators.pulses(command):
+        for share, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
             when.append(time)
             thrusts.append(thrust(craft, part, body))
             time = time + share * period

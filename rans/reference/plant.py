@@ -29,6 +29,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
+    Joint,
     MultibodyForces,
     PlanarJoint,
     QuaternionFloatingJoint,
@@ -268,16 +269,16 @@ class Plant:
             states.append(self.advance(states[-1], command, control_period))
         return np.array(states)
 
-    def _add_wheel(self, k: int, number: int) -> RevoluteJoint:
+    def _add_wheel(self, k: int, number: int) -> Joint:
         """One wheel of one spacecraft, with its motor."""
         wheel = self.craft.wheels[number]
         name = f"W{number} of G{k}"
         body = self._plant.AddRigidBody(name, wheel_inertia(self.craft, wheel))
-        joint = self._plant.AddJoint(
-            RevoluteJoint(name, self._frames[k], body.body_frame(), np.array(wheel.axis))
-        )
-        self._plant.AddJointActuator(name, joint)
-        return joint
+        axis = np.array(wheel.axis)
+        joint = RevoluteJoint(name, self._frames[k], body.body_frame(), axis)
+        added = self._plant.AddJoint(joint)
+        self._plant.AddJointActuator(name, added)
+        return added
 
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""

@@ -89,7 +89,7 @@ def legend_beside(figure: SubFigure, axes: Axes) -> None:
 
 def activations(axes: Axes, flight: Flight) -> None:
     """Per thruster, the spread over episodes of how long it was open."""
-    seconds = flight.commands.sum(axis=0) * flight.timing.control_period
+    seconds = flight.openings.sum(axis=0) * flight.timing.control_period
     parts = axes.boxplot(
         seconds,
         positions=range(seconds.shape[1]),
@@ -246,7 +246,7 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
 
 def timeline(axes: Axes, flight: Flight, episode: int) -> None:
     """When each thruster of one episode was open."""
-    command = flight.commands[:, episode].T
+    command = flight.openings[:, episode].T
     shades = LinearSegmentedColormap.from_list("open", [f"{BLUE}00", BLUE])
     axes.imshow(
         command,

@@ -81,7 +81,7 @@ class Motion:
         failed = np.asarray(flight.task.failed(states, goal))
         end = int(failed.argmax()) + 1 if failed.any() else len(failed)
         opening = np.zeros((end, len(flight.craft.thrusters)))
-        opening[:-1] = flight.commands[: end - 1, episode]
+        opening[:-1] = flight.openings[: end - 1, episode]
         errors = flight.errors()
         return cls(
             flight.craft,

@@ -31,8 +31,9 @@ from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import DrakeMover
-from rans.scenario import scenarios
+from rans.scenario import draws, scenarios
 from tests.effectors.crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
+from tests.worlds import EFFECTS
 
 BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
 """On/off thrusters that use propellant, and a wheel."""
@@ -104,6 +105,26 @@ def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
     assert ours.states.stores[0].shape == (21, 3)
 
 
+@pytest.mark.parametrize("effect", ["latency", "fall", "hold", "faults", "push", "sensors", "all"])
+def test_drake_flies_alike_under_conditions(effect: str) -> None:
+    """Valves delay thrusters and dead ones fail, wheels obey at once, and the tank knows what really flows."""
+    task = rans.GoToPose()
+    timing = Timing(episode_steps=12, substeps=4)
+    starts = scenarios(task, BOTH, 5, 4)
+    given = EFFECTS[effect], draws(5, 4)
+    random = Scripted(BOTH)
+    ours = fly(BOTH, task, random, starts, timing, conditions=given[0], draws=given[1])
+    mover = DrakeMover(BOTH, timing)
+    drake = fly(BOTH, task, random, starts, timing, "drake", mover, None, given[0], draws=given[1])
+    np.testing.assert_array_equal(ours.commands, drake.commands)
+    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
+        # Pushes act on the mean mass of a period, whose first half is 4e-4 heavier: 1e-6 rad a period.
+        np.testing.assert_allclose(
+            one, other, rtol=0, atol=3e-5 if effect in ("push", "all") else 3e-6
+        )
+    assert np.ptp(ours.states.stores[0]) > 0.01
+
+
 class Scripted:
     """Random commands, the same in every flight."""
 
@@ -122,13 +143,18 @@ class Scripted:
 
 @pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])
 def untrained(request: Any) -> tuple[Spacecraft, Network]:
-    """A craft and a policy for it with random weights that ask for a good deal."""
+    """A craft and a policy for it."""
     craft = ALL[request.param]
+    return craft, untrained_policy(craft)
+
+
+def untrained_policy(craft: Spacecraft) -> Network:
+    """A policy with random weights that asks for a good deal."""
     engine = rans.Engine(craft, task_of(craft), 8)
     given = Architecture.of(engine, PPOSettings(layers=(16, 16)))
     tensors, _ = given.initial(3, 0.5)
     tensors["action_net.weight"] = tensors["action_net.weight"] * 60.0
-    return craft, Network(given, tensors)
+    return Network(given, tensors)
 
 
 def test_whole_flights_are_those_of_the_agent(untrained: Any) -> None:
@@ -200,6 +226,16 @@ def test_controllers_refuse_what_they_cannot_command() -> None:
             controller(CUBESAT, "go-to-pose")
     with pytest.raises(ConfigError, match="uses propellant"):
         rans.optimal_trajectory("go-to-pose", BURNING)
+
+
+def test_no_bound_covers_wheels_or_propellant() -> None:
+    from rans.optimal.certificate.hull import Reach
+    from rans.optimal.certificate.lattice import Lattice
+
+    with pytest.raises(ConfigError, match="it has reaction wheels"):
+        Reach.of(WHEELED)
+    with pytest.raises(ConfigError, match="it has propellant"):
+        Lattice(replace(BOTH, wheels=()), 0.2)
 
 
 def test_optimal_control_keeps_to_throttle_levels() -> None:

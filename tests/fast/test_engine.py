@@ -280,9 +280,7 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
 
 def test_actions_of_another_shape_are_refused(backend: Any) -> None:
     for wrong in ((8, 4), (4, 7), (1, 8), (4,)):
-        with pytest.raises(
-            ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \("
-        ):
+        with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, commands\), got \("):
             backend(PLATFORM, NEAR, 4).step(torch.zeros(wrong))
 
 

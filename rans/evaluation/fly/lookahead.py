@@ -120,6 +120,11 @@ class Lookahead:
                 f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
                 f"those of {craft.name} are {craft.actuators.kind}."
             )
+        if craft.wheels:
+            raise ConfigError(
+                f"{agent.name} cannot look ahead: {craft.name} has reaction wheels, and it would open and shut "
+                "single thrusters."
+            )
         for what, given in (
             ("the horizon", horizon),
             ("the time that changes come within", change_within),

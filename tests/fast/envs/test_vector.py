@@ -179,7 +179,7 @@ def test_wrong_arguments() -> None:
         env.reset(options={"mask": np.ones(6, dtype=bool)})
     env.reset(seed=1)
     for wrong in (torch.zeros(6, 7), torch.zeros(8), torch.zeros(5, 8)):
-        with pytest.raises(ConfigError, match=r"shape \(6, 8\) .environments, thrusters., got"):
+        with pytest.raises(ConfigError, match=r"shape \(6, 8\) .environments, commands., got"):
             env.step(wrong)
     with pytest.raises(ConfigError, match="dimension 2, got 'free-flyer'"):
         make(spacecraft="free-flyer")

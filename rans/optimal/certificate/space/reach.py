@@ -22,7 +22,18 @@ from rans.model.actuators import ON_OFF
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Spacecraft
+<<<<<<< HEAD:rans/optimal/certificate/space/reach.py
 from rans.optimal.certificate.goal_set import GoalSet, check_finite, check_period, pulse, rounded_up
+=======
+from rans.optimal.certificate.lattice import (
+    GoalSet,
+    check_certifiable,
+    check_finite,
+    check_period,
+    pulse,
+    rounded_up,
+)
+>>>>>>> effectors:rans/optimal/certificate/spatial.py
 from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
@@ -247,6 +258,7 @@ class ReachRelaxation:
 
 def _moment(craft: Spacecraft) -> float:
     """The one moment of inertia of a craft that has a lattice of spins, kg m^2."""
+    check_certifiable(craft)
     if craft.dimension != 3 or craft.thrust_sharing != "none" or craft.actuators != ON_OFF:
         raise ConfigError(
             f"spacecraft {craft.name!r}: the on/off bound in space is for thrusters that are "
