@@ -157,13 +157,20 @@ class World:
         setup = self.setup
         bodies = None
         torque = 0.0
-<<<<<<< HEAD
         if setup.conditions is not None:
             steps = setup.timing.episode_steps
             bodies = examples(setup.conditions, setup.craft, steps).strongest()
             torque = setup.conditions.steady_torque
         timing = chosen(setup.craft, setup.timing, bodies, torque)
         object.__setattr__(self, "setup", setup._replace(timing=timing))
+        # What a step reads of the craft is known beforehand: torch's compiler cannot trace cached properties.
+        _ = (
+            self.forces,
+            self.remembered,
+            self.craft.commands,
+            self.craft.stores,
+            self.craft.wheel_map,
+        )
 
     @property
     def craft(self) -> Spacecraft:
@@ -184,20 +191,6 @@ class World:
     def conditions(self) -> Conditions | None:
         """Conditions of the setup."""
         return self.setup.conditions
-=======
-        if self.conditions is not None:
-            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
-            torque = self.conditions.steady_torque
-        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
-        # What a step reads of the craft is known beforehand: torch's compiler cannot trace cached properties.
-        _ = (
-            self.forces,
-            self.remembered,
-            self.craft.commands,
-            self.craft.stores,
-            self.craft.wheel_map,
-        )
->>>>>>> effectors
 
     def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
         """States at the looks of one control period, by our equations; the last one is at its end."""

@@ -75,3 +75,16 @@ def pulse(craft: Spacecraft, period: float) -> float | None:
 def rounded_up(value: float, unit: float) -> float:
     """The least whole multiple of a unit that is not below a value by more than rounding."""
     return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
+
+
+def check_certifiable(craft: Spacecraft) -> None:
+    """Refuse a craft that no bound covers.
+
+    Raises:
+        ConfigError: it has reaction wheels, or uses propellant.
+    """
+    if craft.stores:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "
+            f"{'reaction wheels' if craft.wheels else 'propellant'}."
+        )

@@ -19,11 +19,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
-<<<<<<< HEAD
-from rans.optimal.certificate.goal_set import GoalSet, check_finite
-=======
-from rans.optimal.certificate.lattice import GoalSet, check_certifiable, check_finite
->>>>>>> effectors
+from rans.optimal.certificate.goal_set import GoalSet, check_certifiable, check_finite
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 
@@ -67,12 +63,8 @@ class Reach:
     @classmethod
     @cache
     def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
-<<<<<<< HEAD
         """Reach of a spacecraft, with its thrusters as faults leave them from the start on."""
-=======
-        """Of a spacecraft, and of its thrusters as they are left by faults from the start on."""
         check_certifiable(craft)
->>>>>>> effectors
         gain, leak = np.array(health or Health.sound(craft))
         able = gain + leak > 0.0
         whole = np.array([t.force for t in craft.thrusters])

@@ -24,6 +24,7 @@ from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.goal_set import (
     GoalSet,
+    check_certifiable,
     check_finite,
     check_period,
     pulse,
@@ -156,104 +157,6 @@ class Lattice:
         return np.arange(torque.min(), torque.max() + 1)
 
 
-<<<<<<< HEAD:rans/optimal/certificate/plane/lattice.py
-=======
-@dataclass(frozen=True)
-class GoalSet:
-    """Where a controller must be at the end: balls around the goal.
-
-    Raises:
-        ConfigError: a tolerance is negative or not finite.
-    """
-
-    position: float = 0.05
-    """m."""
-    velocity: float = 0.05
-    """m/s."""
-    heading: float = math.radians(5.0)
-    """rad."""
-    spin: float = 1e-9
-    """rad/s; a start that spins may need more, see `GoalSet.net_spins`."""
-
-    def __post_init__(self) -> None:
-        for key in ("position", "velocity", "heading", "spin"):
-            value = getattr(self, key)
-            if not (math.isfinite(value) and value >= 0):
-                raise ConfigError(
-                    f"goal set: {key} must be finite and not negative, got {value!r}."
-                )
-
-    def net_spins(self, lattice: Lattice, start: PlanarState, goal: PlanarState) -> set[int]:
-        """Changes of spin, in quanta, that end within the tolerance of the goal's spin.
-
-        Raises:
-            ConfigError: there is none, or start or goal are not finite.
-        """
-        check_finite(start, goal)
-        exact = (goal.w - start.w) / lattice.spin
-        reach = self.spin / lattice.spin + 1e-9
-        found = set(range(math.ceil(exact - reach), math.floor(exact + reach) + 1))
-        if not found:
-            nearest = abs(round(exact) - exact) * lattice.spin
-            raise ConfigError(
-                f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: "
-                f"the nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, "
-                f"{self.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins."
-            )
-        return found
-
-    def contains(self, state: PlanarState, goal: PlanarState) -> bool:
-        """Whether a state of floats is in the set."""
-        return bool(
-            (goal.p - state.p).norm() <= self.position
-            and (goal.v - state.v).norm() <= self.velocity
-            and abs(wrap(state.attitude.angle - goal.attitude.angle)) <= self.heading
-            and abs(state.w - goal.w) <= self.spin + 1e-9
-        )
-
-
-def check_finite(start: State, goal: State) -> None:
-    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
-    for name, state in (("start", start), ("goal", goal)):
-        if not np.isfinite(leaves(state)).all():
-            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
-
-
-def check_period(period: float) -> None:
-    """Refuse (`ConfigError`) a time for which no command can be held."""
-    if not (is_finite(period) and period > 0):
-        raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
-
-
-def pulse(craft: Spacecraft, period: float) -> float | None:
-    """Unit of thrust-time in on/off periods, shared or not, N s; None where there is none.
-
-    Thrusters differ in strength there, or may be open for a part of a period.
-    """
-    forces = np.array([thruster.force for thruster in craft.thrusters])
-    equal = craft.actuators == ON_OFF and np.ptp(forces) <= 1e-12 * forces.max()
-    return float(forces[0]) * period if equal else None
-
-
-def rounded_up(value: float, unit: float) -> float:
-    """The least whole multiple of a unit that is not below a value by more than rounding."""
-    return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
-
-
-def check_certifiable(craft: Spacecraft) -> None:
-    """Refuse a craft that no bound covers.
-
-    Raises:
-        ConfigError: it has reaction wheels, or uses propellant.
-    """
-    if craft.stores:
-        raise ConfigError(
-            f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "
-            f"{'reaction wheels' if craft.wheels else 'propellant'}."
-        )
-
-
->>>>>>> effectors:rans/optimal/certificate/lattice.py
 def _check(craft: Spacecraft) -> None:
     if craft.dimension != 2:
         raise ConfigError(

@@ -22,10 +22,7 @@ from rans.model.actuators import ON_OFF
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Spacecraft
-<<<<<<< HEAD:rans/optimal/certificate/space/reach.py
-from rans.optimal.certificate.goal_set import GoalSet, check_finite, check_period, pulse, rounded_up
-=======
-from rans.optimal.certificate.lattice import (
+from rans.optimal.certificate.goal_set import (
     GoalSet,
     check_certifiable,
     check_finite,
@@ -33,7 +30,6 @@ from rans.optimal.certificate.lattice import (
     pulse,
     rounded_up,
 )
->>>>>>> effectors:rans/optimal/certificate/spatial.py
 from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
