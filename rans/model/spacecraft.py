@@ -130,6 +130,8 @@ class Spacecraft(Shown):
         radius: float = 0.31,
         shape: Shape = "sphere",
         actuators: Actuators = ON_OFF,
+        wheels: tuple[Wheel, ...] = (),
+        propellant: Propellant | None = None,
     ) -> Spacecraft:
         """One that moves in a plane, from vectors of two numbers and one moment of inertia.
 
@@ -149,6 +151,8 @@ class Spacecraft(Shown):
             radius: see the class, m.
             shape: see the class.
             actuators: see the class.
+            wheels: see the class; about z.
+            propellant: see the class.
 
         Raises:
             ConfigError: see the class.
@@ -163,7 +167,18 @@ class Spacecraft(Shown):
             ) from error
         tensor = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
         return cls(
-            name, 2, mass, tensor, made, (x, y, 0.0), thrust_sharing, radius, shape, actuators
+            name,
+            2,
+            mass,
+            tensor,
+            made,
+            (x, y, 0.0),
+            thrust_sharing,
+            radius,
+            shape,
+            actuators,
+            wheels=wheels,
+            propellant=propellant,
         )
 
     def __repr__(self) -> str:

@@ -68,9 +68,9 @@ def test_an_episode_begins_with_full_tanks_and_still_wheels(craft: Spacecraft) -
     initial = [store.initial for store in craft.stores]
     for _ in range(2):
         np.testing.assert_array_equal(np.array(engine.state.stores)[:, 0], initial)
-        for k in range(3):
-            step = engine.step(torch.from_numpy(commands(craft, 8, seed=k)).float())
-        assert step.truncated.all()
+        given = [torch.from_numpy(commands(craft, 8, seed=k)).float() for k in range(3)]
+        steps = [engine.step(action) for action in given]
+        assert steps[-1].truncated.all()
 
 
 def test_the_same_commands_wanted_of_the_drake_environment() -> None:
