@@ -477,16 +477,16 @@ def is_steerable(craft: Spacecraft) -> bool:
     Holds for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose forces
     positively span the plane or space.
     """
-    wrenches = _wrenches(craft)
+    wrenches = wrenches_either_way(craft)
     return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:
     """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
-    return _positively_spans(_wrenches(craft))
+    return _positively_spans(wrenches_either_way(craft))
 
 
-def _wrenches(craft: Spacecraft) -> np.ndarray:
+def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
     """Wrench of each thruster, and of each wheel either way: (3 or 6, effectors)."""
     size = craft.dimension
     turns = np.array(
