@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.commands import action_space, allowed, check, of_outputs
-from rans.errors import ConfigError, RansError, brief, counted
+from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller, Setup
@@ -245,7 +245,7 @@ def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Ta
     known = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
     if action not in known:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
-        wheels = f" and {counted(len(craft.wheels), 'reaction wheel')}" if craft.wheels else ""
+        wheels = f" and {len(craft.wheels)} reaction wheels" if craft.wheels else ""
         raise ConfigError(
             f"{name} acts by {action}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
             f"take {takes}: {', '.join(dict.fromkeys(map(str, known)))}."
