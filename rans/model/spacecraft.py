@@ -116,6 +116,8 @@ class Spacecraft(Shown):
 
     def __post_init__(self) -> None:
         check(self)
+        # What every step reads is known beforehand: torch's compiler cannot trace cached properties.
+        _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop
 
     @classmethod
     def planar(
