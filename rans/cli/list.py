@@ -341,6 +341,8 @@ def _spacecraft_facts(name: str) -> dict[str, Any]:
     return asdict(craft) | {
         "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
         "wrench_map": craft.wrench_map,
+        "commands": [one._asdict() for one in craft.commands],
+        "stores": [one._asdict() for one in craft.stores],
     }
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.conditions import FaultKind
 from rans.model.fields import Field
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, wrenches_either_way
 
 _LEAST = 1e-6
 """Share of full thrust below which a margin is rounding."""
@@ -105,11 +105,12 @@ def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: floa
 
     The lost thrusters give gain * u_i + leak of their force; without gain they have no u_i. With
     u_i = 1/2 + z_i / s, |z_i| <= 1, the margin is 1/2 - 1/s; the largest s has one condition for each of the
-    craft's degrees of freedom, however many its thrusters are.
+    craft's degrees of freedom, however many its thrusters are. Reaction wheels help either way, as long as they
+    are not full.
     """
     from scipy.optimize import linprog
 
-    wrenches = np.array(craft.wrench_map)
+    wrenches = wrenches_either_way(craft).T
     scale = np.linalg.norm(wrenches, axis=0).max()
     gains = np.ones(len(wrenches))
     gains[list(lost)] = gain

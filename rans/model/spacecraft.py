@@ -116,6 +116,8 @@ class Spacecraft(Shown):
 
     def __post_init__(self) -> None:
         check(self)
+        # What every step reads is known beforehand: torch's compiler cannot trace cached properties.
+        _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop
 
     @classmethod
     def planar(
@@ -130,6 +132,8 @@ class Spacecraft(Shown):
         radius: float = 0.31,
         shape: Shape = "sphere",
         actuators: Actuators = ON_OFF,
+        wheels: tuple[Wheel, ...] = (),
+        propellant: Propellant | None = None,
     ) -> Spacecraft:
         """One that moves in a plane, from vectors of two numbers and one moment of inertia.
 
@@ -149,6 +153,8 @@ class Spacecraft(Shown):
             radius: see the class, m.
             shape: see the class.
             actuators: see the class.
+            wheels: see the class; about z.
+            propellant: see the class.
 
         Raises:
             ConfigError: see the class.
@@ -163,7 +169,18 @@ class Spacecraft(Shown):
             ) from error
         tensor = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
         return cls(
-            name, 2, mass, tensor, made, (x, y, 0.0), thrust_sharing, radius, shape, actuators
+            name,
+            2,
+            mass,
+            tensor,
+            made,
+            (x, y, 0.0),
+            thrust_sharing,
+            radius,
+            shape,
+            actuators,
+            wheels=wheels,
+            propellant=propellant,
         )
 
     def __repr__(self) -> str:
@@ -462,16 +479,16 @@ def is_steerable(craft: Spacecraft) -> bool:
     Holds for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose forces
     positively span the plane or space.
     """
-    wrenches = _wrenches(craft)
+    wrenches = wrenches_either_way(craft)
     return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:
     """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
-    return _positively_spans(_wrenches(craft))
+    return _positively_spans(wrenches_either_way(craft))
 
 
-def _wrenches(craft: Spacecraft) -> np.ndarray:
+def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
     """Wrench of each thruster, and of each wheel either way: (3 or 6, effectors)."""
     size = craft.dimension
     turns = np.array(

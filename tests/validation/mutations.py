@@ -361,9 +361,9 @@ def valves_that_need_not_stay(
 
 
 def reward_of_the_state_before(
-    true: Any, state: Any, goal: Any, command: Any, previous: Any
+    true: Any, state: Any, goal: Any, command: Any, previous: Any, *others: Any
 ) -> Any:
-    return true(state, goal, previous, previous)
+    return true(state, goal, previous, previous, *others)
 
 
 def a_price_left_out(true: Any, task: Any, transition: Any) -> Any:

@@ -247,9 +247,11 @@ def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Ta
         raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
     known = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
     if action not in known:
+        takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
+        wheels = f" and {len(craft.wheels)} reaction wheels" if craft.wheels else ""
         raise ConfigError(
-            f"{name} acts by {action}, but {craft.name} takes {count} numbers, "
-            f"{allowed(craft)}: {', '.join(dict.fromkeys(map(str, known)))}."
+            f"{name} acts by {action}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
+            f"take {takes}: {', '.join(dict.fromkeys(map(str, known)))}."
         )
 
 
