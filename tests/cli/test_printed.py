@@ -71,7 +71,7 @@ def test_the_end_of_a_training(
         warm_up=2.5,
         seconds=4.0,
         rate=123_456.0,
-        learner=SimpleNamespace(by_hand=None),
+        learner=SimpleNamespace(way=""),
         config=SimpleNamespace(solved_share=share),
         steps=500_000,
     )
@@ -186,7 +186,7 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
         },
     }
     monkeypatch.setattr("rans.cli.list.pretrained_card", lambda _: card)
-    title, made, table = _agent_details("go-to-pose-2d")
+    title, made, *_, table = _agent_details("go-to-pose-2d")
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
     assert made == (
         "Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "

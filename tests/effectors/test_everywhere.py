@@ -228,9 +228,8 @@ def test_controllers_refuse_what_they_cannot_command() -> None:
 
 
 def test_no_bound_covers_wheels_or_propellant() -> None:
-    from rans.optimal.certificate.lattice import Lattice
-
     from rans.optimal.certificate.hull import Reach
+    from rans.optimal.certificate.plane.lattice import Lattice
 
     with pytest.raises(ConfigError, match="it has reaction wheels"):
         Reach.of(WHEELED)

@@ -50,6 +50,8 @@ def test_verdicts_add_up() -> None:
         "LEFT": 2,
         "UNSETTLED": 0,
         "LATE": 1,
+        "VIOLATED": 0,
+        "UNFINISHED": 0,
     }
     # Numbers rise, and the fourth is beyond what is listed.
     assert both.numbers.tolist() == [1, 5, 7]

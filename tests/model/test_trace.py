@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -196,6 +197,7 @@ def test_a_task_that_branches_is_not_traced() -> None:
             return state.p.x > 1.0 if state.p.x > 0.0 else state.p.x < -1.0
 
     engine = Engine(PLATFORM, GoToPose(), 2)
-    object.__setattr__(engine._world, "task", Branching())
+    setup = engine._world.setup._replace(task=Branching())
+    world = replace(engine._world, setup=setup)
     with pytest.raises(Untraceable):
-        trace(engine._world, engine.episode, engine.dtype)
+        trace(world, engine.episode, engine.dtype)
