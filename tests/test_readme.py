@@ -72,9 +72,9 @@ def test_examples_of_the_python_page_run() -> None:
 
 
 def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
-    (example,) = blocks(ROOT / "docs" / "tasks.md", "python")
     names: dict[str, Any] = {}
-    exec(example, names)
+    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+        exec(example, names)
     task = names["Meet"]()
     flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
     moved = flight.goals.p - map_leaves(lambda x: x[0], flight.goals.p)
@@ -83,12 +83,29 @@ def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
     assert flight.errors()["position"][-1].max() < task.position_tolerance
 
 
+def test_the_mission_of_the_tasks_page_is_won() -> None:
+    """By LQR, which comes to rest at the point: softly, and long before the time is up."""
+    names: dict[str, Any] = {}
+    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+        exec(example, names)
+    task = names["Dock"]()
+    with pytest.warns(UserWarning, match="constraints"):
+        lqr = rans.LQR(CRAFT, task)
+    flight = fly(CRAFT, task, lqr, scenarios(task, CRAFT, 0, 4), task.timing)
+    assert flight.done is not None
+    assert flight.done.all()
+    assert flight.lengths is not None
+    assert flight.lengths.max() < 200
+    assert set(flight.margins) == {"wall"}
+    assert flight.rewards()["done"].sum(axis=0).tolist() == [10.0] * 4
+
+
 @pytest.mark.usefixtures("forgotten")
 def test_the_environments_of_the_tasks_page_are_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = ROOT / "docs" / "tasks.md"
-    (example,) = blocks(page, "python")
+    example, *_ = blocks(page, "python")
     (tmp_path / "meet.py").write_text(example, "utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
