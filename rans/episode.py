@@ -365,10 +365,15 @@ def step(
     state = states[-1]
     looked = _look(task, episode, states, period / world.timing.looks)
     goal = looked.goal
-    failed = task.failed(state, goal) | ~finite(*leaves(state))
+    lost = ~finite(*leaves(state))
+    done = None if looked.done is None else looked.done & ~lost
+    failed = task.failed(state, goal)
+    if looked.done is not None:
+        # What is won at a look is over: the rest of the period counts for nothing.
+        failed = failed & ~looked.done
+    failed = failed | lost
     if looked.violated is not None and task.violation_ends:
         failed = failed | looked.violated
-    done = None if looked.done is None else looked.done & ~failed
 
     # The episode at the end of the period.
     clock = episode.clock + 1

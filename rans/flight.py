@@ -182,8 +182,11 @@ class Flight:
         violated = self.violated_when()
         for k, commands in enumerate(self.commands):
             episode = self._episode(k + 1)
+            lost = ~np.asarray(finite(*leaves(episode.state)))
             failed = self.task.failed(episode.state, episode.goal)
-            failed = failed | ~np.asarray(finite(*leaves(episode.state)))
+            if self.done is not None:
+                failed = failed & ~(self.done & (self.lengths == k + 1))
+            failed = failed | lost
             if self.margins and self.task.violation_ends:
                 failed = failed | violated[k]
             done = None

@@ -101,6 +101,20 @@ def test_a_contact_between_two_commands_counts(mover: Any) -> None:
     assert float(wall.terms["violation"][0]) == 0.0
 
 
+@pytest.mark.parametrize("flying", [fly, fly_in_drake])
+def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> None:
+    """At 0.6 m after 2 s it is too far away, but it was at the origin after 1.25 s; with one look it is lost."""
+    pilot: Any = type("Shut", (), {"name": "shut"})()
+    pilot.reset = lambda count: None
+    pilot.act = lambda state, goal, observation: np.zeros((len(observation), len(SHUT)))
+    task = Pass(wall=9.0, fail_distance=0.5)
+    starts = scenarios(task, PLATFORM, seed=1, count=2)
+    for looks, failure in ((4, 0), (1, Failure.TERMINATED)):
+        flight = flying(PLATFORM, task, pilot, starts, Timing(1.0, 1, 5, looks))
+        assert flight.verdict.failure().tolist() == [failure] * 2
+        assert bool(outcomes(task, looks, 2)[-1].failed) == bool(failure)
+
+
 def test_a_violation_before_the_contact_ends_the_episode_as_a_failure() -> None:
     """A wall at x = -0.1 m is passed before the origin."""
     first, second = outcomes(Pass(wall=-0.1), 8, 2)

@@ -49,7 +49,7 @@ class Filters(NamedTuple):
         response: Sequence[float] = (),
         gate: float = 0.0,
     ) -> Filters:
-        """Of a spacecraft as designed; ConfigError where no filter can follow what the task shows, or the craft."""
+        """Design the filters of a spacecraft; ConfigError where none can follow its observation or commands."""
         if not is_identity(craft):
             raise ConfigError(
                 f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "

@@ -231,7 +231,7 @@ class Propellant:
     mass: float
     """In a full tank, kg: a part of the craft's mass."""
     specific_impulse: float
-    """Of all thrusters, s."""
+    """Specific impulse of all thrusters, s."""
 
     @property
     def exhaust_speed(self) -> float:

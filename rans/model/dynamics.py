@@ -228,7 +228,7 @@ class _Load:
     body: Body
     drift: Drift
     momentum: tuple[Vec3, Vec3] | None = None
-    """Of what spins inside the body, in B, and what is added to it until the end."""
+    """Angular momentum of the reaction wheels, in B, and what is added to it until the end, N m s."""
 
     def pushes(self) -> Callable[[float], Any]:
         """Acceleration by the thrust, in B, when a share of the time is gone."""

@@ -88,7 +88,7 @@ def contest_of(
 
 
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
-    """The same, if it has one task; without a knob, if that is held."""
+    """Refuse (`ConfigError`) an agent of several tasks or with a preference that is not held fixed."""
     parts = run.task.parts()
     if isinstance(parts, KnobPositions):
         name = spec.rstrip("#")

@@ -32,7 +32,7 @@ class Agent:
         self.name = name
         self.network = network
         self._craft = craft
-        """Whose commands it gives; None: one whose commands are all from 0 to 1."""
+        """Spacecraft whose commands the agent gives; None: all of its commands are from 0 to 1."""
         self._memory: torch.Tensor | None = None
 
     def __repr__(self) -> str:

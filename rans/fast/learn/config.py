@@ -304,8 +304,8 @@ class TrainConfig:
     spacecraft: str
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
-    """Of the network and of its training. The gradient through the motion takes no heed of what PPO alone
-    has: desired_kl, max_learning_rate, clip_range, ent_coef and vf_coef."""
+    """Hyper-parameters of the network and of its training. The gradient learner ignores those of PPO alone:
+    desired_kl, max_learning_rate, clip_range, ent_coef and vf_coef."""
     timing: Timing = field(default_factory=Timing)
     """Of the episodes that agents are judged in, and learn in if not said otherwise."""
     episode_steps: int | None = None

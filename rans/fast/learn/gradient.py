@@ -177,7 +177,7 @@ class GradientLearner:
         return -gained.view(self.members, -1).mean(dim=1) / self.n_steps
 
     def _bounded(self, x: Any) -> Any:
-        """The same numbers, whose gradient is no larger than the bound that an environment's return has."""
+        """Numbers unchanged, with their gradient clipped to the bound of one environment's return."""
         if not isinstance(x, Tensor) or not x.requires_grad:
             return x
         bound = self._own.bound * self.members / (self.engine.num_envs * self.n_steps)

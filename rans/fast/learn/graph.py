@@ -33,14 +33,14 @@ def as_written() -> Iterator[None]:
 
 
 def fused(function: Callable[P, R], device: torch.device, plain: bool = False) -> Callable[P, R]:
-    """The same function compiled for a GPU; itself if ``plain``, and on a CPU: there compiling takes longer."""
+    """Compile a function for a GPU; return it as it is if ``plain``, and on a CPU: there compiling takes longer."""
     return function if plain or device.type != "cuda" else _Fused(function)
 
 
 def graphed(
     function: Callable[[], Tensor], device: torch.device, plain: bool = False
 ) -> Callable[[], Tensor]:
-    """The same function, replayed from a CUDA graph after one or two calls; itself if plain, and on a CPU.
+    """Replay a function from a CUDA graph after one or two calls; return it as it is if plain, and on a CPU.
 
     It works on memory of the device that never moves, and without waiting for the device.
     """

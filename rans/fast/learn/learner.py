@@ -29,7 +29,7 @@ class Learner(Protocol):
     rollout: Rollout
     """The last iteration's steps, and what the network remembers now of every environment."""
     adam: Adam
-    """Of the agents' weights; saved with an agent."""
+    """Optimizer of the agents' weights; saved with an agent."""
     n_steps: int
     """Control periods of an iteration."""
 

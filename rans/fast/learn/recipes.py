@@ -187,7 +187,7 @@ _GRADIENT_REPORTS = 24
 
 
 def by_gradient(config: TrainConfig) -> TrainConfig:
-    """The same training by the gradient through the motion, with numbers that are known to work."""
+    """Training of the same agent by the gradient learner, with hyper-parameters that are known to work."""
     return replace(
         config,
         algorithm="gradient",
