@@ -20,7 +20,11 @@ import gymnasium
 from rans.api import certify, compare, evaluate, load_agent, optimal_trajectory, train, validate
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
-from rans.model.conditions import (
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.timing import Timing
+from rans.pretrained import pretrained_names
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -29,11 +33,7 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.conditions_file import conditions_names, load_conditions
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
-from rans.model.timing import Timing
-from rans.pretrained import pretrained_names
+from rans.randomization.conditions_file import conditions_names, load_conditions
 from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rans.errors import ConfigError, brief, checked, one_of, whole
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import Task, load_task, registered_name
 

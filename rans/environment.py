@@ -14,13 +14,13 @@ from gymnasium.error import ResetNeeded
 from rans.effectors.commands import action_space, check
 from rans.episode import Episode, Guard, Mover, Setup, World, step
 from rans.errors import ConfigError, brief, checked
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
 from rans.tasks.derived import example

@@ -17,15 +17,15 @@ from rans.effectors.motion import states_at_looks
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.case import Case, Influences, draw, examples
-from rans.model.conditions import Conditions
 from rans.model.dynamics import NODES
 from rans.model.fields import Field, finite, leaves, map_leaves, where
-from rans.model.memory import Memory
 from rans.model.random import Draws
-from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.case import Case, Influences, draw, examples
+from rans.randomization.conditions import Conditions
+from rans.randomization.memory import Memory
+from rans.randomization.sensors import reading
 from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition

@@ -14,12 +14,12 @@ from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.scenario import Scenario
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms

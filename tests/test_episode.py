@@ -17,18 +17,18 @@ from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.body import Body
-from rans.model.conditions import (
-    Conditions,
-    SensorConditions,
-    SensorsConditions,
-    ThrusterConditions,
-)
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.show.scene import Motion

@@ -27,6 +27,7 @@ LAYERS: list[set[str]] = [
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},
     {"rans.effectors"},
+    {"rans.randomization"},
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},
     {"rans.verdict"},

@@ -25,12 +25,12 @@ from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.config import Failures, GradientSettings, PPOSettings
 from rans.fast.learn.recipes import by_gradient, training
 from rans.flight import fly
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
-from rans.model.conditions_file import CONDITIONS
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
+from rans.randomization.conditions_file import CONDITIONS
 from rans.scenario import scenarios
 from rans.shown import meanings
 from rans.structure import structure

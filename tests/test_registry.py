@@ -15,8 +15,8 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft_file import SPACECRAFT
+from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import Registry
 from rans.tasks import TASKS, GoToPose, SingleTask
 

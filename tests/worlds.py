@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rans.model.conditions import (
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,

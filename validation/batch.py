@@ -19,7 +19,7 @@ from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.files import environment, write_json
-from rans.model.conditions import Conditions
+from rans.randomization.conditions import Conditions
 from rans.verdict import FlightAccumulator, last_fifth
 
 Rows = dict[str, dict[str, Any]]

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from rans.flight import fly
-from rans.model.conditions import Conditions
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from rans.episode import Setup, World
-from rans.model.conditions import (
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -21,8 +23,6 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation.chance import all_pairs, even_check, independence_check, share_check, uniform_check

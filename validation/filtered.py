@@ -17,9 +17,9 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import solved
 from rans.flight import Controller, fly
-from rans.model.conditions import Conditions
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
+from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.terminal import Terminal, table
 from validation.robustness import rows

@@ -13,14 +13,14 @@ import numpy as np
 
 from rans.episode import Setup, World
 from rans.flight import Flight, fly
-from rans.model.conditions import (
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import (
     Conditions,
     DisturbanceConditions,
     FaultConditions,
     ThrusterConditions,
 )
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation.chance import even_check, uniform_check

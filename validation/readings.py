@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans.flight import fly
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation.chance import (

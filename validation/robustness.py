@@ -23,7 +23,7 @@ from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.files import number, read_json
 from rans.flight import fly
-from rans.model.conditions import (
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -32,7 +32,7 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.conditions_file import load_conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.verdict import last_fifth
 from validation.batch import Found, Rows, loaded, study

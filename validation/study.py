@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from rans.errors import ConfigError, brief, meant
-from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.progress import Stages, unseen_stages
+from rans.randomization.conditions import Conditions
 from validation.checks import Check, Curve, Skipped, Study
 from validation.closed_loop import closed_loop_checks
 from validation.conditions import condition_checks

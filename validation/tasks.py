@@ -17,11 +17,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, Outcome, Setup, World, step
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws
 from rans.tasks import TASKS, GoToPose, MultiTask, Task
 from validation.checks import Check

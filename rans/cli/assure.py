@@ -72,8 +72,8 @@ class Assure:
         from rans.evaluation.assure.bounds import plan
         from rans.evaluation.assure.search import unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
-        from rans.model.conditions import Conditions
-        from rans.model.conditions_file import conditions_label
+        from rans.randomization.conditions import Conditions
+        from rans.randomization.conditions_file import conditions_label
 
         check_count("--episodes", self.episodes)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):

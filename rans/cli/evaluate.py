@@ -201,8 +201,8 @@ class Evaluate:
     def _place(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and what their files' names end in."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
-        from rans.model.conditions import Conditions
-        from rans.model.conditions_file import conditions_label
+        from rans.randomization.conditions import Conditions
+        from rans.randomization.conditions_file import conditions_label
 
         protocol = "" if self.protocol == "own" else self.protocol
         conditions = ""

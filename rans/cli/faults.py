@@ -12,9 +12,9 @@ from tyro.conf import Positional, arg
 from rans.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rans.model.conditions import FaultKind
-    from rans.model.faults import FaultSet
     from rans.model.spacecraft import Spacecraft
+    from rans.randomization.conditions import FaultKind
+    from rans.randomization.faults import FaultSet
 
 _NUMBERS = {1: "one", 2: "two"}
 
@@ -66,7 +66,7 @@ class Faults:
 
 def _looked_at(craft: Spacecraft) -> dict[tuple[FaultKind, int], list[FaultSet]]:
     """Hundreds of thrusters have tens of thousands of pairs, at some milliseconds each."""
-    from rans.model.faults import fault_sets
+    from rans.randomization.faults import fault_sets
     from rans.terminal import progress
 
     kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")

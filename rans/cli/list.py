@@ -14,8 +14,6 @@ from tyro import conf
 from rans.errors import ConfigError, brief, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import (
@@ -24,6 +22,8 @@ from rans.pretrained import (
     pretrained_folder,
     pretrained_names,
 )
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import CONDITIONS, load_conditions
 from rans.registry import Registry, resolve_typed
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (

@@ -118,7 +118,7 @@ class Train:
         from rans.fast.learn.config import from_table, to_table
         from rans.fast.learn.recipes import by_gradient, training
         from rans.fast.learn.run_folder import read_config
-        from rans.model.conditions_file import load_conditions
+        from rans.randomization.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
             raise ConfigError(

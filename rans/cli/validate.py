@@ -9,8 +9,8 @@ from rich.text import Text
 
 from rans.cli import laboratory
 from rans.files import ready_folder
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions_file import load_conditions
 from rans.terminal import Terminal, progress, stages, verdict
 
 

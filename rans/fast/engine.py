@@ -23,13 +23,13 @@ from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot,
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.derived import layout

@@ -13,9 +13,9 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.model.body import Body
-from rans.model.case import examples
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.case import examples
 
 
 class Known:
@@ -62,7 +62,7 @@ class Quantity(NamedTuple):
     """A number that differs from episode to episode, told with zero mean and unit variance."""
 
     place: int
-    """Among the leaves of `rans.model.case.Case`."""
+    """Among the leaves of `rans.randomization.case.Case`."""
     mean: float
     """Over many episodes."""
     spread: float

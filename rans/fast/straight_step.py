@@ -18,9 +18,9 @@ from torch import Tensor
 from rans.episode import Episode, World
 from rans.fast.kernels.program import Program, Shape, Store, trace
 from rans.fast.step import Backend, Step, step_arrays, step_tensors
-from rans.model.faults import sets_among
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
+from rans.randomization.faults import sets_among
 
 if TYPE_CHECKING:
     from rans.fast.straight import Memory

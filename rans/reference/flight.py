@@ -12,15 +12,15 @@ from rans.episode import Guard, Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.accuracy import gyroscopic_rate, spin_up
 from rans.model.body import Body
-from rans.model.case import Influences
-from rans.model.conditions import Conditions
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.valves import Lag
+from rans.randomization.case import Influences
+from rans.randomization.conditions import Conditions
+from rans.randomization.valves import Lag
 from rans.reference.nozzles import Failure, Nozzles
 from rans.reference.parts import designed
 from rans.reference.plant import Plant

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from rans.model.conditions import FaultKind
-from rans.model.faults import FaultSet
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import FaultKind
+from rans.randomization.faults import FaultSet
 from rans.show.figures import styled
 from rans.show.panels import GREEN, RED, label
 

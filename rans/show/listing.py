@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
-from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.shown import default, meanings
 from rans.tasks import Task, observation_columns
 from rans.tasks.base import UNITS

@@ -11,8 +11,8 @@ from rans.drawing import draw_layout
 from rans.errors import legible
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions
 from rans.show.comparison_tables import scoreboard
 from rans.show.listing import (
     Listing,

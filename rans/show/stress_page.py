@@ -15,7 +15,7 @@ from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
 from rans.evaluation.stress.run import Stress
 from rans.files import environment, inside, write_json, write_text
-from rans.model.conditions_file import conditions_text
+from rans.randomization.conditions_file import conditions_text
 from rans.show import stress_figures as figures
 from rans.show.page import Finding, Page, Picture, Section, Table, header
 from rans.tasks.base import UNITS

@@ -13,7 +13,7 @@ from rans.cli import main
 from rans.cli.sweep import Sweep
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.learn.run_folder import RunFolder
-from rans.model.conditions_file import load_conditions
+from rans.randomization.conditions_file import load_conditions
 
 TINY = {
     "ppo.n_envs": "16",

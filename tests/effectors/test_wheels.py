@@ -110,7 +110,7 @@ def test_a_wheel_turns_a_craft_whose_thrusters_cannot() -> None:
 
 def test_a_wheel_makes_up_for_thrusters_that_turn() -> None:
     """Four thrusters through the centre of mass: with a wheel no dead one leaves it steerable, whole it is."""
-    from rans.model.faults import margin
+    from rans.randomization.faults import margin
 
     pushes = [((0.0, 0.0), way, 1.0) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))]
     craft = Spacecraft.planar("cross", 5.0, 0.1, pushes, wheels=WHEELED.wheels)

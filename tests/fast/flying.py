@@ -11,9 +11,9 @@ from rans.episode import Setup
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.network import Network
 from rans.fast.symmetry import symmetries
-from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.tasks import GoToPose
 from rans.tasks.base import Task
 from rans.tasks.derived import layout

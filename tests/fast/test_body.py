@@ -15,8 +15,8 @@ from torch._dynamo.utils import counters
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.body import Body
-from rans.model.conditions import SensorConditions
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import SensorConditions
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.kernels.host import HostKernel, needs_compiler

@@ -12,10 +12,10 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.fast.step import Step
-from rans.model.conditions import Conditions, FaultConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
 from tests.fast import engines
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, torch_engine

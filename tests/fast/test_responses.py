@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 from rans.episode import Setup, World, step
 from rans.fast.filters import Filters
 from rans.fast.responses import Response
-from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import TASKS
 from rans.tasks.derived import layout

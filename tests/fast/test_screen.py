@@ -16,9 +16,9 @@ from rans.fast import screen
 from rans.fast.flights import Flights
 from rans.fast.learn.architecture import Architecture
 from rans.flight import fly
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout

@@ -11,9 +11,9 @@ import numpy as np
 from rans.episode import Setup, World, step
 from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from rans.tasks.base import observation

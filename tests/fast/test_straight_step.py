@@ -13,9 +13,9 @@ from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import step_arrays
 from rans.fast.straight_step import ArrayStep
-from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.tasks import TASKS, GoToPose
 from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.kernels.host import compare

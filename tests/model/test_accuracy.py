@@ -16,17 +16,17 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
-from rans.model.case import Influences
-from rans.model.conditions import (
+from rans.model.fields import Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.case import Influences
+from rans.randomization.conditions import (
     Conditions,
     DisturbanceConditions,
     FaultConditions,
     ThrusterConditions,
 )
-from rans.model.fields import Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
 from tests.crafts import nasty_planar, nasty_spatial

@@ -9,10 +9,10 @@ import torch
 
 from rans.fast import Engine
 from rans.flight import Flight, fly
-from rans.model.conditions import Conditions
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from tests.crafts import nasty_planar, nasty_spatial

@@ -13,11 +13,11 @@ import torch
 
 from rans.flight import Flight, fly
 from rans.model.actuators import Pulsed, Throttle
-from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.reference.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine

@@ -12,10 +12,10 @@ import torch
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.actuators import OnOff, Pulsed, Throttle
-from rans.model.conditions import Conditions, FaultConditions, FaultKind, ThrusterConditions
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, FaultConditions, FaultKind, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.reference.random_flights import TASK

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import rans.episode
-import rans.model.case
 import rans.model.dynamics
-import rans.model.valves
+import rans.randomization.case
+import rans.randomization.valves
 from rans.flight import Flight
 from rans.model.dynamics import Wrench
 from rans.model.fields import Heading
-from rans.model.valves import Lag
+from rans.randomization.valves import Lag
 from rans.reference.flight import fly_in_drake
 from tests.reference.random_flights import PLANE, Random, flown, in_engine
 from tests.worlds import EFFECTS
@@ -43,9 +43,9 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.model.case.pieces
+        true = rans.randomization.case.pieces
         monkeypatch.setattr(
-            rans.model.case,
+            rans.randomization.case,
             "pieces",
             lambda craft, body, commands, lag, period: true(
                 craft, body, commands, change(lag), period
@@ -64,9 +64,9 @@ swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.case.pieces
+    true = rans.randomization.case.pieces
     monkeypatch.setattr(
-        rans.model.case,
+        rans.randomization.case,
         "pieces",
         lambda craft, body, commands, *rest: true(
             craft, body, (commands[0], *reversed(commands[1:])), *rest
@@ -77,7 +77,7 @@ def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None
 def change_thrust(monkeypatch: pytest.MonkeyPatch, name: str, change: Callable[[Any], Any]) -> None:
     """A function of thrusters and a body, wherever it is called, for a body that is changed."""
     true = getattr(rans.model.dynamics, name)
-    for module in (rans.model.dynamics, rans.model.valves):
+    for module in (rans.model.dynamics, rans.randomization.valves):
         monkeypatch.setattr(module, name, lambda craft, told, body: true(craft, told, change(body)))
 
 
@@ -92,10 +92,10 @@ def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.case.failing
+    true = rans.randomization.case.failing
     period = 0.2
     monkeypatch.setattr(
-        rans.model.case,
+        rans.randomization.case,
         "failing",
         lambda sound, failed, instant: true(sound, failed, np.ceil(instant / period) * period),
     )

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import rans.episode
-import rans.model.case
 import rans.model.dynamics
 import rans.model.fields
 import rans.model.rotation
-import rans.model.sensors
+import rans.randomization.case
+import rans.randomization.sensors
 import rans.tasks.go_to_pose
 import validation.dynamics
 import validation.engines
@@ -303,7 +303,9 @@ def torques_to_one_side(true: Any, random: Random, size: Any) -> Any:
 
 
 def pushes_from_the_stream_of_swings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(rans.model.case._STREAMS, "push", rans.model.case._STREAMS["swing"])
+    monkeypatch.setitem(
+        rans.randomization.case._STREAMS, "push", rans.randomization.case._STREAMS["swing"]
+    )
 
 
 def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
@@ -313,7 +315,7 @@ def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any
 def noise_of_all_quantities_alike(
     true: Any, states: Any, sensors: Any, random: Any, *rest: Any
 ) -> Any:
-    first = random(rans.model.sensors.PER_STEP)
+    first = random(rans.randomization.sensors.PER_STEP)
     return true(states, sensors, lambda _: copy.copy(first), *rest)
 
 
@@ -381,14 +383,18 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, pushes_from_the_stream_of_swings, "draws"),
     (PLANE, changed(World, "read", noise_new_every_other_period), "readings"),
     (SPACE, changed(rans.episode, "reading", noise_of_all_quantities_alike), "readings"),
-    (SPACE, changed(rans.model.sensors, "_turned", turned_in_world), "readings"),
+    (SPACE, changed(rans.randomization.sensors, "_turned", turned_in_world), "readings"),
     (PLANE, changed(rans.episode, "reading", a_period_less_late), "readings"),
     (PLANE, changed(rans.episode, "reading", truth_after_a_dropout), "readings"),
     (PLANE, changed(rans.episode, "reading", sensors_that_stop_at_another_moment), "readings"),
-    (SPACE, changed(rans.model.sensors, "_drawn_outage", outages_at_the_same_moment), "draws"),
+    (
+        SPACE,
+        changed(rans.randomization.sensors, "_drawn_outage", outages_at_the_same_moment),
+        "draws",
+    ),
     (PLANE, changed(World, "influences", a_period_early), "onsets"),
     (SPACE, changed(World, "influences", a_period_late), "onsets"),
-    (PLANE, changed(rans.model.case.Hold, "obeyed", valves_that_need_not_stay), "onsets"),
+    (PLANE, changed(rans.randomization.case.Hold, "obeyed", valves_that_need_not_stay), "onsets"),
     (PLANE, changed(rans.episode, "Transition", reward_of_the_state_before), "tasks"),
     (SPACE, changed(Prices, "prices", a_price_left_out), "tasks"),
     (PLANE, changed(rans.tasks.go_to_pose, "nearness", reward_of_one_scale), "tasks"),

@@ -20,9 +20,9 @@ from rans.cli import COMMANDS
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import read_config
 from rans.fast.step import Step
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.model.timing import Timing
+from rans.randomization.conditions_file import load_conditions
 from validation.breaking import __main__ as campaign
 from validation.breaking import steps, training, trial
 from validation.breaking.__main__ import Breaking, Tally

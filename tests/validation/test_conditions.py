@@ -7,17 +7,17 @@ from dataclasses import replace
 import pytest
 
 import rans.model.dynamics
-import rans.model.valves
+import rans.randomization.valves
 from rans.errors import ConfigError
-from rans.model.conditions import (
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
     FaultConditions,
     ThrusterConditions,
 )
-from rans.model.conditions_file import load_conditions
-from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions_file import load_conditions
 from tests.worlds import EFFECTS
 from validation.checks import Check
 from validation.conditions import condition_checks, effect_groups
@@ -48,7 +48,7 @@ def test_groups_leave_nothing_out() -> None:
 
 def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench_of
-    for module in (rans.model.dynamics, rans.model.valves):
+    for module in (rans.model.dynamics, rans.randomization.valves):
         monkeypatch.setattr(
             module,
             "wrench_of",

@@ -14,9 +14,9 @@ from rans.evaluation.measure.metrics import settling_times, solved
 from rans.fast.saved import AGENT as AGENT_FILE
 from rans.fast.saved import read_policy
 from rans.flight import fly
-from rans.model.conditions import Conditions, FaultConditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
+from rans.randomization.conditions import Conditions, FaultConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation import faults

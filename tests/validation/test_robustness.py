@@ -13,8 +13,8 @@ from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
 from rans.fast.saved import AGENT as AGENT_FILE
 from rans.fast.saved import read_policy
 from rans.flight import fly
-from rans.model.conditions import Conditions, ThrusterConditions, largest
 from rans.pretrained import pretrained_folder
+from rans.randomization.conditions import Conditions, ThrusterConditions, largest
 from rans.scenario import scenarios
 from validation import robustness
 from validation.batch import Found, flown, loaded

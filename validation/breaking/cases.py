@@ -16,9 +16,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from rans.fast.learn.config import PPOSettings, TrainConfig, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_names
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import TASKS, GoToPose
 from validation.breaking.damage import damaged_bytes, damaged_text
 from validation.breaking.trial import Command, apart

@@ -16,11 +16,11 @@ from rans.fast.engine import Engine
 from rans.fast.step import Step
 from rans.model.accuracy import FARTHEST, WILDEST
 from rans.model.body import Body
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import TASKS, Task
 
 _STEPS = 64

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import torch
 
 from rans.fast.engine import Engine
-from rans.model.conditions import (
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -24,9 +26,7 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.conditions_file import load_conditions
-from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
 from validation.speed.engine import engine_rate
 from validation.speed.measurement import Clock

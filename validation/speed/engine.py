@@ -8,8 +8,8 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.graph import graphed
 from rans.fast.step import Step
-from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions
 from rans.tasks import Task
 from validation.speed.measurement import Clock, Measurement
 from validation.speed.roofline import step_work

@@ -24,9 +24,9 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.network import Network
 from rans.files import environment as this_environment
 from rans.files import read_json
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import conditions_text
 from rans.progress import Progress, Stages, unseen, unseen_stages
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import conditions_text
 from rans.verdict import Failure, kinds_of_failure
 
 

@@ -21,11 +21,11 @@ from rans.fast.flights import BATCH, Flights
 from rans.fast.learn.network import Network
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
-from rans.model.conditions import bounds
 from rans.model.fields import Field, floor, where
 from rans.model.random import Draws, Random
-from rans.model.sensors import PER_STEP
 from rans.processes import processors
+from rans.randomization.conditions import bounds
+from rans.randomization.sensors import PER_STEP
 from rans.structure import is_range
 
 Slot = tuple[int, int]

@@ -10,8 +10,8 @@ import rans
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import agent_folder
 from rans.fast.learn.run_folder import RunFolder
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import conditions_text
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import conditions_text
 
 
 def hashes(spec: str, setup: Setup) -> dict[str, str]:

@@ -20,10 +20,10 @@ from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
 from rans.flight import Controller, Flight
-from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
 from rans.progress import Progress, unseen
+from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.randomization.conditions_file import load_conditions
 from rans.verdict import Failure
 
 _LARGEST = 2.0

@@ -17,11 +17,11 @@ from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
 from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, fly
-from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.progress import Progress, unseen
+from rans.randomization.conditions import Conditions
 from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
 from rans.tasks.goal_set import arrived

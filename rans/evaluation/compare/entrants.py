@@ -27,8 +27,8 @@ from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
 from rans.flight import Controller
-from rans.model.conditions import Conditions
 from rans.model.random import seed_words
+from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
 from rans.tasks.derived import check_dimension
 from rans.tasks.go_to_pose_priced import KnobPositions

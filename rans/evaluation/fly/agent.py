@@ -17,10 +17,10 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
 from rans.flight import Controller
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import Task
 from rans.tasks.derived import layout
 

@@ -11,15 +11,15 @@ from math import radians
 import numpy as np
 
 from rans.files import distinct
-from rans.model.conditions import (
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import (
     Conditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
 from rans.files import first_line
 from rans.flight import Controller
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.processes import Workers
 from rans.progress import Stages, unseen_stages
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())

@@ -22,10 +22,10 @@ from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.step import Step
-from rans.model.conditions import Conditions
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.tasks import Task
 from rans.tasks.sight import Dimension
 

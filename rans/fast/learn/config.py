@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps
-from rans.model.conditions import Conditions
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 

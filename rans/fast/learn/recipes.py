@@ -17,10 +17,10 @@ import torch
 from rans.errors import ConfigError, brief, meant
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.pretrained import RECIPE_FOLDER
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import CONDITIONS, load_conditions
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
 from rans.tasks import TASKS
 

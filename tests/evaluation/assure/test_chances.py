@@ -22,10 +22,10 @@ from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
-from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
-from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
 from rans.model.random import Random
+from rans.randomization.conditions import BodyConditions, Conditions, SensorsConditions
+from rans.randomization.conditions_file import load_conditions
 from rans.verdict import Failure
 
 COUNT = 64

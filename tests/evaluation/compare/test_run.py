@@ -21,12 +21,12 @@ from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
-from rans.model.conditions_file import load_conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
+from rans.randomization.conditions_file import load_conditions
 from rans.show.comparison_page import TEXT, page
 from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
 from rans.show.report import comparison_section

@@ -10,10 +10,10 @@ import pytest
 from rans.evaluation.fly.controllers import UserPolicy
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.flight import fly
-from rans.model.conditions import Conditions
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 

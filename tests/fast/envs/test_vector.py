@@ -14,7 +14,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
-from rans.model.conditions_file import load_conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import gymnasium_ids
 from tests.fast.engines import NEAR, SHORT, actions

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, PLATFORM
 from tests.fast.kernels.host import SEED, compare, needs_compiler

@@ -34,7 +34,7 @@ from tests.fast.training import (
     scatter,
     tiny_trainer,
 )
-from tests.model.cases import FLYER, PLATFORM
+from tests.randomization.cases import FLYER, PLATFORM
 
 SHORT = Timing(episode_steps=20)
 THROTTLED = replace(PLATFORM, actuators=Throttle())

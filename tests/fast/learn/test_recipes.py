@@ -11,10 +11,10 @@ from rans.errors import ConfigError
 from rans.fast.learn.config import from_table, to_table
 from rans.fast.learn.curriculum import Ramp
 from rans.fast.learn.recipes import RECIPES, recipe, training
-from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
 from validation.robustness import SINGLE
 

@@ -17,8 +17,8 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder, run_path
 from rans.fast.learn.trainer import Trainer, check_device
-from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
+from rans.randomization.conditions_file import load_conditions
 from tests.fast.engines import SHORT
 from tests.fast.training import (
     CONFIG,

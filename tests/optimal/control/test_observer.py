@@ -12,7 +12,6 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import solved
 from rans.flight import fly
 from rans.model.body import Body
-from rans.model.conditions import Conditions, DisturbanceConditions
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -20,6 +19,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.mpc import MPC
 from rans.optimal.control.observer import Observer, ObserverMPC, Trust
 from rans.optimal.control.regulator import Deadband
+from rans.randomization.conditions import Conditions, DisturbanceConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 

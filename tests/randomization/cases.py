@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from rans.episode import Episode, Setup, World
-from rans.model.conditions import Conditions
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 

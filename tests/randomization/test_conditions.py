@@ -11,7 +11,8 @@ import pytest
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.model.actuators import Throttle
-from rans.model.conditions import (
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -20,11 +21,10 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.conditions import BodyConditions as Body
-from rans.model.conditions import DisturbanceConditions as Disturbances
-from rans.model.conditions import FaultConditions as Faults
-from rans.model.conditions import ThrusterConditions as Thrusters
-from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import BodyConditions as Body
+from rans.randomization.conditions import DisturbanceConditions as Disturbances
+from rans.randomization.conditions import FaultConditions as Faults
+from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.tasks import GoToPose
 
 

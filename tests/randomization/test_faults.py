@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from scipy.optimize import linprog
 
 import rans
-from rans.model.conditions import FaultKind
-from rans.model.faults import failed, fault_sets, margin
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import FaultKind
+from rans.randomization.faults import failed, fault_sets, margin
 from tests.crafts import spacecraft
 
 PLATFORM = rans.load_spacecraft("floating-platform")

@@ -13,11 +13,11 @@ from scipy import stats
 from rans.episode import Episode, Setup, World
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.case import draw
-from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
-from rans.model.faults import fault_sets
+from rans.randomization.case import draw
+from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
+from rans.randomization.faults import fault_sets
 from rans.scenario import draws
-from tests.model.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
+from tests.randomization.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
 
 
 def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -> Any:

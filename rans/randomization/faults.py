@@ -18,9 +18,9 @@ from itertools import combinations
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.conditions import FaultKind
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, wrenches_either_way
+from rans.randomization.conditions import FaultKind
 
 _LEAST = 1e-6
 """Share of full thrust below which a margin is rounding."""

@@ -11,8 +11,9 @@ import pytest
 from scipy import stats
 
 from rans.episode import step
-from rans.model.case import Case
-from rans.model.conditions import (
+from rans.model.fields import leaves
+from rans.randomization.case import Case
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
@@ -21,9 +22,8 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.fields import leaves
 from rans.scenario import scenarios
-from tests.model.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, case
+from tests.randomization.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, case
 from tests.worlds import EFFECTS
 
 

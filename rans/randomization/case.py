@@ -16,14 +16,14 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 from rans.model.body import Body
-from rans.model.conditions import Conditions, Range, largest
-from rans.model.drawn_faults import Fault, drawn_fault
 from rans.model.dynamics import Piece, Wrench, at_once
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
-from rans.model.sensors import Sensors, drawn_sensors
 from rans.model.spacecraft import Spacecraft
-from rans.model.valves import Lag, failing, pieces
+from rans.randomization.conditions import Conditions, Range, largest
+from rans.randomization.drawn_faults import Fault, drawn_fault
+from rans.randomization.sensors import Sensors, drawn_sensors
+from rans.randomization.valves import Lag, failing, pieces
 
 
 @dataclass(frozen=True)

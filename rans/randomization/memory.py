@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rans.model.conditions import Conditions, largest
+from rans.randomization.conditions import Conditions, largest
 
 
 class Memory(NamedTuple):

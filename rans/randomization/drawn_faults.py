@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rans.model.body import Body
-from rans.model.conditions import FaultConditions, FaultKind, bounds, largest, piecewise
-from rans.model.faults import failed, sets_among
 from rans.model.fields import Field, floor, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import FaultConditions, FaultKind, bounds, largest, piecewise
+from rans.randomization.faults import failed, sets_among
 
 
 @dataclass(frozen=True)

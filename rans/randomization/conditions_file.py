@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief, named
 from rans.files import distinct, read_text
-from rans.model.conditions import Conditions
+from rans.randomization.conditions import Conditions
 from rans.registry import Registry, resolve
 from rans.shown import default
 from rans.structure import LARGEST_TOML, merged, read_toml, structure

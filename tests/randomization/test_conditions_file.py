@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from rans.errors import ConfigError
-from rans.model.conditions import Conditions, ThrusterConditions
-from rans.model.conditions_file import CONDITIONS, conditions_text, load_conditions
+from rans.randomization.conditions import Conditions, ThrusterConditions
+from rans.randomization.conditions_file import CONDITIONS, conditions_text, load_conditions
 from tests.worlds import EFFECTS
 
 MIXED = Conditions(

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from rans.episode import Setup, World
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.case import Failing, Influences
 from rans.model.dynamics import PlanarState, SpatialState, at_once
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.timing import Timing
-from rans.model.valves import Lag, failing
+from rans.randomization.case import Failing, Influences
+from rans.randomization.valves import Lag, failing
 from rans.tasks import GoToPose
 from tests.crafts import nasty_planar, nasty_spatial
 

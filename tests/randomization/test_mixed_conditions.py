@@ -10,8 +10,11 @@ import pytest
 
 from rans.episode import Episode, Setup, World
 from rans.errors import ConfigError
-from rans.model.case import Case
-from rans.model.conditions import (
+from rans.model.fields import leaves
+from rans.model.random import Draws
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.case import Case
+from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     FaultConditions,
@@ -19,9 +22,6 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.fields import leaves
-from rans.model.random import Draws
-from rans.model.spacecraft_file import load_spacecraft
 from rans.structure import structure
 from rans.tasks import GoToPose
 

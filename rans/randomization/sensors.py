@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rans.model.conditions import Range, SensorConditions, SensorsConditions, largest
 from rans.model.dynamics import State
 from rans.model.fields import Field, Heading, floor, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.rotation import exponential
+from rans.randomization.conditions import Range, SensorConditions, SensorsConditions, largest
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, World, step
 from rans.errors import ConfigError
-from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from rans.model.timing import Timing
-from tests.model.cases import BOTH, COUNT, LIKELY, begun
+from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
+from tests.randomization.cases import BOTH, COUNT, LIKELY, begun
 
 
 def sensors(what: str, sizes: tuple[float, ...]) -> SensorsConditions:
