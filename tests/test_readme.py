@@ -35,7 +35,7 @@ from rans.scenario import scenarios
 from rans.shown import meanings
 from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
-from tests.reference.random_flights import Random
+from tests.support.random_flights import Random
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

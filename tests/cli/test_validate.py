@@ -13,7 +13,7 @@ import validation.study
 from rans.cli import main
 from rans.model.actuators import Actuators, Pulsed
 from rans.model.spacecraft_file import load_spacecraft
-from tests.crafts import to_toml
+from tests.support.crafts import to_toml
 from validation.checks import Check, Study
 from validation.study import LAYERS, Scope
 

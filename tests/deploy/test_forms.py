@@ -32,7 +32,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import scenarios
-from tests.fast.training import scatter, tiny_learner
+from tests.support.training import scatter, tiny_learner
 from validation.exports import ANSWERS, asked, numpy_answer, unequal
 
 FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]

@@ -23,7 +23,7 @@ from rans.tasks import TASKS, GoToPose
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
 from rans.tasks.sight import Scalar, VectorInW
-from tests.fast.engines import FLYER, PLATFORM, both_crafts
+from tests.support.engines import FLYER, PLATFORM, both_crafts
 from validation.filtered import corrected, gains
 from validation.robustness import rows
 

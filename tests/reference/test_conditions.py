@@ -20,8 +20,8 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
-from tests.reference.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine
-from tests.worlds import EFFECTS, PAIRS
+from tests.support.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine
+from tests.support.worlds import EFFECTS, PAIRS
 from validation.conditions import Watching
 from validation.sampling import gap
 

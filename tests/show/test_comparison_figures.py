@@ -18,8 +18,8 @@ from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, Minim
 from rans.show.comparison_figures import final_error_curves, plane, shares_and_latency, side_by_side
 from rans.show.comparison_tables import RETURN
 from rans.show.panels import BLUE, ORANGE, RED
-from tests.evaluation.flights import flight_of
 from tests.show.test_comparison_tables import NOBODY, comparison, entry
+from tests.support.evaluation_flights import flight_of
 
 HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 """0.24, 0.32, 0.4, 0.6, 0.8 and all of 5 s, s: whole periods of 0.5 s."""

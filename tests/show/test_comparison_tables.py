@@ -15,7 +15,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.comparison_page import page
 from rans.show.comparison_tables import RETURN, gaps, relaxed_rows, scoreboard, to_json
-from tests.evaluation.flights import flight_of
+from tests.support.evaluation_flights import flight_of
 
 NOBODY: Any = None
 """Whoever flew: the flights are there already."""

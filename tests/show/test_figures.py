@@ -25,7 +25,7 @@ from rans.show.figures import episode_figure, evaluation_figure, learning_curve,
 from rans.show.panels import RED
 from rans.show.svg import data_uri, svg
 from rans.tasks import GoToPose
-from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
+from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
 
 ROWS = [
     {

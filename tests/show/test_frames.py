@@ -15,8 +15,8 @@ from rans.show import frames, render
 from rans.show.frames import save_frames
 from rans.show.render import require_egl
 from rans.show.scene import Motion
-from tests.evaluation.flights import flight_of, two_episodes
-from tests.reference.flights import TRACKING, drifting, lqr_flight
+from tests.support.evaluation_flights import flight_of, two_episodes
+from tests.support.reference_flights import TRACKING, drifting, lqr_flight
 
 WIDTH = 480
 HEIGHT = 420

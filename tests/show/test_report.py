@@ -22,8 +22,8 @@ from rans.show.report import (
     report_from_run,
     validation_section,
 )
-from tests.evaluation.flights import two_episodes
 from tests.show.test_figures import ROWS
+from tests.support.evaluation_flights import two_episodes
 
 CHECK = {
     "name": "force",

@@ -22,8 +22,8 @@ from rans.show.scene import (
     velocity_parts,
 )
 from rans.tasks import GoToPose, GoToPosition
-from tests.reference.flights import FLYER, TRACKING, drifting, lqr_flight
 from tests.show.test_craft import corners
+from tests.support.reference_flights import FLYER, TRACKING, drifting, lqr_flight
 
 PLATFORM = load_spacecraft("floating-platform")
 

@@ -13,7 +13,7 @@ from rans.show.figures import evaluation_figure, styled
 from rans.show.page import Picture
 from rans.show.panels import legend_beside
 from rans.show.svg import only_drawn, panels, svg
-from tests.evaluation.flights import two_episodes
+from tests.support.evaluation_flights import two_episodes
 
 PATH = "{http://www.w3.org/2000/svg}path"
 

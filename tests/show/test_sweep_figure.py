@@ -10,7 +10,7 @@ from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep
 from rans.show.panels import ORANGE
 from rans.show.sweep_figure import sweep_figure
-from tests.fast.training import CONFIG, TINY
+from tests.support.training import CONFIG, TINY
 
 
 def sweep() -> Sweep:

@@ -18,8 +18,8 @@ from rans.show.render import require_egl
 from rans.show.scene import Motion
 from rans.show.video import check_video, save_video
 from rans.tasks import GoToPosition
-from tests.evaluation.flights import flight_of
-from tests.reference.flights import TRACKING, drifting
+from tests.support.evaluation_flights import flight_of
+from tests.support.reference_flights import TRACKING, drifting
 
 
 @pytest.fixture

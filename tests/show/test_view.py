@@ -25,8 +25,8 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.scene import BODIES
 from rans.show.view import View
-from tests.processes import PATIENCE
-from tests.reference.flights import TRACKING, drifting, lqr_flight
+from tests.support.processes import PATIENCE
+from tests.support.reference_flights import TRACKING, drifting, lqr_flight
 
 TIMES = (0.0, 2.5, 6.0)
 """s; 2.5 lies in the middle of a control period."""

@@ -10,7 +10,7 @@ import pytest
 from rans.model.fields import leaves
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.show import watch
-from tests.fast.training import tiny_trainer
+from tests.support.training import tiny_trainer
 
 
 class Stop(Exception):

@@ -11,7 +11,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition, TrackVelocity
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 from validation import agents
 from validation.agent_rows import ROWS, Goal, Row
 from validation.agents import Agents, Line, conditions_of, means

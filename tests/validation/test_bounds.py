@@ -16,7 +16,7 @@ from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from tests.optimal.tiny import lopsided
+from tests.support.tiny_lattice import lopsided
 from validation import bounds
 from validation.bounds import Bounds, beaten, points, random_craft
 

@@ -18,7 +18,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.conditions_file import load_conditions
-from tests.worlds import EFFECTS
+from tests.support.worlds import EFFECTS
 from validation.checks import Check
 from validation.conditions import condition_checks, effect_groups
 

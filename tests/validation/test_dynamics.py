@@ -11,7 +11,7 @@ import pytest
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 from validation import dynamics
 from validation.checks import Check
 from validation.dynamics import (

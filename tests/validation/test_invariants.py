@@ -14,7 +14,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 from validation import invariants
 from validation.invariants import (
     _angular_momentum,

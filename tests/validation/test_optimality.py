@@ -16,7 +16,7 @@ from rans.optimal.certificate.certificate import Certificate
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
-from tests.optimal.tiny import PERIOD, fly_everything, instance, lopsided
+from tests.support.tiny_lattice import PERIOD, fly_everything, instance, lopsided
 from validation import optimality
 from validation.command import ended
 from validation.optimality import Optimality, _line, certificate, report

@@ -17,7 +17,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 from validation.sampling import (
     Restless,
     gap_checks,

@@ -21,7 +21,7 @@ import validation.sampling
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
-from tests.validation.mutations import MUTATIONS, PLANE, SHARED, SHARING, SPACE, Patch
+from tests.support.mutations import MUTATIONS, PLANE, SHARED, SHARING, SPACE, Patch
 from validation.checks import Check
 from validation.study import LAYERS, Scope
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
 from rans.reference.plant import Plant
-from tests.crafts import nasty_planar, nasty_spatial, spacecraft, to_toml
+from tests.support.crafts import nasty_planar, nasty_spatial, spacecraft, to_toml
 from validation.checks import Check
 from validation.study import LAYERS, Scope
 

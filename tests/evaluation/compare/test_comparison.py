@@ -16,7 +16,7 @@ from rans.model.timing import Timing
 from rans.show.comparison_figures import gap_histograms
 from rans.show.comparison_tables import gap_rows, gaps
 from tests.evaluation.compare.test_run import CONTEST, IDLE
-from tests.evaluation.flights import flight_of
+from tests.support.evaluation_flights import flight_of
 
 
 def test_half_certified_starts_are_left_out() -> None:

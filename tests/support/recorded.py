@@ -1,6 +1,6 @@
 """The commands of every shipped agent as an earlier revision gave them: what a rebuilt house must give too.
 
-``python -m tests.recorded`` records them anew, which only a change that is meant to change agents does.
+``python -m tests.support.recorded`` records them anew, which only a change that is meant to change agents does.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rans.flight import Flight, fly
 from rans.pretrained import pretrained_names
 from rans.scenario import scenarios
 
-FOLDER = Path(__file__).parent / "data" / "commands"
+FOLDER = Path(__file__).parents[1] / "data" / "commands"
 SEED = 31
 EPISODES = 64
 """Starts that neither training nor evaluation uses."""

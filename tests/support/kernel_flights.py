@@ -17,7 +17,7 @@ from rans.randomization.conditions import Conditions
 from rans.tasks import GoToPose
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
-from tests.fast.training import scatter
+from tests.support.training import scatter
 
 BRIEF = Timing(episode_steps=12)
 WIDE = GoToPose(

@@ -12,7 +12,7 @@ import torch
 from rans.episode import World
 from rans.fast.kernels.flight import FlightKernel
 from rans.fast.learn.network import Network
-from tests.fast.kernels.host import COMPILER
+from tests.support.host_kernels import COMPILER
 
 _RUN = """
 static void* pointers[7];

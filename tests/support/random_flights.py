@@ -15,7 +15,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 """Which never ends before its time."""

@@ -16,7 +16,7 @@ import torch
 from rans.fast.engine import Engine
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Step
-from tests.fast.engines import actions
+from tests.support.engines import actions
 
 COMPILER = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), "")
 COMMAND = (COMPILER, "-std=c++17", "-O0", "-fPIC")

@@ -30,7 +30,7 @@ from rans.model.fields import Heading, Quat, map_leaves
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.rewards import Prices
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 

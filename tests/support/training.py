@@ -28,8 +28,8 @@ from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
 from rans.model.actuators import Throttle
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
-from tests.crafts import random_states
-from tests.fast.engines import NEAR, PLATFORM, SHORT
+from tests.support.crafts import random_states
+from tests.support.engines import NEAR, PLATFORM, SHORT
 
 TINY = PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16))
 CONFIG = TrainConfig(

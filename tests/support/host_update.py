@@ -9,7 +9,7 @@ from pathlib import Path
 from rans.fast.kernels.update import UpdateKernel
 from rans.fast.kernels.update_design import WARPS
 from rans.fast.learn.ppo import PPOLearner
-from tests.fast.kernels.host import COMPILER
+from tests.support.host_kernels import COMPILER
 
 _RUN = """
 static void* pointers[11];
