@@ -476,3 +476,33 @@ def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
     clock = world.timing.next_episode(arrived.clock)
     begun = world.begin(*world.scenario(clock, draws), clock, draws, arrived.body)
     return map_leaves(choose, begun, arrived)
+
+
+class Seen(NamedTuple):
+    """What one step with the next episode begun where one ended gives, in fields of any library."""
+
+    after: Episode
+    """The episode to act in next."""
+    outcome: Outcome
+    """Of the one that acted."""
+    observation: tuple[Field, ...]
+    """Of the episode to act in next."""
+    final_observation: tuple[Field, ...]
+    """Of the state arrived in."""
+
+
+def step_and_restart(
+    world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
+) -> Seen:
+    """`step` and, where an episode ended, `restart`.
+
+    What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
+    begins none as long as none ended.
+    """
+    remembers = episode.parameters is not None
+    outcome = step(world, world.recalled(episode, draws), command, draws)
+    begins = not plain or bool(outcome.ended.any())
+    after = restart(world, outcome, draws) if begins else outcome.episode
+    seen = world.observe(after, draws)
+    final = world.observe(outcome.episode, draws)
+    return Seen(after if remembers else replace(after, parameters=None), outcome, seen, final)

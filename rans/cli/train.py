@@ -156,7 +156,7 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
-        from rans.fast.kernels.driver import open_ahead
+        from rans.compile.cuda.driver import open_ahead
 
         if self.device != "cpu":
             open_ahead()

@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Command, Episode, Outcome, World, restart, step
+from rans.episode import Episode, Seen, World, step_and_restart
 from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
-from rans.model.fields import Field, leaves, map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.timing import Timing
 from rans.tasks.base import goal_after
@@ -49,36 +49,6 @@ class Step(NamedTuple):
     def success(self) -> Tensor:
         """(N,) bool: the episode ended as a success: won, or within the tolerances when time was up."""
         return self.reached & (self.terminated | self.truncated)
-
-
-class Seen(NamedTuple):
-    """One step of fields, in whatever library."""
-
-    after: Episode
-    """The episode to act in next."""
-    outcome: Outcome
-    """Of the one that acted."""
-    observation: tuple[Field, ...]
-    """Of the episode to act in next."""
-    final_observation: tuple[Field, ...]
-    """Of the state arrived in."""
-
-
-def step_and_restart(
-    world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
-) -> Seen:
-    """`rans.episode.step` and, where an episode ended, `rans.episode.restart`.
-
-    What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
-    begins none as long as none ended.
-    """
-    remembers = episode.parameters is not None
-    outcome = step(world, world.recalled(episode, draws), command, draws)
-    begins = not plain or bool(outcome.ended.any())
-    after = restart(world, outcome, draws) if begins else outcome.episode
-    seen = world.observe(after, draws)
-    final = world.observe(outcome.episode, draws)
-    return Seen(after if remembers else replace(after, parameters=None), outcome, seen, final)
 
 
 def stepped(

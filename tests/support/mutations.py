@@ -190,7 +190,7 @@ def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def euler_step(state: Any, load: Any, h: Any, true: Any) -> Any:
-    """Straight on as at the start, from a difference over a millionth of the step."""
+    """CompiledProgram on as at the start, from a difference over a millionth of the step."""
     soon = true(state, load, h * 1e-6)
     return map_leaves(lambda now, then: now + (then - now) * 1e6, state, soon)
 

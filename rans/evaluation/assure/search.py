@@ -18,9 +18,9 @@ from rans.evaluation.assure.rare import numbers
 from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, picked
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
-from rans.fast.learn.network import Network
 from rans.flight import Controller, Flight
 from rans.model.random import generator
+from rans.policy.network import Network
 from rans.progress import Progress, unseen
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.randomization.conditions_file import load_conditions
