@@ -38,6 +38,7 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Dock,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
@@ -110,6 +111,7 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
