@@ -51,6 +51,7 @@ class Dock(OrbitalMission):
     violation_weight: float = 1.0
 
     flag = 5
+    spacecraft: ClassVar[str | None] = "afrl-deputy"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, looks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
