@@ -149,11 +149,10 @@ def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field
         time: time, s; more than zero.
     """
     zero = type(p)(*(0.0 for _ in p.columns()))
-    units = [
-        type(p)(*(float(i == k) for i in range(len(p.columns())))) for k in range(len(p.columns()))
-    ]
+    axes = range(len(p.columns()))
+    units = [type(p)(*(float(i == k) for i in axes)) for k in axes]
     begun, _ = drift.carry(zero, zero, time)
-    reach = [drift.carry(zero, unit, time)[0] - begun for unit in units]
+    reach: Any = [drift.carry(zero, unit, time)[0] - begun for unit in units]
     missing = target - drift.carry(p, zero, time)[0]
     # Cramer's rule.
     if isinstance(missing, Vec2):

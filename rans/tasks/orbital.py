@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
+from typing import Any
 
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift, velocity_to_reach
@@ -94,7 +95,7 @@ class OrbitalMission(SingleTask):
             name: shape.gap(state.p, state.v - goal.v) for name, shape in self.limits(goal).items()
         }
 
-    def velocity_to_gain(self, state: State, goal: State, left: Field) -> Vector:
+    def velocity_to_gain(self, state: Any, goal: Any, left: Field) -> Any:
         """Change of velocity in W, m/s, with which a coasting craft is at the goal after the time left, s."""
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v

@@ -45,7 +45,7 @@ class Shut:
         return np.zeros((len(observation), 6))
 
 
-def at(p: tuple[float, ...], v: tuple[float, ...]) -> SpatialState:
+def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
     """A state of one craft, without rotation."""
     zero = np.zeros(1)
     place = Vec3(*(np.array([x]) for x in p))
@@ -149,7 +149,7 @@ def test_who_is_late_has_failed() -> None:
 
 def test_starts_are_as_documented_or_as_coded() -> None:
     """46.9 % of 64 starts of AFRL's own code were above the limit; here 4,096 are counted."""
-    documented = scenarios(Dock(), DEPUTY, 1, 4096)
+    documented: Any = scenarios(Dock(), DEPUTY, 1, 4096)
     limits = Dock().constraints(documented.start, documented.goal)["speed"]
     assert limits.min() > 0.0
     p = np.array(leaves(documented.start.p))
@@ -158,7 +158,7 @@ def test_starts_are_as_documented_or_as_coded() -> None:
     assert np.mean(np.abs(elevation) > math.radians(60.0)) == pytest.approx(1 / 3, abs=0.03)
     assert np.mean(elevation < 0.0) == pytest.approx(0.5, abs=0.03)
     task = Dock(starts_as_coded=True)
-    coded = scenarios(task, DEPUTY, 1, 4096)
+    coded: Any = scenarios(task, DEPUTY, 1, 4096)
     assert coded.start.p.z.min() > -1e-9
     assert coded.start.v.z.min() > -1e-9
     above = np.mean(task.constraints(coded.start, coded.goal)["speed"] < 0.0)
@@ -178,7 +178,7 @@ def test_every_engine_flies_the_same_mission() -> None:
     assert judged.verdict.failure().tolist() == [Failure.TERMINATED] * 4
     engine = Engine(DEPUTY, task, 4, timing, seed=5, dtype=torch.float64)
     env: Any = gymnasium.make("rans/Dock3D-v0", spacecraft=DEPUTY, task=task, timing=timing)
-    env.reset(seed=5)
+    _, info = env.reset(seed=5)
     for k in range(1, 60):
         engine.step(torch.zeros(4, 6, dtype=torch.float64))
         *_, terminated, truncated, info = env.step(np.zeros(6, np.float32))
