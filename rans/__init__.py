@@ -39,6 +39,7 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Dock,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
@@ -111,6 +112,7 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
