@@ -15,6 +15,7 @@ from rans.tasks.derived import example_state, observation_columns, observation_w
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
@@ -84,6 +85,7 @@ TASKS = Registry(
         "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
         "multi-task": "rans.tasks:MultiTask",
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
+        "land": "rans.tasks:Land",
     },
     _checked,
 )
@@ -142,6 +144,7 @@ __all__ = [
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "MultiTask",
     "SingleTask",
     "Task",
