@@ -17,6 +17,7 @@ from rans.tasks.rewards import Transition
 from rans.tasks.shapes import GlideSlope
 from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
 
+
 @dataclass(frozen=True)
 class Land(SingleTask):
     """Powered descent: land at a site softly, with little propellant, in space with z upwards.

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
-from tests.support.crafts import random_states
+from tests.support.crafts import ANY_CRAFT, FREE_CRAFT, random_states
 
 COUNT = 64
 """Spacecraft in every batch."""
 
 
-@pytest.fixture(params=sorted(TASKS))
+@pytest.fixture(params=sorted(ANY_CRAFT))
 def task(request: pytest.FixtureRequest) -> Any:
     return priced(TASKS[request.param]())
 
@@ -32,7 +32,7 @@ def priced(task: Any) -> Any:
     )
 
 
-@pytest.fixture(params=spacecraft_names())
+@pytest.fixture(params=FREE_CRAFT)
 def craft(request: pytest.FixtureRequest) -> Spacecraft:
     return load_spacecraft(request.param)
 

@@ -214,9 +214,7 @@ def best_landing(
 
     def used(count: int) -> float:
         if count not in known:
-            known[count] = landing(
-                lander, descent, start, count * period, period, side, propellant
-            )
+            known[count] = landing(lander, descent, start, count * period, period, side, propellant)
         found = known[count]
         return math.inf if found is None else found.propellant
 
@@ -372,7 +370,9 @@ class _Problem:
                 values.append(np.zeros(3))
         return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
 
-    def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[sparse.csc_matrix, np.ndarray, int]:
+    def _linear(
+        self, log_mass: np.ndarray, side: Side
+    ) -> tuple[sparse.csc_matrix, np.ndarray, int]:
         """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
         n = self.count
         full = math.log(self.lander.mass)
@@ -439,8 +439,11 @@ class _Problem:
             (descent.velocity_tolerance, _SPEED, 3),
         ):
             if tolerance > 0.0:
-                ball = _selected(-sparse.vstack([sparse.csc_matrix((1, 3)), sparse.eye(3)]),
-                                 7 * n + offset, self.size)
+                ball = _selected(
+                    -sparse.vstack([sparse.csc_matrix((1, 3)), sparse.eye(3)]),
+                    7 * n + offset,
+                    self.size,
+                )
                 cones.append((ball, np.array([tolerance / unit, 0.0, 0.0, 0.0]), 4))
         return cones
 
