@@ -21,8 +21,8 @@ _SOFTENING = 1e-6
 class DescentLaw:
     """Thrust that lands a free point at the origin at rest with the least of haste * time + |acceleration|^2 / 2.
 
-    The acceleration is that of the motion; its thrust bears the weight besides. It changes linearly with time:
-    from -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at the end of the time to go t, which is the positive root of
+    The acceleration is that of the motion; its thrust bears the weight besides. It changes linearly with time, from
+    -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at the end of the time to go t, which is the root of
 
         (haste + g^2 / 2) t^4 - 2 |v|^2 t^2 - 12 p . v t - 18 |p|^2 = 0.
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from rans.model.drift import Drift, UniformGravity
-from rans.model.dynamics import State
-from rans.model.fields import Field, Vec3, cos, sin, where
+from rans.model.dynamics import SpatialState, State
+from rans.model.fields import Field, Quat, Vec3, cos, sin, where
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
@@ -16,6 +16,9 @@ from rans.tasks.descent import DescentLaw
 from rans.tasks.rewards import Transition
 from rans.tasks.shapes import GlideSlope
 from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
+
+_EMPTY = 1e-3
+"""Propellant that counts as none, kg: single precision tells 400 kg from 0.03 g less."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class Land(SingleTask):
     """Reward lost where the ground, the glide slope or the tilt limit is passed."""
 
     symmetric: ClassVar[bool] = False
+    spacecraft: ClassVar[str | None] = "mars-lander-steered"
     timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, looks=2)
 
     @property
@@ -86,12 +90,12 @@ class Land(SingleTask):
         away = random.within(self.start_away)
         across = random.within(self.start_across)
         descent = random.within(self.start_descent)
-        start = started(random, bearing, (distance, altitude), (away, across, -descent))
+        start = upright(bearing, (distance, altitude), (away, across, -descent))
         return start, random.at_rest(random.origin(), random.no_rotation())
 
-    def nominal(self, random: Random) -> State:
+    def nominal_start(self) -> SpatialState:
         """The start of Acikmese and Ploen: (2000, 0, 1500) m, (80, 30, -75) m/s."""
-        return started(random, 0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
+        return upright(0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
 
     def guidance(self, state: State, goal: State) -> DescentLaw:
         """Guidance law from this state to the goal."""
@@ -146,7 +150,7 @@ class Land(SingleTask):
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the tank is empty."""
-        return _propellant(state) <= 0.0
+        return _propellant(state) < _EMPTY
 
 
 def _propellant(state: State) -> Field:
@@ -154,16 +158,12 @@ def _propellant(state: State) -> Field:
     return state.stores[0] if state.stores else 1.0
 
 
-def started(
-    random: Random,
-    bearing: Field,
-    place: tuple[Field, Field],
-    velocity: tuple[Field, Field, Field],
-) -> State:
-    """Upright state seen from the site under a bearing (rad).
+def upright(
+    bearing: Field, place: tuple[Field, Field], velocity: tuple[Field, Field, Field]
+) -> SpatialState:
+    """Upright craft that does not turn, seen from the site under a bearing.
 
     Args:
-        random: of the episode.
         bearing: angle of the horizontal way from the site, from x of W, rad.
         place: horizontal distance and height, m.
         velocity: away from the site, across to the left, and upwards, m/s.
@@ -171,6 +171,10 @@ def started(
     c, s = cos(bearing), sin(bearing)
     distance, altitude = place
     away, across, upwards = velocity
-    v = Vec3(away * c - across * s, away * s + across * c, upwards)
-    state = random.moving(v, random.no_rotation())
-    return replace(state, p=Vec3(distance * c, distance * s, altitude))
+    zero = bearing * 0.0
+    return SpatialState(
+        Vec3(distance * c, distance * s, altitude),
+        Quat(zero + 1.0, zero, zero, zero),
+        Vec3(away * c - across * s, away * s + across * c, upwards),
+        Vec3(zero, zero, zero),
+    )
