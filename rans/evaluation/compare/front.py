@@ -29,7 +29,7 @@ class Point(NamedTuple):
     """Somebody's means over all starts; a place between two of them is theirs in proportion."""
 
     time: float
-    """To be at rest in the goal set, s; who never is counts with the whole episode."""
+    """First at rest in the goal set, s; a flight that never is counts with the whole episode."""
     impulse: float
     """Thrust-time of the episode, N s."""
     error: float
