@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,8 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
             found += ["trade-off input, 0 to 1"]
         else:
             found += _named(columns, known)
-    missing = observation_width(task, len(state.p.columns())) - len(found)
+    dimension = 3 if isinstance(state.w, Vec3) else 2
+    missing = observation_width(task, dimension) - len(found)
     return [*found, *["unused"] * missing]
 
 
@@ -71,7 +72,7 @@ def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:
     }
 
 
-def _named(columns: Sequence[Field], known: dict[str, Sequence[Field]]) -> list[str]:
+def _named(columns: Sequence[Field], known: Mapping[str, Sequence[Field]]) -> list[str]:
     """One meaning for all of an entry's columns."""
     for meaning, values in known.items():
         if len(values) == len(columns) and all(

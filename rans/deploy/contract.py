@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from rans.deploy.columns import meanings, quantities, refused_ranges, valid_ranges
+from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
@@ -25,7 +26,6 @@ from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, largest
 from rans.scenario import drawn, draws
-from rans.shown import default
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
@@ -136,7 +136,8 @@ def contract(
     task = config.settings
     period = config.timing.control_period
     observed_as = example(task, craft.dimension)
-    valid = [tuple(_short(np.array(pair))) for pair in valid_ranges(task, craft.dimension, seen)]
+    wide = np.array(valid_ranges(task, craft.dimension, seen), dtype=np.float32)
+    valid = [(low, high) for low, high in map(_short, wide)]
     columns = [
         {
             "column": at,
