@@ -37,7 +37,7 @@ _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
-"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.epsilon`)."""
+"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.behind`)."""
 
 _RELAXED = (0.4, 0.8)
 """Shares of an episode for which the relaxed optimum is found too."""
