@@ -39,8 +39,8 @@ LAYERS: list[set[str]] = [
     {"rans.deploy"},
     {"rans.show"},
     {"validation"},
-    {"rans.cli"},
     {"rans.api"},
+    {"rans.cli"},
     {"rans.__main__"},
 ]
 """From the bottom up: a module imports from its own package and from lower layers only, so that engines

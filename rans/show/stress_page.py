@@ -18,6 +18,7 @@ from rans.files import environment, inside, write_json, write_text
 from rans.randomization.conditions_file import conditions_text
 from rans.show import stress_figures as figures
 from rans.show.page import Finding, Page, Picture, Section, Table, header
+from rans.shown import Shown
 from rans.tasks.base import UNITS
 
 TEXT = (
@@ -30,7 +31,7 @@ TEXT = (
 
 
 @dataclass(frozen=True)
-class StressReport:
+class StressReport(Shown):
     """What was flown, in the folder that it is written to."""
 
     stress: Stress
@@ -39,6 +40,12 @@ class StressReport:
     """Episodes that are listed of each contestant in each world."""
     made_by: str = ""
     """The command."""
+
+    def __repr__(self) -> str:
+        held = ", ".join(
+            f"{row[0]} {'/'.join(cell or '-' for cell in row[1:])} %" for row in self.named_rows()
+        )
+        return f"<StressReport of {self.title()}: held in {held}>"
 
     def write(self) -> None:
         """Write stress.html, stress.json and a file of conditions for every world."""

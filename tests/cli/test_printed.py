@@ -14,7 +14,6 @@ import validation.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details
-from rans.cli.progress import TrainingProgress, describe, describe_terms
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
@@ -23,6 +22,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import objective_of
 from rans.show.layout_text import layout_text
 from rans.show.listing import Listing
+from rans.show.progress import TrainingProgress, describe, describe_terms
 from validation.checks import Check, Skipped, Study
 
 
