@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from rans import display
 from rans.api import (
     Agent,
     assure,
@@ -206,6 +207,16 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _as_html(value: Any) -> str:
+    """A value as HTML for a notebook; the renderer is imported when the first one is displayed."""
+    from rans.show.pages.notebook import html
+
+    return html(value)
+
+
+display.html_renderer = _as_html
 
 
 def _enrol(task_name: str) -> None:

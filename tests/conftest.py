@@ -16,7 +16,7 @@ from hypothesis import settings
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.tasks import TASKS
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
@@ -107,13 +107,13 @@ def shipped(request: pytest.FixtureRequest) -> Spacecraft:
 
 @pytest.fixture
 def planar_craft() -> Spacecraft:
-    """See `tests.crafts.nasty_planar`."""
+    """See `tests.support.crafts.nasty_planar`."""
     return nasty_planar()
 
 
 @pytest.fixture
 def spatial_craft() -> Spacecraft:
-    """See `tests.crafts.nasty_spatial`."""
+    """See `tests.support.crafts.nasty_spatial`."""
     return nasty_spatial()
 
 

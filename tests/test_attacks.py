@@ -23,8 +23,8 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, read_json, read_text, regular, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
-from tests.fast.engines import NEAR, PLATFORM, SHORT
-from tests.fast.training import after, ignore, resumed, tiny_trainer
+from tests.support.engines import NEAR, PLATFORM, SHORT
+from tests.support.training import after, ignore, resumed, tiny_trainer
 
 ROOT = Path(__file__).parents[1]
 PLATFORM_TEXT = spacecraft_text("floating-platform")

@@ -11,7 +11,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft
-from tests.crafts import nasty_spatial
+from tests.support.crafts import nasty_spatial
 
 
 def test_a_steady_push_is_the_parabola() -> None:

@@ -34,7 +34,7 @@ from rans.files import (
     write_json,
     write_text,
 )
-from tests.processes import PATIENCE, ROOT, python
+from tests.support.processes import PATIENCE, ROOT, python
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:

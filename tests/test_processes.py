@@ -18,7 +18,7 @@ import pytest
 
 from rans.errors import RansError
 from rans.processes import Workers, beside, submitted
-from tests.processes import wait_until
+from tests.support.processes import wait_until
 
 _made: list[str] = []
 

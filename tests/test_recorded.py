@@ -12,7 +12,7 @@ from rans.evaluation.measure.metrics import solved
 from rans.flight import Flight, fly
 from rans.pretrained import pretrained_card, pretrained_names
 from rans.scenario import scenarios
-from tests.recorded import EPISODES, flown, recorded
+from tests.support.recorded import EPISODES, flown, recorded
 
 
 @pytest.fixture(scope="module", params=pretrained_names())

@@ -24,8 +24,8 @@ from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
-from tests.fast.training import CONFIG, after, ignore, tiny_trainer
-from tests.processes import ROOT
+from tests.support.processes import ROOT
+from tests.support.training import CONFIG, after, ignore, tiny_trainer
 
 MODULE = """
 from pathlib import Path

@@ -15,7 +15,7 @@ from rans.model.fields import Heading, Vec2
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
 from rans.verdict import Failure, FlightAccumulator, kinds_of_failure, last_fifth
-from tests.fast.engines import PLATFORM
+from tests.support.engines import PLATFORM
 
 STEPS = 10
 COUNT = 4000

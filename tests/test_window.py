@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from rans.window import Window, tiled
-from tests.processes import PATIENCE
+from tests.support.processes import PATIENCE
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Controller, Flight
-    from rans.show.stress_page import StressReport
+    from rans.show.pages.stress_page import StressReport
 
 _COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
 """Files of a run that `Agent.save` copies beside the policy."""
@@ -61,7 +61,7 @@ class Agent:
         return repr(self.run)
 
     def _repr_html_(self) -> str:
-        from rans.show.notebook import listed
+        from rans.show.pages.notebook import listed
 
         conditions = self.conditions
         rows = [

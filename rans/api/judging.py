@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from rans.flight import Flight
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
-    from rans.show.stress_page import StressReport
-    from validation.checks import Study
+    from rans.show.pages.stress_page import StressReport
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
+    from validation.study.checks import Study
 
 SpacecraftLike = str | Path | Spacecraft
 """By name, TOML file or as such."""
@@ -206,7 +206,7 @@ def stress(
         trust: see `compare`.
         workers: processes; None: one per processor.
         output: folder to write stress.html and stress.json into; None: nothing is written, see
-            `rans.show.stress_page.StressReport.write`.
+            `rans.show.pages.stress_page.StressReport.write`.
 
     Raises:
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
@@ -214,8 +214,8 @@ def stress(
     from rans.evaluation.compare.entrants import contest_of, invitations
     from rans.evaluation.stress.run import prepared
     from rans.files import ready_folder
+    from rans.show.pages.stress_page import StressReport
     from rans.show.progress import watched
-    from rans.show.stress_page import StressReport
 
     first, invited = invitations(contestants)
     contest = contest_of(first, whole("episodes", episodes), seed, trust=trust)
@@ -282,7 +282,7 @@ def assure(
     from rans.evaluation.assure.search import unit
     from rans.evaluation.fly.contestants import contestant
     from rans.files import ready_folder, write_json
-    from rans.show.assure_page import page
+    from rans.show.pages.assure_page import page
     from rans.show.progress import watched
 
     if search:
@@ -379,7 +379,7 @@ class Faults:
         return f"<Faults of {self.spacecraft.name}: recoverable are {said}>"
 
     def _repr_html_(self) -> str:
-        from rans.show.notebook import listed
+        from rans.show.pages.notebook import listed
 
         return listed(f"{self.spacecraft.name}: recoverable faults", FAULT_COLUMNS, self.rows())
 
@@ -466,7 +466,7 @@ def validate(
     from rans.show.progress import watched
 
     laboratory.enter()
-    from validation.study import study
+    from validation.study.study import study
 
     met = None if conditions is None else load_conditions(conditions)
     craft = load_spacecraft(spacecraft)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.flight import Flight
-    from rans.show.view import View
+    from rans.show.scene.view import View
     from rans.window import Served
 
 _HEIGHT = 480
@@ -64,7 +64,7 @@ class Replay:
             ConfigError: FFmpeg is not installed, or the name has another ending.
         """
         from rans.show.progress import watched
-        from rans.show.video import check_video, save_video
+        from rans.show.scene.video import check_video, save_video
 
         file = Path(file)
         check_video(file)
@@ -89,7 +89,7 @@ class Replay:
 
     def _made(self) -> View:
         if self._page is None:
-            from rans.show.view import View
+            from rans.show.scene.view import View
 
             self._page = View()
             self._page.show(self.flights, self.title)
@@ -182,7 +182,7 @@ def report(run: str | Path | Agent) -> Path:
     Raises:
         ConfigError: there is no such folder, or it holds no results.
     """
-    from rans.show.report import report_from_run
+    from rans.show.pages.report import report_from_run
 
     if isinstance(run, Agent):
         return run.report()

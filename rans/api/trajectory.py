@@ -53,7 +53,7 @@ class OptimalTrajectory(Optimum):
 
     def plot(self) -> Figure:
         """A figure of path, errors and commands; `ConfigError` where nothing was found."""
-        from rans.show.figures import episode_figure
+        from rans.show.figures.figures import episode_figure
 
         return episode_figure(self.replay("drake"))
 

@@ -18,8 +18,8 @@ def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> No
     Raises:
         ConfigError: the disk refused, or a logger cannot begin.
     """
-    from rans.show.svg import svg
-    from rans.show.sweep_figure import sweep_figure
+    from rans.show.figures.svg import svg
+    from rans.show.figures.sweep_figure import sweep_figure
 
     best = sweep.best()
     rows = [

@@ -53,7 +53,10 @@ def test_a_certificate_from_ones_own_start_is_that_of_the_scenario() -> None:
         (lambda: rans.state((1.0, float("nan"))), "the position must be finite numbers"),
         (lambda: rans.state((0, 0, 0), (0, 0, 0, 0)), "the attitude is a quaternion"),
         (lambda: rans.state((0, 0), velocity=(1, 2, 3)), "the velocity must be 2 finite numbers"),
-        (lambda: rans.state((0, 0), "north"), "the attitude must be numbers"),
+        (
+            lambda: rans.state((0, 0), "north"),  # type: ignore[arg-type]
+            "the attitude must be numbers",
+        ),
         (
             lambda: rans.optimal_trajectory(start=rans.state((0, 0, 0))),
             "the start must be a state of 2 dimensions",

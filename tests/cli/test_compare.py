@@ -14,9 +14,9 @@ from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.run import Comparison
 from rans.model.timing import Timing
 from rans.tasks import GoToPosePriced
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 
-IDLE = "python:tests.evaluation.policies:idle"
+IDLE = "python:tests.support.policies:idle"
 
 
 def test_writes_page_and_numbers(
@@ -73,7 +73,7 @@ def test_a_failure_is_told_and_the_rest_written(
     command = [
         "compare",
         "lqr:go-to-pose-2d",
-        "python:tests.evaluation.policies:broken",
+        "python:tests.support.policies:broken",
         "--with",
         "lqr",
         "--episodes",

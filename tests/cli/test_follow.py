@@ -13,7 +13,7 @@ from rans.cli.follow import Follow
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.tasks import GoToPose, TrackVelocity
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from rans.cli import main
 from rans.fast.learn.config import to_table
 from rans.files import write_json
-from tests.fast.training import CONFIG, after, ignore, tiny_trainer
+from tests.support.training import CONFIG, after, ignore, tiny_trainer
 
 FLOWN = "--episodes", "2", "--seed", "1"
 

@@ -12,9 +12,9 @@ from rans.cli.list import _solved
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.randomization.conditions import Conditions
-from rans.show.layout_text import layout_text
+from rans.show.tables.layout_text import layout_text
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 UNIT_INERTIA = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -141,7 +141,7 @@ WINDY = Conditions(description="windy")
         ("tests.cli.test_list:WINDY", 'description = "windy"'),
         ("tests.cli.test_list:Bare", "no docstring"),
         ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
-        ("tests.crafts:nasty_planar", "Thrusters"),
+        ("tests.support.crafts:nasty_planar", "Thrusters"),
     ],
 )
 def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:

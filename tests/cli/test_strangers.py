@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
-from tests.fast.training import after, ignore, tiny_trainer
-from tests.strangers import trapped
+from tests.support.strangers import trapped
+from tests.support.training import after, ignore, tiny_trainer
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ import pytest
 import rans.evaluation.stress.run as run
 from rans.cli import main
 from rans.evaluation.stress.run import Stress
-from rans.show import stress_figures
-from rans.show.panels import BLUE, ORANGE
+from rans.show.figures import stress_figures
+from rans.show.figures.panels import BLUE, ORANGE
 from tests.evaluation.stress.test_run import FIRST, small
 
 QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]
@@ -54,7 +54,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["stress", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", *QUICK]
+    command = ["stress", "lqr:go-to-pose-2d", "python:tests.support.policies:broken", *QUICK]
     assert main([*command, "--output", "here"]) == 1
     assert "no such layer" in capsys.readouterr().out
     assert "no such layer" in Path("here/stress.html").read_text("utf-8")

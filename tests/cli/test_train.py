@@ -19,8 +19,8 @@ from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
-from tests.fast.training import weights
-from tests.processes import PATIENCE, command
+from tests.support.processes import PATIENCE, command
+from tests.support.training import weights
 
 TINY = {
     "ppo.n_envs": 16,

@@ -21,7 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
 from rans.tasks import GoToPose
 from tests.cli.test_train import tiny
-from tests.processes import PATIENCE, command, wait_until
+from tests.support.processes import PATIENCE, command, wait_until
 
 needs_proc = pytest.mark.skipif(
     not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc"
@@ -160,7 +160,7 @@ def test_every_option_reaches_the_flights(
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
-    monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
+    monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))
     options = [
         "--episodes",
         "3",

@@ -20,7 +20,7 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.scenario import scenarios
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")

@@ -32,8 +32,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import scenarios
-from tests.fast.training import scatter, tiny_learner
-from validation.exports import ANSWERS, asked, numpy_answer, unequal
+from tests.support.training import scatter, tiny_learner
+from validation.records.exports import ANSWERS, asked, numpy_answer, unequal
 
 FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]
 FORMS: tuple[Form, ...] = ("onnx", "numpy")
@@ -67,7 +67,7 @@ def written(folder: Path, network: Network, *forms: Form, title: str = "agent") 
 
 @pytest.mark.parametrize("name", pretrained_names())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
-    """Of 12 steps, more than any remembers; ``python -m validation.exports`` asks 100,000 observations."""
+    """Of 12 steps, more than any remembers; ``python -m validation.records.exports`` asks 100,000 observations."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 250))

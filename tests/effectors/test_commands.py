@@ -15,7 +15,7 @@ from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.dynamics import thrust
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.reference.nozzles import told
-from tests.effectors.crafts import BURNING, CUBESAT, LANDER, WHEELED, platform
+from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, platform
 
 SHUT = platform(actuators=Throttle(0.3, 0.8))
 """Engines of 30 to 80 % that may be shut."""

@@ -32,8 +32,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import DrakeMover
 from rans.scenario import draws, scenarios
-from tests.effectors.crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
-from tests.worlds import EFFECTS
+from tests.support.effector_crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
+from tests.support.worlds import EFFECTS
 
 BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
 """On/off thrusters that use propellant, and a wheel."""
@@ -242,7 +242,7 @@ def test_optimal_control_keeps_to_throttle_levels() -> None:
     from rans.model.actuators import Throttle
     from rans.optimal.trajectory.objectives import MinimumFuel
     from rans.optimal.trajectory.transcription import Transcription
-    from tests.effectors.crafts import platform
+    from tests.support.effector_crafts import platform
 
     craft = platform(actuators=Throttle(0.1, 0.9, always_lit=True))
     task = rans.GoToPose()

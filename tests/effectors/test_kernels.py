@@ -18,12 +18,12 @@ from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import load_task
-from tests.effectors.crafts import CUBESAT, LANDER, commands
 from tests.effectors.test_everywhere import BOTH, task_of, untrained_policy
 from tests.fast.kernels.conftest import on_host  # noqa: F401  (a fixture)
-from tests.fast.kernels.host import needs_compiler
-from tests.fast.kernels.host_flight import HostFlights
-from tests.worlds import EFFECTS
+from tests.support.effector_crafts import CUBESAT, LANDER, commands
+from tests.support.host_flight import HostFlights
+from tests.support.host_kernels import needs_compiler
+from tests.support.worlds import EFFECTS
 
 pytestmark = needs_compiler
 every_craft = pytest.mark.parametrize(

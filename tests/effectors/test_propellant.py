@@ -20,7 +20,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from tests.effectors.crafts import BURNING, LANDER, commands, platform, rocket, states
+from tests.support.effector_crafts import BURNING, LANDER, commands, platform, rocket, states
 
 G0 = 9.80665
 

@@ -18,8 +18,8 @@ from rans.reference.flight import DrakeEnv, DrakeMover
 from rans.scenario import scenarios
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Entry, Scalar
-from tests.effectors.crafts import LANDER
 from tests.effectors.test_everywhere import Scripted
+from tests.support.effector_crafts import LANDER
 
 MARS = 3.7114
 

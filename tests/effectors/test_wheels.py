@@ -19,7 +19,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from tests.effectors.crafts import CUBESAT, UNEVEN, WHEELED, commands, platform, states
+from tests.support.effector_crafts import CUBESAT, UNEVEN, WHEELED, commands, platform, states
 
 FINE = Timing(control_period=1.0, substeps=32)
 

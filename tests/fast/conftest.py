@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from tests.fast.engines import torch_engine
+from tests.support.engines import torch_engine
 
 
 @pytest.fixture(params=["numpy", "torch"])

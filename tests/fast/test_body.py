@@ -18,8 +18,8 @@ from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import SensorConditions
 from rans.tasks import GoToPose
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernels.host import HostKernel, needs_compiler
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.host_kernels import HostKernel, needs_compiler
 
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
 

@@ -12,8 +12,8 @@ from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_network import WIDTH, CpuNetwork
 from rans.fast.learn.selection import likeliest
 from rans.model.spacecraft import Spacecraft
-from tests.fast.engines import FLYER, PLATFORM
-from tests.fast.flying import policy
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.kernel_flights import policy
 
 KINDS: dict[str, tuple[Spacecraft, dict[str, Any]]] = {
     "plane": (PLATFORM, {"layers": (64, 64), "zoom": 8.0}),

@@ -21,9 +21,9 @@ from rans.fast.products import WIDTH
 from rans.fast.symmetry import symmetries
 from rans.tasks import MultiTask
 from rans.tasks.derived import layout
-from tests.fast.engines import FLYER, NEAR, PLATFORM
 from tests.fast.kernels.test_update import collected
-from tests.fast.training import scatter, tiny_learner
+from tests.support.engines import FLYER, NEAR, PLATFORM
+from tests.support.training import scatter, tiny_learner
 
 SIDES: Any = symmetries(PLATFORM)
 

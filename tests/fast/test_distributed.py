@@ -32,9 +32,9 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS
 from tests.cli.test_train import tiny
-from tests.fast.engines import NEAR, PLATFORM, SHORT
-from tests.fast.training import CONFIG, TINY, weights
-from tests.processes import PATIENCE, python
+from tests.support.engines import NEAR, PLATFORM, SHORT
+from tests.support.processes import PATIENCE, python
+from tests.support.training import CONFIG, TINY, weights
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)

@@ -15,7 +15,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
-from tests.fast.engines import (
+from tests.support.engines import (
     FLYER,
     NEAR,
     PLATFORM,

@@ -17,8 +17,17 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
-from tests.fast import engines
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, torch_engine
+from tests.support import engines
+from tests.support.engines import (
+    FLYER,
+    NEAR,
+    PLATFORM,
+    SHORT,
+    actions,
+    both_crafts,
+    run,
+    torch_engine,
+)
 
 
 def compare(

@@ -15,7 +15,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity
-from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
 
 COSTLY = replace(NEAR, switching_weight=0.25)
 MIXED = MultiTask(

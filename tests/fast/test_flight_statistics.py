@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.fast.flight_statistics import QUANTITIES, FlightStatistics, Sums
-from tests.fast.engines import PLATFORM
+from tests.support.engines import PLATFORM
 
 
 def test_sums_have_the_mean_and_its_error() -> None:

@@ -30,9 +30,9 @@ from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from rans.verdict import Failure
-from tests.fast.engines import FLYER, PLATFORM, both_crafts
-from tests.fast.flying import BRIEF, WIDE, policy, setup
-from tests.worlds import EFFECTS
+from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
+from tests.support.worlds import EFFECTS
 
 COUNT = 300
 

@@ -20,8 +20,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from rans.fast.engine import Engine
 from rans.fast.learn.ppo import PPOLearner, act, losses, shown
 from rans.fast.learn.rollout import gae, minibatches, remember
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
-from tests.fast.training import TINY, sb3_twin, tiny_learner
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
+from tests.support.training import TINY, sb3_twin, tiny_learner
 
 SLACK = 1.1
 

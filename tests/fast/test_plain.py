@@ -28,7 +28,7 @@ from rans.model.timing import Timing
 from rans.model.trace import Symbol
 from rans.tasks import GoToPose, MultiTask, Task
 from rans.tasks.rewards import Transition
-from tests.randomization.cases import FLYER, PLATFORM
+from tests.support.draws import FLYER, PLATFORM
 
 SHORT = Timing(episode_steps=40)
 PACKAGE = Path(rans.__file__).parent

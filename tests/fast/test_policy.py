@@ -11,8 +11,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from rans.fast.learn.architecture import Architecture
 from rans.fast.policy import policy_kwargs, policy_spaces, predict
-from tests.fast.engines import both_crafts
-from tests.fast.training import make_network, sb3_policy, scatter, seen, tiny_learner
+from tests.support.engines import both_crafts
+from tests.support.training import make_network, sb3_policy, scatter, seen, tiny_learner
 
 
 @pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])

@@ -16,8 +16,8 @@ from rans.randomization.conditions import BodyConditions, Conditions, ThrusterCo
 from rans.scenario import draws, scenarios
 from rans.tasks import TASKS
 from rans.tasks.derived import layout
-from tests.fast.engines import both_crafts
 from tests.fast.test_filters import COUNT, SEED, TIMING, commands, in_body
+from tests.support.engines import both_crafts
 
 LATE = 0.05
 SLOW = 1.25

@@ -29,7 +29,7 @@ from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
 from rans.fast.saved import AGENT, SavedPolicy, is_agent, packed_actor, read_policy
 from rans.pretrained import pretrained_folder, pretrained_names
-from tests.strangers import older, rewritten, trapped, trapped_weights
+from tests.support.strangers import older, rewritten, trapped, trapped_weights
 
 
 def opened(folder: Path) -> SavedPolicy:

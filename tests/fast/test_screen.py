@@ -23,9 +23,9 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 from rans.tasks.sight import Spin, VectorInW
-from tests.fast.engines import PLATFORM, both_crafts
-from tests.fast.training import tiny_learner
-from validation.batch import loaded
+from tests.support.engines import PLATFORM, both_crafts
+from tests.support.training import tiny_learner
+from validation.records.batch import loaded
 
 COUNT = 32
 SEED = 5

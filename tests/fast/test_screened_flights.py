@@ -18,7 +18,7 @@ from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
-from tests.fast.engines import both_crafts
+from tests.support.engines import both_crafts
 
 COUNT = 64
 SEED = 5

@@ -21,8 +21,8 @@ from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose
-from tests.fast.engines import NEAR, actions
-from tests.processes import PATIENCE
+from tests.support.engines import NEAR, actions
+from tests.support.processes import PATIENCE
 
 PLANE = "rans/GoToPose2D-v0"
 SPACE = "rans/GoToPose3D-v0"

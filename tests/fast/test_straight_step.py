@@ -17,8 +17,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.tasks import TASKS, GoToPose
-from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernels.host import compare
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.host_kernels import compare
 
 
 def pair(*given: Any, **kwargs: Any) -> tuple[Engine, Engine]:

@@ -17,9 +17,9 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import TASKS, MultiTask, observation
-from tests.crafts import nasty_planar, nasty_spatial, random_states
-from tests.fast.engines import FLYER, PLATFORM, both_crafts
-from tests.fast.training import TINY, scatter, tiny_learner
+from tests.support.crafts import nasty_planar, nasty_spatial, random_states
+from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.training import TINY, scatter, tiny_learner
 
 
 def views_of(craft: Spacecraft) -> Symmetries:

@@ -29,7 +29,7 @@ from rans.randomization.conditions import (
 )
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 FLYER = load_spacecraft("free-flyer")
 

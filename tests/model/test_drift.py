@@ -17,7 +17,7 @@ from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity, step_goal
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 LOW_ORBIT = 0.00113

@@ -18,7 +18,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
-from tests.crafts import inertias, nasty_spatial, random_states, spacecraft
+from tests.support.crafts import inertias, nasty_spatial, random_states, spacecraft
 
 FINE = 64
 """Substeps of a spatial control period at which truncation is below 1e-10 for spins of some rad/s."""

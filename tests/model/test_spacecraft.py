@@ -13,7 +13,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import wrench
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 DIAGONAL = 0.7071067811865476
 """Component of a unit vector at 45 degrees."""

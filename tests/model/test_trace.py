@@ -14,7 +14,7 @@ from rans.model.random import hash4
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, Untraceable, ordered, substituted
 from rans.tasks import TASKS, GoToPose
-from tests.fast.engines import FLYER, PLATFORM, both_crafts
+from tests.support.engines import FLYER, PLATFORM, both_crafts
 
 x: Any = Symbol.input("x")
 y: Any = Symbol.input("y")

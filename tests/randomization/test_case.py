@@ -23,8 +23,8 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import scenarios
-from tests.randomization.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, case
-from tests.worlds import EFFECTS
+from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, case
+from tests.support.worlds import EFFECTS
 
 
 def assert_uniform(values: Any, low: float, high: float) -> None:

@@ -10,7 +10,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.randomization.conditions_file import CONDITIONS, conditions_text, load_conditions
-from tests.worlds import EFFECTS
+from tests.support.worlds import EFFECTS
 
 MIXED = Conditions(
     description='Fälle, "quoted" and \x7f',

@@ -17,7 +17,7 @@ from rans.randomization.case import draw
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.randomization.faults import fault_sets
 from rans.scenario import draws
-from tests.randomization.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
+from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
 
 
 def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -> Any:

@@ -19,7 +19,7 @@ from rans.model.timing import Timing
 from rans.randomization.case import Failing, Influences
 from rans.randomization.valves import Lag, failing
 from rans.tasks import GoToPose
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 PERIOD = 0.2
 CRAFTS = {2: nasty_planar(), 3: nasty_spatial()}

@@ -14,7 +14,7 @@ import rans
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import failed, fault_sets, margin
-from tests.crafts import spacecraft
+from tests.support.crafts import spacecraft
 
 PLATFORM = rans.load_spacecraft("floating-platform")
 

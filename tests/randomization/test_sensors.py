@@ -17,7 +17,7 @@ from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
-from tests.randomization.cases import BOTH, COUNT, LIKELY, begun
+from tests.support.draws import BOTH, COUNT, LIKELY, begun
 
 
 def sensors(what: str, sizes: tuple[float, ...]) -> SensorsConditions:

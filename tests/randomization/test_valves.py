@@ -19,7 +19,7 @@ from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.randomization.valves import Lag, pieces
-from tests.crafts import nasty_planar
+from tests.support.crafts import nasty_planar
 
 PERIOD = 0.2
 

@@ -18,7 +18,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
-from tests.reference.random_flights import TASK
+from tests.support.random_flights import TASK
 
 pytestmark = pytest.mark.filterwarnings("ignore:spacecraft 'one thruster'")
 PERIOD = 0.2

@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.reference.flight import DrakeEnv
 from rans.tasks import TASKS, gymnasium_ids
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 NASTY = {
     name: craft

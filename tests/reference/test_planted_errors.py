@@ -19,9 +19,9 @@ from rans.model.dynamics import Wrench
 from rans.model.fields import Heading
 from rans.randomization.valves import Lag
 from rans.reference.flight import fly_in_drake
-from tests.reference.random_flights import PLANE, Random, flown, in_engine
-from tests.worlds import EFFECTS
-from validation.sampling import gap
+from tests.support.random_flights import PLANE, Random, flown, in_engine
+from tests.support.worlds import EFFECTS
+from validation.study.sampling import gap
 
 PLANTED_STEPS = 11
 

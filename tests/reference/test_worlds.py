@@ -22,8 +22,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from tests.crafts import nasty_planar, nasty_spatial, random_states
-from validation.sampling import Restless, gaps
+from tests.support.crafts import nasty_planar, nasty_spatial, random_states
+from validation.study.sampling import Restless, gaps
 
 COUNT = 2
 STEPS = 125

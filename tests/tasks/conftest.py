@@ -12,7 +12,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 
 COUNT = 64
 """Spacecraft in every batch."""

@@ -17,7 +17,7 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced, observation, observation_columns
 from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 
 TASK = GoToPosePriced(thrust_weight=0.1, spin_weight=0.2, misaligned_weight=1.0, price=(0.5, 8.0))
 

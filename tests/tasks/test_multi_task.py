@@ -15,7 +15,7 @@ from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation
 from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 
 COUNT = 500
 TASK = MultiTask(go_to_pose=GoToPose(switching_weight=0.1, evaluation_distance=(2.0, 2.5)))

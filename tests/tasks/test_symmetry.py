@@ -13,7 +13,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks.rewards import Transition
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 from tests.tasks.conftest import COUNT
 
 

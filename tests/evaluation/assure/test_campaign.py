@@ -19,7 +19,7 @@ from rans.evaluation.measure.metrics import solved
 from rans.fast.flight_statistics import FlightStatistics
 from rans.flight import Flight
 from rans.verdict import Failure
-from tests.evaluation.policies import idle
+from tests.support.policies import idle
 
 
 class Fleet:

@@ -33,7 +33,7 @@ from rans.optimal.certificate.hull import staying_time
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
-from tests.crafts import nasty_planar
+from tests.support.crafts import nasty_planar
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose(spawn_distance=(0.5, 0.6))

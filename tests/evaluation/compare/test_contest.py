@@ -20,7 +20,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
 from rans.tasks.goal_set import arrived
-from tests.evaluation.flights import flight_of
+from tests.support.evaluation_flights import flight_of
 
 CRAFT = load_spacecraft("floating-platform")
 CONTEST = Contest(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
@@ -95,7 +95,7 @@ def test_who_never_arrives_is_infinitely_late() -> None:
 
 def test_both_engines_fly_the_same_starts() -> None:
     """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
-    policy = user_policy("python:tests.evaluation.policies:idle", CRAFT, GoToPose())
+    policy = user_policy("python:tests.support.policies:idle", CRAFT, GoToPose())
     timing = Timing(episode_steps=5)
     fast, drake = (
         Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight

@@ -19,7 +19,7 @@ from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-IDLE = "python:tests.evaluation.policies:idle"
+IDLE = "python:tests.support.policies:idle"
 
 
 @pytest.fixture(scope="module")

@@ -27,15 +27,22 @@ from rans.model.timing import Timing
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.randomization.conditions_file import load_conditions
-from rans.show.comparison_page import TEXT, page
-from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
-from rans.show.report import comparison_section
+from rans.show.pages.comparison_page import TEXT, page
+from rans.show.pages.report import comparison_section
+from rans.show.tables.comparison_tables import (
+    RETURN,
+    best_returns,
+    differences,
+    gaps,
+    scoreboard,
+    to_json,
+)
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-IDLE = "python:tests.evaluation.policies:idle"
-SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.evaluation.policies:broken"]
+IDLE = "python:tests.support.policies:idle"
+SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
 CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
 """Starts so near that the searches take little time."""

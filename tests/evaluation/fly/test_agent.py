@@ -19,7 +19,7 @@ from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import spacecraft_text, to_toml
 from rans.scenario import scenarios
 from tests.fast.test_policy import seen
-from tests.fast.training import CONFIG
+from tests.support.training import CONFIG
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])

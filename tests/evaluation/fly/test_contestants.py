@@ -25,7 +25,7 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
 from rans.tasks.multi_task import MultiTask
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 
 
 def untrained(path: Path, **changes: object) -> Path:

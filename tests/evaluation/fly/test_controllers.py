@@ -24,7 +24,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, Task
-from tests.strangers import trapped_weights
+from tests.support.strangers import trapped_weights
 
 HERE = "tests.evaluation.fly.test_controllers"
 SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(episode_steps=3))
@@ -221,8 +221,8 @@ def test_sb3_file_for_something_else(
 
 
 def test_python_function() -> None:
-    policy = user_policy("python:tests.evaluation.policies:full", CRAFT, GoToPose())
-    assert policy.name == "python:tests.evaluation.policies:full"
+    policy = user_policy("python:tests.support.policies:full", CRAFT, GoToPose())
+    assert policy.name == "python:tests.support.policies:full"
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), np.ones((7, 8)))
 
 
@@ -236,7 +236,7 @@ def test_python_function() -> None:
     ],
 )
 def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
-    policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT, GoToPose())
+    policy = user_policy(f"python:tests.support.policies:{name}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match=sentence):
         policy.act(None, None, OBSERVATIONS)
 
@@ -244,10 +244,10 @@ def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
 @pytest.mark.parametrize(
     ("spec", "sentence"),
     [
-        ("python:tests.evaluation.policies:none", "cannot be imported: AttributeError"),
-        ("python:tests.evaluation.policies:PI", "is a float, no function"),
+        ("python:tests.support.policies:none", "cannot be imported: AttributeError"),
+        ("python:tests.support.policies:PI", "is a float, no function"),
         ("python:no_such_module:act", "cannot be imported: ModuleNotFoundError"),
-        ("python:tests.evaluation.policies", "must name a module and a function"),
+        ("python:tests.support.policies", "must name a module and a function"),
         ("python:", "there is no policy 'python:'; known are sb3:"),
         ("sb3:/no/such.zip", "there is no file /no/such.zip"),
         (f"sb3:{__file__}", r"test_controllers\.py is damaged: File is not a zip file"),

@@ -14,7 +14,7 @@ from rans.flight import fly
 from rans.model.fields import leaves
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced
-from tests.fast.training import CONFIG, tiny_trainer
+from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])

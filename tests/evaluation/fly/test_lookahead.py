@@ -24,8 +24,8 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced
 from rans.tasks.goal_set import arrived
-from tests.fast.engines import PLATFORM
-from tests.fast.training import scatter, tiny_learner
+from tests.support.engines import PLATFORM
+from tests.support.training import scatter, tiny_learner
 
 PERIODS = 4
 FAST = "pretrained:go-to-pose-2d-fast"

@@ -16,7 +16,7 @@ from rans.flight import fly
 from rans.model.fields import Vec2
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from tests.evaluation.flights import TrackNothing, flight_of, two_episodes
+from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
 
 LINES = """\
 success | solved | 50 % | 9.45 to 90.5 | within all tolerances at every step of the last fifth
@@ -44,7 +44,7 @@ effort | openings | 0.5 | 0 to 1 | times a thruster opens, an episode
 effort | on-time | 1 s | 0 to 2 | thruster-seconds an episode
 effort | impulse | 1 N s | 0 to 2 | thrust spent an episode
 """
-"""Of two episodes, `tests.evaluation.flights.two_episodes`: a mean of two, resampled, is the one, the other
+"""Of two episodes, `tests.support.evaluation_flights.two_episodes`: a mean of two, resampled, is the one, the other
 or half of both, each with a quarter or more, so that intervals are from the one's to the other's. Those of
 shares of episodes are Wilson's, with z^2 = 3.84: of one of two (50 +- 40.5) %, of none up to z^2 / (2 + z^2).
 """

@@ -22,8 +22,8 @@ from rans.files import write_json
 from rans.model.fields import leaves, map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from tests.evaluation.flights import TrackNothing, flight_of, many_episodes
-from tests.fast.training import ignore, tiny_trainer
+from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes
+from tests.support.training import ignore, tiny_trainer
 
 
 def moved(flight: Any, way: Any) -> Any:

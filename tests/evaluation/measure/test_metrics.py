@@ -29,7 +29,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
+from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
 
 # Distances at random, among them many close to the tolerance of 5 cm.
 distances = hnp.arrays(

@@ -8,7 +8,7 @@ import pytest
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even, holds_to
-from tests.evaluation.flights import flight_of, two_episodes
+from tests.support.evaluation_flights import flight_of, two_episodes
 
 
 def shares(*values: float) -> list[Estimate]:

@@ -85,7 +85,7 @@ def test_slow_controllers_fly_fewer() -> None:
 
 
 def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
-    stress = small("lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", episodes=2)
+    stress = small("lqr:go-to-pose-2d", "python:tests.support.policies:broken", episodes=2)
     stress.fly(workers=1)
     assert len(stress.failures) == 1
     assert "no such layer" in stress.failures[0]

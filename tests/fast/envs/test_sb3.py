@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 
 LENIENT = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)
 """Who does not fail succeeds."""

@@ -17,7 +17,7 @@ from rans.fast.envs.vector import SpacecraftVectorEnv
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import gymnasium_ids
-from tests.fast.engines import NEAR, SHORT, actions
+from tests.support.engines import NEAR, SHORT, actions
 
 PLANE = "rans/GoToPose2D-v0"
 # The settings of `NEAR` are go-to-pose's; the other tasks reach the same code through the conformance suite.

@@ -16,7 +16,7 @@ from gymnasium.wrappers import vector as wrappers
 import rans
 from rans.errors import ConfigError
 from rans.fast.envs.vector import SpacecraftVectorEnv
-from tests.fast.engines import NEAR, SHORT
+from tests.support.engines import NEAR, SHORT
 
 PLANE = "rans/GoToPose2D-v0"
 COUNT = 6

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from tests.fast.kernels.host import HostKernel
+from tests.support.host_kernels import HostKernel
 
 
 @pytest.fixture

@@ -21,11 +21,11 @@ from rans.fast.kernels.launch import CudaError
 from rans.fast.learn.network import Network
 from rans.model.actuators import Throttle
 from rans.tasks import TASKS
-from tests.fast.engines import FLYER, PLATFORM
-from tests.fast.flying import BRIEF, WIDE, policy, setup
-from tests.fast.kernels.host import needs_compiler
-from tests.fast.kernels.host_flight import HostFlights
-from tests.worlds import EFFECTS
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_flight import HostFlights
+from tests.support.host_kernels import needs_compiler
+from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
+from tests.support.worlds import EFFECTS
 
 SEED = 2**40 + 5
 FIRST = 1000

@@ -15,7 +15,7 @@ from rans.fast.learn.member import begin, set_precision
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from rans.tasks import GoToPose
-from tests.fast.engines import FLYER, PLATFORM
+from tests.support.engines import FLYER, PLATFORM
 
 pytestmark = [
     pytest.mark.gpu,

@@ -20,9 +20,9 @@ from rans.model.drift import FREE, Drift, UniformGravity, step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernels.host import SEED, TOLERANCE, compare, needs_compiler
-from tests.worlds import EFFECTS
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
+from tests.support.worlds import EFFECTS
 
 pytestmark = needs_compiler
 

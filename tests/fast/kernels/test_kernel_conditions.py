@@ -12,9 +12,9 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.tasks import GoToPose
-from tests.fast.engines import FLYER, PLATFORM
-from tests.fast.kernels.host import SEED, compare, needs_compiler
-from tests.worlds import EFFECTS, PAIRS
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_kernels import SEED, compare, needs_compiler
+from tests.support.worlds import EFFECTS, PAIRS
 
 pytestmark = needs_compiler
 

@@ -18,8 +18,8 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import TASKS
-from tests.fast.engines import both_crafts
-from tests.fast.kernels.host import compiled_on_host, needs_compiler
+from tests.support.engines import both_crafts
+from tests.support.host_kernels import compiled_on_host, needs_compiler
 
 pytestmark = needs_compiler
 

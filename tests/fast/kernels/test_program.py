@@ -11,7 +11,7 @@ from rans.fast.kernels.program import trace
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, ordered
 from rans.tasks import TASKS
-from tests.fast.engines import both_crafts
+from tests.support.engines import both_crafts
 
 
 @pytest.mark.parametrize("task", TASKS)

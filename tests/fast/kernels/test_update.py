@@ -16,10 +16,10 @@ from rans.fast.kernels.update import Gradients, UpdateProducts
 from rans.fast.kernels.update_design import KernelDesign, UpdateDesign
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
-from tests.fast.engines import FLYER, PLATFORM
-from tests.fast.kernels.host import needs_compiler
-from tests.fast.kernels.host_update import HostUpdate
-from tests.fast.training import scatter, tiny_learner
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_kernels import needs_compiler
+from tests.support.host_update import HostUpdate
+from tests.support.training import scatter, tiny_learner
 
 
 def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from rans.fast.learn.distributions import Duty, OnOff
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
-from tests.fast.training import tiny_learner
+from tests.support.training import tiny_learner
 
 
 def test_probabilities_of_all_actions_add_up_to_one() -> None:

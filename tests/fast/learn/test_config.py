@@ -16,7 +16,7 @@ from rans.fast.learn.config import PPOSettings, TrainConfig, from_table, to_tabl
 from rans.fast.learn.recipes import preset
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
-from tests.fast.training import CONFIG
+from tests.support.training import CONFIG
 
 positive = st.floats(1e-6, 1e3)
 settings = st.builds(

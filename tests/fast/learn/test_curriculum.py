@@ -17,8 +17,8 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
 from rans.tasks import GoToPose, MultiTask
-from tests.fast.engines import PLATFORM, SHORT, actions, run, way_to_go
-from tests.fast.training import CONFIG, after, ignore, resumed, tiny_trainer, weights
+from tests.support.engines import PLATFORM, SHORT, actions, run, way_to_go
+from tests.support.training import CONFIG, after, ignore, resumed, tiny_trainer, weights
 
 TASK = GoToPose(spawn_distance=(0.5, 4.5), switching_weight=0.2)
 NEARER = Ramp("spawn_distance", (0.25, 0.5), duration=1000, begin=200)

@@ -20,8 +20,8 @@ from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import FAILURES_SEED, scenarios
 from rans.tasks import GoToPose
-from tests.fast.engines import SHORT, actions, both_crafts
-from tests.fast.training import CONFIG, after, everything, ignore, resumed, tiny_trainer
+from tests.support.engines import SHORT, actions, both_crafts
+from tests.support.training import CONFIG, after, everything, ignore, resumed, tiny_trainer
 
 HALF = GoToPose(
     spawn_distance=(0.5, 1.0),

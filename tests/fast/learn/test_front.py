@@ -21,9 +21,9 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
-from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.test_policy import seen
-from tests.fast.training import scatter, weights
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
+from tests.support.training import scatter, weights
 
 SMALL: dict[str, Any] = {"n_steps": 8, "layers": (16, 16)}
 
@@ -228,7 +228,7 @@ def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
 def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
     from rans.fast.policy import write_policy
     from rans.fast.saved import read_policy
-    from tests.fast.training import TINY, scatter, tiny_learner
+    from tests.support.training import TINY, scatter, tiny_learner
 
     learner = tiny_learner(continuous=True)
     learner.collect()

@@ -24,7 +24,8 @@ from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, Task
-from tests.fast.training import (
+from tests.support.draws import FLYER, PLATFORM
+from tests.support.training import (
     CONFIG,
     TINY,
     after,
@@ -34,7 +35,6 @@ from tests.fast.training import (
     scatter,
     tiny_trainer,
 )
-from tests.randomization.cases import FLYER, PLATFORM
 
 SHORT = Timing(episode_steps=20)
 THROTTLED = replace(PLATFORM, actuators=Throttle())

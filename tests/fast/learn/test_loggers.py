@@ -12,7 +12,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.fast.learn.loggers import LoggerName, check, loggers
-from tests.fast.training import CONFIG
+from tests.support.training import CONFIG
 
 ROWS: list[dict[str, Any]] = [
     {"steps": steps, "success": 0.5, "steps_per_s": 1e4, "return/position": 7.0}

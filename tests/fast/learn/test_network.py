@@ -22,9 +22,9 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
-from tests.crafts import random_states
-from tests.fast.engines import PLATFORM, both_crafts
-from tests.fast.training import make_network, scatter, seen
+from tests.support.crafts import random_states
+from tests.support.engines import PLATFORM, both_crafts
+from tests.support.training import make_network, scatter, seen
 
 BANK = Filters.of(PLATFORM, GoToPose(), 0.2, (0.01, 1.0))
 

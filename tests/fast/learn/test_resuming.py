@@ -18,8 +18,17 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.scenario import scenarios
-from tests.fast.training import CONFIG, EASY, TINY, after, everything, ignore, resumed, tiny_trainer
-from tests.processes import python
+from tests.support.processes import python
+from tests.support.training import (
+    CONFIG,
+    EASY,
+    TINY,
+    after,
+    everything,
+    ignore,
+    resumed,
+    tiny_trainer,
+)
 
 ROOT = Path(__file__).parents[3]
 WHOLE = replace(CONFIG, report_interval=4)

@@ -14,8 +14,8 @@ from rans.fast.engine import Engine
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, gae, minibatches, remember
 from rans.fast.step import Step
-from tests.fast.engines import NEAR, PLATFORM, both_crafts
-from tests.fast.training import TINY, Buffer64, sb3_twin, scatter, tiny_learner
+from tests.support.engines import NEAR, PLATFORM, both_crafts
+from tests.support.training import TINY, Buffer64, sb3_twin, scatter, tiny_learner
 
 SCALE = 0.5
 

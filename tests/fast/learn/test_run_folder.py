@@ -13,8 +13,8 @@ import torch
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.files import LOCK
-from tests.fast.training import CONFIG
-from tests.processes import PATIENCE, ROOT, python
+from tests.support.processes import PATIENCE, ROOT, python
+from tests.support.training import CONFIG
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ from dataclasses import replace
 from pathlib import Path
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
-from tests.fast.training import CONFIG
+from tests.support.training import CONFIG
 runs = [RunFolder(Path(name)) for name in sys.argv[1:]]
 begin = time.time() + 0.2
 other = os.fork()  # from here on there are two

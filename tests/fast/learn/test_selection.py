@@ -14,8 +14,8 @@ from rans.flight import Flight, fly
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED, scenarios
 from rans.tasks import GoToPose, MultiTask, TrackTwist
-from tests.fast.engines import FLYER, PLATFORM, SHORT, both_crafts
-from tests.fast.training import scatter, tiny_learner
+from tests.support.engines import FLYER, PLATFORM, SHORT, both_crafts
+from tests.support.training import scatter, tiny_learner
 from tests.test_ends import Pass
 
 LENIENT = GoToPose(

@@ -21,8 +21,8 @@ from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
 from rans.fast.step import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
-from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.training import CONFIG, TINY, after, ignore, tiny_trainer
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.training import CONFIG, TINY, after, ignore, tiny_trainer
 
 CHOICES: list[dict[str, Any]] = [
     {"learning_rate": 2.0**-10},  # exact in float32, in which PPO keeps it

@@ -19,8 +19,8 @@ from rans.fast.learn.run_folder import RunFolder, run_path
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
-from tests.fast.engines import SHORT
-from tests.fast.training import (
+from tests.support.engines import SHORT
+from tests.support.training import (
     CONFIG,
     EASY,
     TINY,

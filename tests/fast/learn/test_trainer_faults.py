@@ -16,7 +16,7 @@ from rans.fast.packed import pack, unpack
 from rans.fast.straight_step import ArrayStep
 from rans.files import LOCK
 from rans.tasks import GoToPose
-from tests.fast.training import after, ignore, resumed, tiny_trainer
+from tests.support.training import after, ignore, resumed, tiny_trainer
 
 
 @pytest.mark.filterwarnings(

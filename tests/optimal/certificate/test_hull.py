@@ -30,9 +30,9 @@ from rans.optimal.trajectory.transcription import Transcription
 from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.goal_set import aims
-from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
-from tests.optimal.problems import spatial
-from tests.optimal.tiny import fly_everything, lopsided
+from tests.support.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
+from tests.support.problems import spatial
+from tests.support.tiny_lattice import fly_everything, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

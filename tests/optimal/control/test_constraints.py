@@ -20,7 +20,7 @@ from rans.optimal.control.sampling import MPPI
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition
-from tests.crafts import deputy
+from tests.support.crafts import deputy
 
 THROTTLED = replace(load_spacecraft("floating-platform"), actuators=Throttle())
 TIMING = Timing(episode_steps=100)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rans.model.fields import leaves, map_leaves
 from rans.optimal.control.mpc import around, coordinates, shortest
-from tests.crafts import random_states
+from tests.support.crafts import random_states
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
 

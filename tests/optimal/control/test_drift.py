@@ -32,7 +32,7 @@ from rans.optimal.control.sampling import MPPI
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
-from tests.crafts import deputy
+from tests.support.crafts import deputy
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

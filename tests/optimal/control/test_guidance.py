@@ -25,7 +25,7 @@ from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.regulator import Deadband
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
-from tests.crafts import deputy
+from tests.support.crafts import deputy
 
 MEAN_MOTION = 0.001027
 """rad/s, that of AFRL's docking environment."""

@@ -20,8 +20,8 @@ from rans.optimal.control.regulator import Deadband, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, GoToPose, TrackTwist
-from tests.crafts import nasty_spatial
-from tests.optimal.control.settling import NAMES, SLOWEST
+from tests.support.crafts import nasty_spatial
+from tests.support.settling import NAMES, SLOWEST
 
 TASK = GoToPose().for_evaluation()
 

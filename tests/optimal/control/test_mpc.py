@@ -25,7 +25,7 @@ from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.optimal.control.settling import NAMES, SLOWEST
+from tests.support.settling import NAMES, SLOWEST
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

@@ -17,7 +17,7 @@ from rans.optimal.control.sampling import MPPI, Sampling
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.optimal.control.settling import NAMES, SLOWEST
+from tests.support.settling import NAMES, SLOWEST
 
 PLATFORM = load_spacecraft("floating-platform")
 SHARED = load_spacecraft("floating-platform-shared")

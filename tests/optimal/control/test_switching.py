@@ -27,8 +27,8 @@ from rans.optimal.trajectory.allocation import Patterns
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.crafts import nasty_spatial
-from tests.optimal.control.settling import NAMES, SLOWEST
+from tests.support.crafts import nasty_spatial
+from tests.support.settling import NAMES, SLOWEST
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

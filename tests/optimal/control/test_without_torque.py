@@ -25,7 +25,7 @@ from rans.optimal.trajectory.allocation import Allocation
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
-from tests.crafts import deputy, point
+from tests.support.crafts import deputy, point
 
 KINDS = (LQR, MPC, ObserverMPC, MPPI, Switching)
 CRAFTS = {"deputy": deputy(), "point": point()}

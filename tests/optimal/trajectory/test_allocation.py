@@ -18,7 +18,7 @@ from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.allocation import Allocation, SigmaDelta, rounding
-from tests.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import nasty_planar, nasty_spatial
 
 CRAFTS = [
     load_spacecraft("floating-platform"),

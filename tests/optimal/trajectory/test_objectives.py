@@ -29,8 +29,8 @@ from rans.tasks import (
     TrackVelocity,
     TrackVelocityHeading,
 )
-from tests.crafts import nasty_spatial
-from tests.optimal.problems import (
+from tests.support.crafts import nasty_spatial
+from tests.support.problems import (
     FORWARD,
     PLATFORM,
     TASK,

@@ -14,7 +14,7 @@ from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, Symboli
 from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.processes import PATIENCE, python
+from tests.support.processes import PATIENCE, python
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose(spawn_distance=(3.0, 4.0))

@@ -30,8 +30,8 @@ from rans.optimal.trajectory.transcription import Trajectory, Transcription, _be
 from rans.reference.flight import replay
 from rans.scenario import Scenario, scenario
 from rans.tasks import GoToPosePriced, GoToPosition, MultiTask
-from tests.crafts import deputy, nasty_planar
-from tests.optimal.problems import (
+from tests.support.crafts import deputy, nasty_planar
+from tests.support.problems import (
     FLYER,
     FORWARD,
     PLATFORM,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rans.model.spacecraft import Spacecraft
-from tests.fast.engines import FLYER, PLATFORM
+from tests.support.engines import FLYER, PLATFORM
 from validation.speed import conditions
 from validation.speed.conditions import EFFECTS, Cost, costs, table
 from validation.speed.measurement import Clock

@@ -7,7 +7,7 @@ import torch
 
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
-from tests.fast.engines import FLYER, PLATFORM
+from tests.support.engines import FLYER, PLATFORM
 from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
 from validation.speed.measurement import Clock
 

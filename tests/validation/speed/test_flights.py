@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from rans.fast.learn.selection import likeliest
-from tests.fast.engines import PLATFORM
-from tests.fast.flying import policy
+from tests.support.engines import PLATFORM
+from tests.support.kernel_flights import policy
 from validation.speed.flights import flight_rates
 from validation.speed.measurement import Clock
 from validation.speed.rounding import _parts, differing, logits

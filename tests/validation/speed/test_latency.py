@@ -7,7 +7,7 @@ import pytest
 
 from rans.fast.learn.config import PPOSettings
 from rans.tasks import GoToPose
-from tests.fast.engines import PLATFORM
+from tests.support.engines import PLATFORM
 from validation.speed import latency
 
 

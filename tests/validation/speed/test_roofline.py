@@ -8,7 +8,7 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.tasks import TASKS, GoToPose, GoToPosition
-from tests.fast.engines import FLYER, PLATFORM, both_crafts
+from tests.support.engines import FLYER, PLATFORM, both_crafts
 from validation.speed.roofline import Traffic, main, step_work
 
 DOCS = Path(__file__).parents[3] / "docs"

@@ -7,7 +7,7 @@ import pytest
 
 import rans.optimal.trajectory.transcription as transcription
 from rans.tasks import TASKS, GoToPosition
-from tests.fast.engines import PLATFORM
+from tests.support.engines import PLATFORM
 from validation.speed.solving import solver_rate
 
 

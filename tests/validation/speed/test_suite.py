@@ -8,7 +8,7 @@ import pytest
 
 from rans.fast.learn.recipes import preset
 from rans.tasks import GoToPose
-from tests.fast.engines import FLYER, PLATFORM
+from tests.support.engines import FLYER, PLATFORM
 from validation.speed import suite
 from validation.speed.measurement import Measurement
 from validation.speed.suite import effort, measurements

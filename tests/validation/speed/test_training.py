@@ -8,7 +8,7 @@ import pytest
 
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.tasks import GoToPose
-from tests.fast.engines import PLATFORM
+from tests.support.engines import PLATFORM
 from validation.speed import training
 from validation.speed.measurement import Clock
 from validation.speed.training import Success, train_until_solved, trainer_rate

@@ -38,7 +38,7 @@ from rans.reference.plant import Plant
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
-from tests.optimal.tiny import (
+from tests.support.tiny_lattice import (
     CRAFTS,
     PERIOD,
     PLATFORM,

@@ -23,7 +23,7 @@ from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.optimal.tiny import CRAFTS, PERIOD, PLATFORM, SNUG, Flown, instance
+from tests.support.tiny_lattice import CRAFTS, PERIOD, PLATFORM, SNUG, Flown, instance
 
 multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
 

@@ -24,8 +24,8 @@ from rans.optimal.certificate.flight import replay
 from rans.optimal.certificate.goal_set import GoalSet, pulse, rounded_up
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from tests.crafts import nasty_planar
-from tests.optimal.tiny import PERIOD, lopsided, through
+from tests.support.crafts import nasty_planar
+from tests.support.tiny_lattice import PERIOD, lopsided, through
 
 PLATFORM = load_spacecraft("floating-platform")
 numbers = st.floats(-2.0, 2.0, allow_subnormal=False)

@@ -12,7 +12,7 @@ from rans.optimal.certificate.plane.ascent import scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.plane.onoff import flown, nozzles
-from tests.optimal.tiny import PERIOD, instance, lopsided
+from tests.support.tiny_lattice import PERIOD, instance, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")
 SNUG = GoalSet(0.01, 0.01, 0.03)

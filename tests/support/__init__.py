@@ -1,0 +1,1 @@
+"""Spacecraft, flights, oracles and stand-ins that several files of tests share."""

@@ -1,0 +1,109 @@
+"""Generated kernels on a CPU: their very text, beside what they need of CUDA in ``host.cuh``."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import shutil
+import subprocess
+import tempfile
+from ctypes import CDLL, c_int, c_uint, c_void_p
+from pathlib import Path
+
+import pytest
+import torch
+
+from rans.fast.engine import Engine
+from rans.fast.kernels.launch import Kernel
+from rans.fast.step import Step
+from tests.support.engines import actions
+
+COMPILER = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), "")
+COMMAND = (COMPILER, "-std=c++17", "-O0", "-fPIC")
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C++ compiler")
+TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
+"""Some dozen steps multiply a last place of values up to 4 by a hundred at most."""
+SEED = 2**40 + 5
+"""Both its words differ from zero."""
+
+
+class HostKernel(Kernel):
+    """A kernel made by a C++ compiler.
+
+    Args:
+        engine: on the CPU, with torch's fields.
+        folder: for what the compiler reads and writes.
+    """
+
+    def __init__(self, engine: Engine, folder: Path) -> None:
+        super().__init__(
+            engine._world,
+            engine.episode,
+            engine._draws,
+            engine.processes,
+            engine.dtype,
+            engine.members,
+        )
+        self._folder = folder
+        self._libraries: dict[torch.dtype | None, CDLL] = {}
+
+    def _launch(
+        self,
+        action: torch.dtype | None,
+        pointers: list[int],
+        numbers: tuple[int, ...],
+        together: int,
+    ) -> None:
+        if action not in self._libraries:
+            path = self._folder / str(action).removeprefix("torch.")
+            self._libraries[action] = compiled_on_host(self.source(action), path)
+        library = self._libraries[action]
+        index = c_uint.in_dll(library, "blockIdx")
+        arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
+        for index.value in range(numbers[0]):
+            (library.step if action else library.observe)(*arguments)
+
+
+def compiled_on_host(text: str, path: Path) -> CDLL:
+    """The library of a kernel's text, whose threads are a block each."""
+    path.with_suffix(".cpp").write_text(f'#include "{_header()}"\n{text}')
+    subprocess.run(
+        [*COMMAND, "-shared", "-o", path.with_suffix(".so"), path.with_suffix(".cpp")], check=True
+    )
+    return CDLL(str(path.with_suffix(".so")))
+
+
+@functools.cache
+def _header() -> Path:
+    """Of every kernel here; GCC reads what it made of it before, another compiler the header itself."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    header = Path(shutil.copy(Path(__file__).with_name("host.cuh"), folder.name))
+    subprocess.run([*COMMAND, "-x", "c++-header", "-o", f"{header}.gch", header], check=True)
+    return header
+
+
+def compare(
+    ours: Engine,
+    theirs: Engine,
+    steps: int = 25,
+    form: torch.dtype = torch.uint8,
+    given: torch.Tensor | None = None,
+) -> int:
+    """Fly the same commands; the number of episodes that ended."""
+    ends = 0
+    tolerance = TOLERANCE[ours.dtype]
+    for action in actions(ours.craft, ours.num_envs, steps) if given is None else given:
+        a = ours.step(action)
+        b = theirs.step(action.to(form))
+        ended = a.terminated | a.truncated
+        for name, x, y in zip(Step._fields, a, b, strict=True):
+            assert (x.shape, x.dtype) == (y.shape, y.dtype), name
+            rows = ended if name == "final_observation" else slice(None)
+            torch.testing.assert_close(
+                y[rows], x[rows], rtol=0, atol=tolerance, msg=lambda m, n=name: f"{n}: {m}"
+            )
+        ends += int(ended.sum())
+    for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
+        torch.testing.assert_close(y, x, rtol=0, atol=tolerance)
+    return ends

@@ -1,0 +1,56 @@
+"""Policies and setups that tests of many flights share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from rans.episode import Setup
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.network import Network
+from rans.fast.symmetry import symmetries
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.tasks import GoToPose
+from rans.tasks.base import Task
+from rans.tasks.derived import layout
+from tests.support.training import scatter
+
+BRIEF = Timing(episode_steps=12)
+WIDE = GoToPose(
+    spawn_distance=(0.3, 1.0),
+    fail_distance=1.05,
+    fail_spin=15.0,
+    position_tolerance=0.8,
+    attitude_tolerance=2.0,
+)
+"""In `BRIEF` episodes random policies fail at it in every way, and succeed."""
+
+
+def setup(craft: Spacecraft, task: Task = WIDE, conditions: Conditions | None = None) -> Setup:
+    """Brief flights."""
+    return Setup(craft, task, replace(BRIEF, substeps=1), conditions)
+
+
+def policy(
+    craft: Spacecraft,
+    task: Task = WIDE,
+    layers: tuple[int, ...] = (16, 32),
+    sided: bool = True,
+    **settings: Any,
+) -> Network:
+    """A float32 network with random weights and statistics, which sees the craft from one of its sides."""
+    views = symmetries(craft) if sided else None
+    given = Architecture(
+        layout(task, craft.dimension),
+        len(craft.thrusters),
+        layers,
+        symmetries=views,
+        continuous=craft.actuators.is_continuous,
+        **settings,
+    )
+    tensors, _ = given.initial(0, 0.3)
+    return scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float32))

@@ -1,0 +1,437 @@
+"""Classical errors of simulators, each as a patch of what we fly."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans.episode
+import rans.model.dynamics
+import rans.model.fields
+import rans.model.rotation
+import rans.randomization.case
+import rans.randomization.sensors
+import rans.tasks.go_to_pose
+import validation.study.dynamics
+import validation.study.engines
+import validation.study.flights
+import validation.study.oracles
+import validation.study.sampling
+from rans.episode import World
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, Wrench
+from rans.model.fields import Heading, Quat, map_leaves
+from rans.model.random import Random
+from rans.model.spacecraft import Spacecraft
+from rans.tasks.rewards import Prices
+from tests.support.crafts import nasty_planar, nasty_spatial
+
+Patch = Callable[[pytest.MonkeyPatch], None]
+
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
+SHARING = replace(PLANE, thrust_sharing="split")
+
+
+def wrench_map(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray], Any]) -> None:
+    """Change the table of full-on wrenches (thrusters, 3 or 6) that our equations use."""
+    true = Spacecraft.wrench_map.func  # type: ignore[attr-defined]
+
+    def changed(craft: Spacecraft) -> Any:
+        return tuple(map(tuple, change(np.array(true(craft)))))
+
+    monkeypatch.setattr(Spacecraft, "wrench_map", property(changed))
+
+
+def reversed_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    def change(table: np.ndarray) -> np.ndarray:
+        table[0, -1] *= -1
+        return table
+
+    wrench_map(monkeypatch, change)
+
+
+def swapped_thrusters(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrench_map(monkeypatch, lambda table: table[[1, 0, *range(2, len(table))]])
+
+
+def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = Spacecraft.wrench_map.func  # type: ignore[attr-defined]
+
+    def about_frame(craft: Spacecraft) -> Any:
+        forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])
+        shift = np.cross(craft.centre_of_mass, forces)
+        extra = shift if craft.dimension == 3 else shift[:, 2:]
+        return tuple(
+            map(tuple, np.array(true(craft)) + np.pad(extra, ((0, 0), (craft.dimension, 0))))
+        )
+
+    monkeypatch.setattr(Spacecraft, "wrench_map", property(about_frame))
+
+
+def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("cos", "sin"):
+        true = getattr(rans.model.fields, name)
+        monkeypatch.setattr(rans.model.fields, name, lambda x, f=true: f(x * math.pi / 180))
+
+
+def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command, *body: tuple(command))
+
+
+def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
+    """Change what resists the wrench."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = Body.of
+
+        def of(craft: Spacecraft) -> Body:
+            body = true(craft)
+            return replace(body, **{key: f(getattr(body, key)) for key, f in changes.items()})
+
+        monkeypatch.setattr(Body, "of", of)
+
+    return patch
+
+
+def diagonal_only(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    xx, _, _, yy, _, zz = inertia
+    return (xx, 0.0, 0.0, yy, 0.0, zz)
+
+
+def products_of_the_other_sign(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    xx, xy, xz, yy, yz, zz = inertia
+    return (xx, -xy, -xz, yy, -yz, zz)
+
+
+def about_the_frame_not_the_centre_of_mass(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    """Steiner's term added once too often."""
+    c = np.array(SPACE.centre_of_mass)
+    m = SPACE.mass
+    full = m * (c @ c * np.eye(3) - np.outer(c, c))
+    return tuple(x + extra for x, extra in zip(inertia, full[np.triu_indices(3)], strict=True))
+
+
+def step(change: Callable[[Any, Any, Any, Any], Any]) -> Patch:
+    """Change a step in space, given the true one."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = rans.model.dynamics._advance_spatial
+        monkeypatch.setattr(
+            rans.model.dynamics,
+            "_advance_spatial",
+            lambda state, load, h: change(state, load, h, true),
+        )
+
+    return patch
+
+
+def without_gyroscopic_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rans.model.rotation, "last_product", lambda a, b: a[0].scale(0.0))
+
+
+def force_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
+    unturned = replace(state, attitude=Quat(1.0, 0.0, 0.0, 0.0))
+    return replace(true(state, load, h), v=true(unturned, load, h).v)
+
+
+def disturbance_in_body(state: Any, load: Any, h: Any, true: Any) -> Any:
+    """A disturbance stays put in the world; taken for a wrench in B it would turn with the craft."""
+    if load.disturbance is None:
+        return true(state, load, h)
+    both = Wrench(
+        load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque
+    )
+    return true(state, replace(load, thrust=both, disturbance=None), h)
+
+
+def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.model.dynamics._advance_planar
+    monkeypatch.setattr(
+        rans.model.dynamics,
+        "_advance_planar",
+        lambda state, load, *rest: true(state, replace(load, disturbance=None), *rest),
+    )
+
+
+def spin_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
+    """To turn before the attitude and not after it is right for a spin given in W."""
+    moved = true(state, load, h)
+    turn = state.attitude.conjugate().times(moved.attitude)
+    return replace(moved, attitude=turn.times(state.attitude))
+
+
+def inverse_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = Quat.rotate
+    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(q.conjugate(), v))
+
+
+def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = Quat.rotate
+    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(Quat(q.z, q.w, q.x, q.y), v))
+
+
+def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.model.dynamics._advance_planar
+
+    def mirrored(state: PlanarState, load: Any, *rest: Any) -> PlanarState:
+        turned = replace(state, attitude=Heading(-state.attitude.angle), w=-state.w)
+        thrust = replace(load.thrust, torque=-load.thrust.torque)
+        moved = true(turned, replace(load, thrust=thrust), *rest)
+        return replace(moved, attitude=Heading(-moved.attitude.angle), w=-moved.w)
+
+    monkeypatch.setattr(rans.model.dynamics, "_advance_planar", mirrored)
+
+
+def euler_step(state: Any, load: Any, h: Any, true: Any) -> Any:
+    """Straight on as at the start, from a difference over a millionth of the step."""
+    soon = true(state, load, h * 1e-6)
+    return map_leaves(lambda now, then: now + (then - now) * 1e6, state, soon)
+
+
+def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Position advanced with the old velocity only: explicit Euler in the plane."""
+    true = rans.model.dynamics._advance_planar
+
+    def explicit(state: PlanarState, load: Any, h: float, nodes: int) -> Any:
+        return replace(true(state, load, h, nodes), p=state.p + state.v.scale(h))
+
+    monkeypatch.setattr(rans.model.dynamics, "_advance_planar", explicit)
+
+
+def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(
+        rans.model.dynamics.RULES, rans.model.dynamics.NODES, rans.model.dynamics.RULES[2]
+    )
+
+
+def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each command acts one period late, as a discrete Drake plant may do."""
+    true = validation.study.sampling.rollout
+
+    def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
+        return true(craft, start, np.concatenate([commands[:1], commands[:-1]]), *rest)
+
+    for module in (validation.study.sampling, validation.study.flights, validation.study.oracles):
+        monkeypatch.setattr(module, "rollout", late)
+
+
+def late_in(module: Any, only_full: bool = False) -> Patch:
+    """Commands act one period late in a layer's flights only, or only where most thrusters fire."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = module.rollout
+
+        def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
+            shifted = np.concatenate([commands[:1], commands[:-1]])
+            return true(
+                craft, start, commands if only_full and commands.mean() < 0.2 else shifted, *rest
+            )
+
+        monkeypatch.setattr(module, "rollout", late)
+
+    return patch
+
+
+def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Order four instead of six: with validation's substeps as exact as anything that Drake sees."""
+    rules = rans.model.dynamics.RULES
+    nodes = rans.model.dynamics._SPATIAL_NODES
+    monkeypatch.setitem(rules, nodes, rules[2])
+
+
+def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the engine's craft is heavier, by a millionth."""
+    true = validation.study.engines.Engine
+    monkeypatch.setattr(
+        validation.study.engines,
+        "Engine",
+        lambda craft, *rest, **more: true(
+            replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more
+        ),
+    )
+
+
+def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.model.dynamics.wrench
+
+    def halved(craft: Spacecraft, command: Any, *body: Any) -> Wrench:
+        whole: Any = true(craft, command, *body)
+        return replace(whole, torque=whole.torque * 0.5)
+
+    for module in (rans.model.dynamics, validation.study.dynamics):
+        monkeypatch.setattr(module, "wrench", halved)
+
+
+# What Drake is given by our code: draws, readings, onsets and rewards.
+
+
+def changed(owner: Any, name: str, change: Callable[..., Any]) -> Patch:
+    """A function of ours that is called with the true one before its own arguments."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = getattr(owner, name)
+        monkeypatch.setattr(
+            owner, name, lambda *arguments, **named: change(true, *arguments, **named)
+        )
+
+    patch.__name__ = change.__name__
+    return patch
+
+
+def crowded_at_the_lower_end(true: Any, random: Random, values: Any) -> Any:
+    """Ranges whose lower half has 0.56 of the draws."""
+    drawn = true(random, values)
+    if not isinstance(values, tuple):
+        return drawn
+    low, high = values
+    return low + (high - low) * ((drawn - low) / (high - low)) ** 1.2
+
+
+def whole_numbers_without_the_last(true: Any, random: Random, values: Any) -> Any:
+    return true(random, (values[0], values[1] - 1.0) if isinstance(values, tuple) else values)
+
+
+def torques_to_one_side(true: Any, random: Random, size: Any) -> Any:
+    return abs(true(random, size)) if random.dimension == 2 else true(random, size)
+
+
+def pushes_from_the_stream_of_swings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(
+        rans.randomization.case._STREAMS, "push", rans.randomization.case._STREAMS["swing"]
+    )
+
+
+def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
+    return true(world, replace(episode, clock=episode.clock // 2 * 2), *rest)
+
+
+def noise_of_all_quantities_alike(
+    true: Any, states: Any, sensors: Any, random: Any, *rest: Any
+) -> Any:
+    first = random(rans.randomization.sensors.PER_STEP)
+    return true(states, sensors, lambda _: copy.copy(first), *rest)
+
+
+def turned_in_world(true: Any, attitude: Any, turn: Any) -> Any:
+    if isinstance(attitude, Heading):
+        return true(attitude, turn)
+    return rans.model.rotation.exponential(turn).times(attitude)
+
+
+def a_period_less_late(true: Any, states: Any, *rest: Any) -> Any:
+    return true((states[0], states[0], *states[1:-1]) if len(states) > 1 else states, *rest)
+
+
+def truth_after_a_dropout(
+    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
+) -> Any:
+    """What stands is the state before, and not what was told of it."""
+    return true(states, sensors, random, last and states[0], time)
+
+
+def sensors_that_stop_at_another_moment(
+    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
+) -> Any:
+    """Time counts from zero at every third of it."""
+    return true(states, sensors, random, last, time % 3.0)
+
+
+def outages_at_the_same_moment(true: Any, given: Any, random: Any) -> Any:
+    found = true(given, random)
+    return found and replace(found, phase=0.0 * found.phase)
+
+
+def a_period_early(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
+    return true(world, replace(episode, clock=episode.clock + 1), *rest)
+
+
+def a_period_late(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
+    return true(world, replace(episode, clock=max(episode.clock - 1, 0)), *rest)
+
+
+def valves_that_need_not_stay(
+    true: Any, hold: Any, command: Any, before: Any, period: float
+) -> Any:
+    return true(hold, command, before, 2.0 * period)
+
+
+def reward_of_the_state_before(
+    true: Any, state: Any, goal: Any, command: Any, previous: Any, *others: Any
+) -> Any:
+    return true(state, goal, previous, previous, *others)
+
+
+def a_price_left_out(true: Any, task: Any, transition: Any) -> Any:
+    return {name: price for name, price in true(task, transition).items() if name != "spin"}
+
+
+def reward_of_one_scale(true: Any, error: Any, scale: float, rest: float = 0.0) -> Any:
+    return true(error, 0.25, rest)
+
+
+SHARED: list[tuple[Spacecraft, Patch, str]] = [
+    (PLANE, changed(Random, "within", crowded_at_the_lower_end), "draws"),
+    (PLANE, changed(Random, "whole", whole_numbers_without_the_last), "draws"),
+    (PLANE, changed(Random, "turn", torques_to_one_side), "draws"),
+    (SPACE, pushes_from_the_stream_of_swings, "draws"),
+    (PLANE, changed(World, "read", noise_new_every_other_period), "readings"),
+    (SPACE, changed(rans.episode, "reading", noise_of_all_quantities_alike), "readings"),
+    (SPACE, changed(rans.randomization.sensors, "_turned", turned_in_world), "readings"),
+    (PLANE, changed(rans.episode, "reading", a_period_less_late), "readings"),
+    (PLANE, changed(rans.episode, "reading", truth_after_a_dropout), "readings"),
+    (PLANE, changed(rans.episode, "reading", sensors_that_stop_at_another_moment), "readings"),
+    (
+        SPACE,
+        changed(rans.randomization.sensors, "_drawn_outage", outages_at_the_same_moment),
+        "draws",
+    ),
+    (PLANE, changed(World, "influences", a_period_early), "onsets"),
+    (SPACE, changed(World, "influences", a_period_late), "onsets"),
+    (PLANE, changed(rans.randomization.case.Hold, "obeyed", valves_that_need_not_stay), "onsets"),
+    (PLANE, changed(rans.episode, "Transition", reward_of_the_state_before), "tasks"),
+    (SPACE, changed(Prices, "prices", a_price_left_out), "tasks"),
+    (PLANE, changed(rans.tasks.go_to_pose, "nearness", reward_of_one_scale), "tasks"),
+]
+"""Errors that Drake shares, as it is given what was drawn and is told, rewarded and ended like the engine."""
+
+MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
+    (PLANE, reversed_torque, "thrusters"),
+    (SPACE, reversed_torque, "thrusters"),
+    (PLANE, swapped_thrusters, "thrusters"),
+    (SPACE, swapped_thrusters, "thrusters"),
+    (PLANE, thrusters_about_the_frame_not_the_centre_of_mass, "thrusters"),
+    (SPACE, thrusters_about_the_frame_not_the_centre_of_mass, "thrusters"),
+    (PLANE, half_the_spin_up, "thrusters"),
+    # One thruster at a time shares with nobody: only several can show it.
+    (SHARING, sharing_ignored, "commands"),
+    (PLANE, mass_properties(mass=lambda m: m * 9.81), "mass"),
+    (SPACE, mass_properties(mass=lambda m: m * 9.81), "mass"),
+    (SPACE, mass_properties(inertia=diagonal_only), "mass"),
+    (SPACE, mass_properties(inertia=products_of_the_other_sign), "mass"),
+    (SPACE, mass_properties(inertia=about_the_frame_not_the_centre_of_mass), "mass"),
+    (SPACE, without_gyroscopic_torque, "accelerations"),
+    (SPACE, step(force_in_world), "accelerations"),
+    (SPACE, inverse_rotation, "accelerations"),
+    (SPACE, scalar_last, "accelerations"),
+    (PLANE, degrees_for_radians, "accelerations"),
+    (PLANE, clockwise_heading, "accelerations"),
+    (SPACE, step(spin_in_world), "period"),
+    (SPACE, step(euler_step), "period"),
+    (PLANE, velocity_before_the_step, "period"),
+    (PLANE, coarse_quadrature, "period"),
+    (SPACE, step(disturbance_in_body), "disturbances"),
+    (PLANE, disturbance_forgotten, "disturbances"),
+    # Single periods have one command: only flights have a later one.
+    (SPACE, two_nodes_in_space, "invariants"),
+    (PLANE, late_in(validation.study.flights), "flights"),
+    (PLANE, late_in(validation.study.flights, only_full=True), "bang-bang"),
+    (PLANE, engine_of_another_mass, "engine"),
+    (PLANE, stale_command, "oracles"),
+]

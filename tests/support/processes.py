@@ -1,0 +1,53 @@
+"""The command in processes of its own, and how long a test waits for one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 1800.0
+"""s: only a process that hangs takes so long, however busy the machine."""
+
+
+@contextlib.contextmanager
+def command(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """``rans`` in a process that hears Ctrl-C as in a terminal even if this one does not."""
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        f"sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())"
+    )
+    with python(
+        "-c", code, *arguments, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment
+    ) as process:
+        yield process
+
+
+@contextlib.contextmanager
+def python(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """Another interpreter, whose process is gone when the test goes on."""
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        **options,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Look until something holds."""
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

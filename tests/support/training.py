@@ -1,0 +1,212 @@
+"""Trainings that tests share: so small that an iteration takes milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+import torch
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import Tensor
+
+from rans.fast.engine import Engine
+from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.member import begin
+from rans.fast.learn.network import Network
+from rans.fast.learn.ppo import PPOLearner
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
+from rans.model.actuators import Throttle
+from rans.tasks import GoToPose, observation
+from rans.tasks.derived import layout
+from tests.support.crafts import random_states
+from tests.support.engines import NEAR, PLATFORM, SHORT
+
+TINY = PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16))
+CONFIG = TrainConfig(
+    "go-to-pose",
+    GoToPose(),
+    "floating-platform",
+    TINY,
+    SHORT,
+    total_timesteps=2048,
+    solved_share=None,
+)
+EASY = GoToPose(
+    spawn_distance=(0.5, 1.0),
+    evaluation_distance=(0.5, 1.0),
+    position_tolerance=9.0,
+    attitude_tolerance=4.0,
+)
+"""Solved by whoever does not fail."""
+
+
+def tiny_learner(
+    craft: Any = PLATFORM,
+    seed: int = 0,
+    dtype: torch.dtype = torch.float32,
+    task: Any = NEAR,
+    continuous: bool = False,
+    **settings: Any,
+) -> PPOLearner:
+    """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
+    chosen = replace(TINY, **{"symmetric": False} | settings)
+    craft = replace(craft, actuators=Throttle()) if continuous else craft
+    engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
+    return begin(engine, [chosen], [seed])
+
+
+def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:
+    """A trainer in a new run folder."""
+    run = RunFolder(path)
+    run.begin(config, "rans train")
+    return Trainer([config], run.spacecraft(), run)
+
+
+def weights(policy: Network | ActorCriticPolicy) -> Tensor:
+    """Every parameter and statistic, in one row."""
+    tensors = policy.tensors if isinstance(policy, Network) else policy.state_dict()
+    return torch.cat([value.detach().flatten().clone() for value in tensors.values()])
+
+
+def scatter(network: Network, seed: int = 3) -> Network:
+    """Make weights large, so that probabilities and values differ visibly between observations."""
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for name in network.learnt:
+            parameter = network.tensors[name]
+            parameter.copy_(torch.randn(parameter.shape, generator=generator) * 0.5)
+    return network
+
+
+def sb3_policy(
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    own: bool = False,
+    dtype: torch.dtype = torch.float64,
+) -> ActorCriticPolicy:
+    """These weights in SB3's policy: in ours, or in SB3's own class, which knows no symmetries."""
+    kind = ActorCriticPolicy if own else AgentPolicy
+    policy = kind(*policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)).to(
+        dtype
+    )
+    with torch.no_grad():
+        for name, place in (*policy.named_parameters(), *policy.named_buffers()):
+            place.copy_(tensors[name])
+    return policy
+
+
+class Buffer64(RolloutBuffer):
+    """SB3's buffer with its arithmetic in float64, to compare to more than seven digits."""
+
+    def reset(self) -> None:
+        super().reset()
+        for name in ("rewards", "returns", "values", "log_probs", "advantages", "episode_starts"):
+            setattr(self, name, getattr(self, name).astype(np.float64))
+
+
+def sb3_twin(learner: PPOLearner, settings: PPOSettings, **changes: Any) -> stable_baselines3.PPO:
+    """Stable-Baselines3's own PPO with the same settings and weights, on an engine of the same seed."""
+    engine = learner.engine
+    architecture = learner.network.architecture
+    env = SB3VecEnv(
+        Engine(engine.craft, engine.task, engine.num_envs, engine.timing, dtype=engine.dtype)
+    )
+    env.action_space = policy_spaces(architecture)[1]
+    names = (
+        "n_steps",
+        "n_epochs",
+        "gamma",
+        "gae_lambda",
+        "ent_coef",
+        "vf_coef",
+        "max_grad_norm",
+        "learning_rate",
+        "clip_range",
+    )
+    given = {name: getattr(settings, name) for name in names} | changes
+    twin = stable_baselines3.PPO(
+        "MlpPolicy",
+        env,
+        batch_size=engine.num_envs * settings.n_steps,
+        seed=0,
+        policy_kwargs=policy_kwargs(architecture),
+        rollout_buffer_class=Buffer64,
+        device="cpu",
+        **given,
+    )
+    twin.policy.to(engine.dtype)
+    twin.policy.load_state_dict(
+        sb3_policy(
+            architecture, learner.network.member(0), own=True, dtype=engine.dtype
+        ).state_dict()
+    )
+    twin.set_logger(Logger(None, []))
+    return twin
+
+
+def ignore(_: Any) -> None:
+    """A report to nobody."""
+
+
+def newest(rows: list[dict[str, Any]]) -> Any:
+    """A report that gathers the first member's rows."""
+
+    def report(members: Sequence[Any]) -> None:
+        rows.append(members[0].rows[-1])
+
+    return report
+
+
+def resumed(path: Path) -> Trainer:
+    run = RunFolder(path)
+    trainer = Trainer([run.config()], run.spacecraft(), run)
+    trainer.resume()
+    return trainer
+
+
+def after(count: int) -> Any:
+    """Asks for a stop after so many iterations."""
+    asked = iter(range(10**9))
+    return lambda: next(asked) + 1 >= count
+
+
+def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
+    """A float64 network with large random weights and statistics."""
+    columns = layout(GoToPose(), craft.dimension)
+    given = Architecture(columns, len(craft.thrusters), (16,), continuous=continuous, **settings)
+    tensors, _ = given.initial(0, 0.5)
+    network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
+    network.update_statistics(network.in_body(seen(craft, 500))[None])
+    return network
+
+
+def seen(craft: Any, count: int, seed: int = 1) -> Tensor:
+    """Observations that float32 holds exactly: SB3 casts what it is given to float32."""
+    state, goal = (random_states(craft.dimension, count, s) for s in (seed, seed + 1))
+    return torch.from_numpy(
+        np.stack(observation(GoToPose(), state, goal), axis=1).astype(np.float32)
+    )
+
+
+def everything(trainer: Trainer) -> list[Any]:
+    """All that decides how a training goes on, in comparable form."""
+    saved = trainer._checkpoint()
+    learner = saved["learner"]
+    flat = [
+        saved["steps"],
+        [state.tolist() for state in learner["generators"]],
+        saved["engine"]["seed"],
+    ]
+    flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
+    flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
+    return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
