@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, cast
 
 from rans.episode import Setup
 from rans.errors import ConfigError
@@ -97,10 +97,11 @@ class Campaign:
             keep: called after every part.
             processes: those that share the flights, and all learn of all.
         """
-        if isinstance(policy, Network):
-            fleet = Flights(policy, setup, device, listed=LISTED)
+        fleet: Flights | ControllerFleet
+        if hasattr(policy, "act"):
+            fleet = ControllerFleet(cast("Controller", policy), setup, LISTED)
         else:
-            fleet = ControllerFleet(policy, setup, LISTED)
+            fleet = Flights(cast("Network", policy), setup, device, listed=LISTED)
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
