@@ -17,7 +17,7 @@ from rans.policy import measurement_gate as screen
 from rans.policy.filter_bank import Filters
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 EXTRACTOR = "features_extractor."
