@@ -10,14 +10,15 @@ from dataclasses import dataclass, fields
 from functools import reduce
 from typing import ClassVar
 
+from rans.display import Settings
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.shown import Settings
 from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
+from rans.tasks.shapes import Shape
 from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
@@ -97,6 +98,13 @@ class Task(Settings, ABC):
         They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.looks` says.
         """
         return {}
+
+    def scenery(self, goal: State) -> tuple[Shape, ...]:
+        """Zones, cones and limits at the goal's instant, as pages and safety filters see them: by default none.
+
+        They are the shapes that `constraints` asks for their margins and `sight` for their entries.
+        """
+        return ()
 
     def done(self, state: State, goal: State) -> Field | None:
         """Whether the mission is over and won, which ends the episode; None: it lasts until time is up."""

@@ -175,6 +175,24 @@ class Knob(Scalar):
 
 
 @dataclass(frozen=True)
+class Information(Scalar):
+    """A number that a policy should know, such as a margin, and that has no value to be driven to."""
+
+    def target(self) -> Columns:
+        """See `Entry`: whatever it is."""
+        return self.columns()
+
+
+@dataclass(frozen=True)
+class InformationInW(VectorInW):
+    """A vector in W that a policy should know, such as the way to a zone, without a value to be driven to."""
+
+    def target(self) -> Columns:
+        """See `Entry`: whatever it is."""
+        return self.columns()
+
+
+@dataclass(frozen=True)
 class Drawn(Entry):
     """Columns whose kind the task flag tells: those of the task that an episode drew."""
 

@@ -1,0 +1,223 @@
+"""Shapes: margins worked out by hand, in every library, and what must not change when all is moved."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import casadi
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.trace import Symbol
+from rans.tasks.base import Task
+from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape, SpeedLimit, nearest_first
+
+STILL = Vec2(0.0, 0.0)
+THIRTY = math.radians(30.0)
+ROUNDING = 1e-8
+"""The softening of lengths makes those at zero 1e-9."""
+
+CASES: list[tuple[Shape, tuple[float, ...], float]] = [
+    # A 3-4-5 triangle from (1, 1) less the radius; the centre lies a radius deep.
+    (Ball(Vec2(1.0, 1.0), STILL, 2.0), (4.0, 5.0), 3.0),
+    (Ball(Vec2(1.0, 1.0), STILL, 2.0), (1.0, 1.0), -2.0),
+    # From (1, 0, -1) it is 2, 3 and 6 away: 7 in all.
+    (Ball(Vec3(1.0, 0.0, -1.0), Vec3(0.0, 0.0, 0.0), 0.5), (3.0, 3.0, 5.0), 6.5),
+    # On the axis 0.4 from the apex the surface is 0.4 sin 30 degrees away; across from the apex it is cos 30.
+    (Cone(STILL, Vec2(1.0, 0.0), THIRTY, 1.0), (0.4, 0.0), 0.2),
+    (Cone(STILL, Vec2(1.0, 0.0), THIRTY, 1.0), (0.0, 0.2), -0.2 * math.sqrt(0.75)),
+    # Behind the apex, and beyond the length, where everything is allowed, by 1 m.
+    (Cone(STILL, Vec2(1.0, 0.0), THIRTY, 1.0), (-0.5, 0.0), -0.25),
+    (Cone(STILL, Vec2(1.0, 0.0), THIRTY, 1.0), (0.0, -2.0), 1.0),
+    (Cone(Vec3(0.0, 0.0, 1.0), Vec3(0.0, 0.0, 1.0), THIRTY, 2.0), (0.0, 0.0, 1.8), 0.4),
+    # A slope of 45 degrees: 1 m up and 0.5 m aside is 0.5 / sqrt(2) inside, the reverse so much outside.
+    (GlideSlope(STILL, Vec2(0.0, 1.0), math.pi / 4), (0.5, 1.0), 0.5 / math.sqrt(2.0)),
+    (GlideSlope(STILL, Vec2(0.0, 1.0), math.pi / 4), (-1.0, 0.5), -0.5 / math.sqrt(2.0)),
+]
+
+
+@pytest.mark.parametrize(("shape", "point", "expected"), CASES)
+def test_margins_by_hand(shape: Any, point: tuple[float, ...], expected: float) -> None:
+    kind: Any = Vec2 if len(point) == 2 else Vec3
+    assert shape.gap(kind(*point)) == pytest.approx(expected, abs=ROUNDING)
+
+
+@pytest.mark.parametrize(("shape", "point", "expected"), CASES)
+def test_margins_are_the_same_in_every_library(
+    shape: Any, point: tuple[float, ...], expected: float
+) -> None:
+    kind: Any = Vec2 if len(point) == 2 else Vec3
+    many = shape.gap(kind(*(np.full(3, x) for x in point)))
+    np.testing.assert_allclose(many, expected, rtol=0, atol=ROUNDING)
+    tensors = shape.gap(kind(*(torch.full((3,), x) for x in point)))
+    # Single precision of numbers below 8.
+    np.testing.assert_allclose(tensors.numpy(), expected, rtol=0, atol=1e-6)
+    symbols = casadi.SX.sym("p", len(point))
+    function = casadi.Function("gap", [symbols], [shape.gap(kind(*casadi.vertsplit(symbols)))])
+    assert float(function(point)) == pytest.approx(expected, abs=ROUNDING)
+    assert isinstance(shape.gap(kind(*(Symbol.input(f"x{k}") for k in range(len(point))))), Symbol)
+
+
+def test_speed_limits_by_hand() -> None:
+    """0.2 m/s at the point and 0.1 / s: 5 m away 0.7 m/s are allowed, and 0.5 m/s flown."""
+    limit = SpeedLimit(Vec2(1.0, 1.0), 0.2, 0.1)
+    assert limit.gap(Vec2(4.0, 5.0), Vec2(0.3, -0.4)) == pytest.approx(0.2, abs=ROUNDING)
+    assert limit.gap(Vec2(1.0, 1.0), Vec2(0.3, -0.4)) == pytest.approx(-0.3, abs=ROUNDING)
+    with pytest.raises(ValueError, match="needs a velocity"):
+        limit.gap(Vec2(4.0, 5.0))
+    state = PlanarState(Vec2(4.0, 5.0), Heading(0.0), Vec2(0.3, -0.4), 0.0)
+    (entry,) = limit.entries("limit", state)
+    assert (entry.unit, entry.columns()[0]) == ("m/s", pytest.approx(0.2, abs=ROUNDING))
+
+
+def test_balls_move() -> None:
+    ball = Ball(Vec2(1.0, 1.0), Vec2(0.5, -1.0), 2.0).later(4.0)
+    assert (ball.centre.x, ball.centre.y, ball.radius) == (3.0, -3.0, 2.0)
+    assert ball.later(-4.0).centre == Vec2(1.0, 1.0)
+    cone = CASES[3][0]
+    assert cone.later(9.0) is cone
+
+
+def test_what_is_observed_of_a_ball() -> None:
+    """Way to the centre, relative velocity and margin; their targets are themselves, wherever one is."""
+    ball = Ball(Vec2(4.0, 5.0), Vec2(0.5, -1.0), 2.0)
+    state = PlanarState(Vec2(1.0, 1.0), Heading(0.0), Vec2(1.0, 1.0), 0.0)
+    entries = ball.entries("zone", state)
+    found = [x for entry in entries for x in entry.columns()]
+    assert found == pytest.approx([3.0, 4.0, -0.5, -2.0, 3.0])
+    assert [row.name for entry in entries for row in entry.table()] == [
+        "zone dx",
+        "zone dy",
+        "zone dv_x",
+        "zone dv_y",
+        "zone gap",
+    ]
+    assert [x for entry in entries for x in entry.target()] == found
+
+
+coordinate = st.floats(-5.0, 5.0)
+point3 = st.tuples(coordinate, coordinate, coordinate)
+
+
+def shapes_at(R: np.ndarray, shift: np.ndarray) -> list[Shape]:
+    """One shape of each kind, turned by a rotation matrix and shifted."""
+
+    def place(*p: float) -> Vec3:
+        return Vec3(*(R @ np.array(p) + shift))
+
+    def way(*v: float) -> Vec3:
+        return Vec3(*(R @ np.array(v)))
+
+    return [
+        Ball(place(0.3, -1.0, 0.5), way(0.2, 0.1, -0.4), 0.7),
+        Cone(place(0.3, -1.0, 0.5), way(0.6, 0.0, 0.8), 0.5, 3.0),
+        SpeedLimit(place(0.3, -1.0, 0.5), 0.2, 0.1),
+        GlideSlope(place(0.3, -1.0, 0.5), way(0.0, 0.6, 0.8), 0.3),
+    ]
+
+
+@given(point3, point3, point3, point3, st.floats(0.0, 9.0))
+def test_margins_do_not_depend_on_where_the_world_is(
+    p: Any, v: Any, turn: Any, shift: Any, time: float
+) -> None:
+    """Everything turned and shifted together, now and later."""
+    R = Rotation.from_rotvec(turn).as_matrix()
+    here = shapes_at(np.eye(3), np.zeros(3))
+    there = shapes_at(R, np.array(shift))
+    moved = Vec3(*(R @ p + np.array(shift)))
+    for one, other in zip(here, there, strict=True):
+        expected = one.later(time).gap(Vec3(*p), Vec3(*v))
+        found = other.later(time).gap(moved, Vec3(*(R @ v)))
+        # Rounding of positions up to 20 m, where roots near zero keep half the digits.
+        assert found == pytest.approx(expected, abs=2e-7)
+
+
+@given(point3, point3)
+def test_a_margin_changes_no_faster_than_the_position(p: Any, way: Any) -> None:
+    """Margins of regions are signed distances or below them, so that between two instants nothing is missed
+    that a bound on the speed rules out."""
+    a = Vec3(*p)
+    b = a + Vec3(*way)
+    for shape in shapes_at(np.eye(3), np.zeros(3)):
+        if not isinstance(shape, SpeedLimit):
+            assert abs(shape.gap(b) - shape.gap(a)) <= np.linalg.norm(way) + 1e-8
+
+
+@given(st.lists(st.tuples(coordinate, coordinate), min_size=2, max_size=4, unique=True))
+@settings(max_examples=30, deadline=None)
+def test_the_nearest_first_whatever_the_order(centres: Any) -> None:
+    """All orders of the same zones give the same sequence, with ascending margins."""
+    position = Vec2(np.array([0.1]), np.array([-0.2]))
+    zones = [
+        Ball(Vec2(np.array([x]), np.array([y])), STILL, np.array([0.1 * k + 0.1]))
+        for k, (x, y) in enumerate(centres)
+    ]
+    sequences = []
+    for order in itertools.permutations(zones):
+        found = nearest_first(order, position)
+        gaps = [float(zone.gap(position)[0]) for zone in found]
+        assert gaps == sorted(float(zone.gap(position)[0]) for zone in zones)
+        sequences.append([(float(zone.centre.x[0]), float(zone.radius[0])) for zone in found])
+    if len({round(gap, 12) for gap in gaps}) == len(gaps):
+        assert all(sequence == sequences[0] for sequence in sequences)
+
+
+def test_the_nearest_first_keeps_shared_numbers() -> None:
+    """A radius that all zones share is a number, and stays one."""
+    zones = [Ball(Vec2(np.array([x]), np.array([0.0])), STILL, 0.3) for x in (3.0, 1.0)]
+    near, far = nearest_first(zones, Vec2(0.0, 0.0))
+    assert (float(near.centre.x[0]), float(far.centre.x[0])) == (1.0, 3.0)
+    assert near.radius == 0.3
+    assert isinstance(near.radius, float)
+
+
+@pytest.mark.parametrize("library", ["torch", "casadi"])
+def test_gradients_point_to_what_is_allowed(library: str) -> None:
+    """A step along the gradient enlarges the margin; on the axis and at the apex gradients are finite."""
+    rng = np.random.default_rng(1)
+    for shape in shapes_at(np.eye(3), np.zeros(3)):
+        special = next(
+            np.array(place.columns())
+            for place in (getattr(shape, name, None) for name in ("centre", "apex", "at"))
+            if isinstance(place, Vec3)
+        )
+        for point in [*rng.uniform(-3.0, 3.0, (20, 3)), special]:
+            gradient = gradient_of(shape, point, library)
+            assert np.isfinite(gradient).all()
+            if point is not special:
+                step = 1e-4 * gradient
+                velocity = Vec3(0.1, 0.0, 0.0)
+                rise = shape.gap(Vec3(*(point + step)), velocity) - shape.gap(
+                    Vec3(*point), velocity
+                )
+                # To first order the rise is 1e-4 |gradient|^2; the curvature takes a little of it.
+                assert rise >= 0.9e-4 * (gradient @ gradient)
+
+
+def gradient_of(shape: Any, point: np.ndarray, library: str) -> np.ndarray:
+    """Of the margin at a velocity of 0.1 m/s."""
+    if library == "torch":
+        p = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in point]
+        found = torch.autograd.grad(shape.gap(Vec3(*p), Vec3(0.1, 0.0, 0.0)), p)
+        return np.array([float(x) for x in found])
+    symbols = casadi.SX.sym("p", 3)
+    gap = shape.gap(Vec3(*casadi.vertsplit(symbols)), Vec3(0.1, 0.0, 0.0))
+    function = casadi.Function("slope", [symbols], [casadi.gradient(gap, symbols)])
+    return np.array(function(point)).ravel()
+
+
+def test_tasks_have_no_scenery_by_default() -> None:
+    goal = SpatialState(
+        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+    )
+    assert GoToPose().scenery(goal) == ()
+    assert GoToPose.scenery is Task.scenery
