@@ -17,7 +17,6 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
 from rans.model.spacecraft import Spacecraft
-from rans.policy.heads import Duty
 from rans.policy.network import Network
 from rans.tasks.derived import example
 
@@ -149,8 +148,7 @@ def golden(network: Network, seen: np.ndarray, craft: Spacecraft | None = None) 
     for rows in torch.from_numpy(seen):
         output, columns = exact.shown(rows, memory)
         commands.append(output.policy.mode())
-        told = output.policy
-        margins.append(told.mean * 0 if isinstance(told, Duty) else told.logit.abs())
+        margins.append(output.policy.margin())
         memory = exact.remember(columns, memory, commands[-1], output)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
     kept, pairs = (
