@@ -22,7 +22,6 @@ from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
-from rans.policy.heads import Duty
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
 from rans.scenario import drawn, draws
@@ -360,8 +359,7 @@ def golden(
     for rows in torch.from_numpy(seen):
         output, columns = exact.shown(rows, memory)
         commands.append(output.policy.mode())
-        told = output.policy
-        margins.append(told.mean * 0 if isinstance(told, Duty) else told.logit.abs())
+        margins.append(output.policy.margin())
         memory = exact.remember(columns, memory, commands[-1], output)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
     kept, pairs = (
