@@ -17,13 +17,13 @@ from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
-from rans.fast.learn.distributions import Duty
-from rans.fast.learn.network import Network
 from rans.files import git_revision, package_version
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
+from rans.policy.heads import Duty
+from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
 from rans.scenario import drawn, draws
 from rans.tasks import Task

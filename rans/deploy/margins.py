@@ -13,8 +13,8 @@ from rans.evaluation.stress.effects import effects
 from rans.evaluation.stress.outcome import WANTED
 from rans.flight import Controller
 from rans.model.body import Body
-from rans.randomization.case import Case, draw
 from rans.randomization.conditions import Conditions, bounds
+from rans.randomization.parameters import EpisodeParameters, draw
 from rans.scenario import draws
 
 SEED = 2028
@@ -93,7 +93,7 @@ def _signature(world: Conditions) -> list[float]:
     return [bounds(world.thrusters.latency)[1], bounds(world.body.mass)[1], *noise]
 
 
-def _signatures(case: Case, setup: Setup, count: int) -> np.ndarray:
+def _signatures(case: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
     """The same of what N episodes drew, (N, 6)."""
     latency = 0.0 if case.lag is None else case.lag.latency
     mass = case.body.mass / setup.craft.mass
