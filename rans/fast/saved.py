@@ -311,7 +311,7 @@ def _described(block: Block) -> list[Any]:
 def _block(row: list[Any]) -> Block:
     kind, width, choices = row
     module, _, name = kind.rpartition(".")
-    if module == "rans.tasks.observation_terms":
+    if module == "rans.tasks.sight":
         kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
     kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(ObservationTerm)}
     if kind not in kinds:  # nothing is imported because a file says so
@@ -331,7 +331,7 @@ _FORMER_KINDS = {
     "Drawn": "TaskDependent",
     "Knob": "TradeOff",
 }
-"""Names in files that were written while kinds of columns lay in ``rans.tasks.observation_terms``."""
+"""Names in files that were written while kinds of columns lay in ``rans.tasks.sight``."""
 
 
 def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:
