@@ -175,6 +175,8 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
         )
     if name := controller_name(spec):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
+    if spec.startswith(f"{PREFIX}:") and (name := controller_name(spec.removeprefix(f"{PREFIX}:"))):
+        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
     sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
     return Contestant(
         run.controller.name,
