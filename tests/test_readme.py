@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
 import os
 import re
@@ -125,7 +126,8 @@ def test_the_python_page_has_every_function() -> None:
     assert sorted(told) == sorted(
         name
         for name in rans.__all__
-        if getattr(getattr(rans, name), "__module__", "") == "rans.api"
+        if getattr(getattr(rans, name), "__module__", "").startswith("rans.api")
+        and inspect.isfunction(getattr(rans, name))
     )
 
 
