@@ -59,9 +59,11 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Dock,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
+    Land,
     MultiTask,
     TrackTwist,
     TrackVelocity,
@@ -146,9 +148,11 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "TrackVelocity",
     "TrackTwist",
     "TrackVelocityHeading",

@@ -50,7 +50,8 @@ class Train:
     go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done. Your own recipe
     is a .toml file (docs/training.md)."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
+    floating-platform."""
     seed: int | None = None
     """Random seed: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
     device: str | None = None
@@ -129,7 +130,7 @@ class Train:
         begun = (
             read_config(self.config)
             if self.config
-            else training(str(self.task), self.spacecraft or "floating-platform", self.device)
+            else training(str(self.task), self.spacecraft, self.device)
         )
         if self.algorithm == "gradient" and begun.algorithm != "gradient":
             begun = by_gradient(begun)
@@ -156,7 +157,7 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
-        from rans.fast.kernels.driver import open_ahead
+        from rans.compile.cuda.driver import open_ahead
 
         if self.device != "cpu":
             open_ahead()

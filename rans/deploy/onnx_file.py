@@ -9,8 +9,8 @@ import numpy as np
 
 from rans.deploy.program import Program
 from rans.errors import ConfigError
-from rans.fast.learn.architecture import Architecture
 from rans.files import replace_file
+from rans.policy.architecture import Architecture
 
 OPSET = 17
 FORMAT = 8

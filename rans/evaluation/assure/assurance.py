@@ -22,9 +22,9 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.evaluation.fly.controllers import split_policy
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.learn.network import Network
 from rans.files import environment as this_environment
 from rans.files import read_json
+from rans.policy.network import Network
 from rans.progress import Progress, Stages, unseen, unseen_stages
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text

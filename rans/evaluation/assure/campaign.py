@@ -15,10 +15,10 @@ from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.evaluation.assure.fleet import ControllerFleet
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.flight_statistics import FlightStatistics
 from rans.fast.flights import Flights
-from rans.fast.learn.network import Network
 from rans.flight import Controller
+from rans.flight_statistics import FlightStatistics
+from rans.policy.network import Network
 from rans.progress import Progress, unseen
 from rans.verdict import Failure
 

@@ -11,8 +11,8 @@ import torch
 
 from rans.episode import Setup, World
 from rans.evaluation.fly.episodes import fly_draws
-from rans.fast.flight_statistics import FlightStatistics
 from rans.flight import Controller, Flight
+from rans.flight_statistics import FlightStatistics
 from rans.model.random import Draws, seed_words
 from rans.processes import Workers
 from rans.verdict import last_fifth
