@@ -23,7 +23,7 @@ HEAVY = {
 }
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.shown", "rans.safe_path", "rans.progress"},
+    {"rans.errors", "rans.display", "rans.safe_path", "rans.progress"},
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},
@@ -40,11 +40,12 @@ LAYERS: list[set[str]] = [
     {"rans.deploy"},
     {"rans.show"},
     {"validation.markdown", "validation.command"},
-    {"validation.study", "validation.breaking"},
+    {"validation.study"},
     {"benchmarks"},
     {"validation.records"},
     {"validation.speed"},
     {"rans.cli"},
+    {"validation.breaking"},
     {"rans.api"},
     {"rans.__main__"},
 ]
@@ -62,8 +63,11 @@ def modules() -> list[tuple[str, Path]]:
     return [(name, file) for name, file in found if name not in ROOMS]
 
 
+NAMES = {name for name, _ in modules()}
+
+
 def imports(file: Path) -> set[str]:
-    """Names that a file imports, inside functions too, but not those for type checkers only."""
+    """Names that a file imports, in functions and by `importlib` too, but not those for type checkers."""
     found: set[str] = set()
 
     def visit(node: ast.AST) -> None:
@@ -74,6 +78,8 @@ def imports(file: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
             found.update({f"{node.module}.{alias.name}" for alias in node.names})
+        if isinstance(node, ast.Constant) and node.value in NAMES:
+            found.add(str(node.value))  # given to importlib
         for child in ast.iter_child_nodes(node):
             visit(child)
 

@@ -165,7 +165,7 @@ class Benchmark:
         ratios: list[Ratio],
     ) -> None:
         from benchmarks.peers.unmeasured import UNMEASURED
-        from rans.show.svg import svg
+        from rans.show.figures.svg import svg
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {

@@ -21,8 +21,8 @@ from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import objective_of
-from rans.show.layout_text import layout_text
-from rans.show.listing import Listing
+from rans.show.tables.layout_text import layout_text
+from rans.show.tables.listing import Listing
 from validation.study.checks import Check, Skipped, Study
 
 
