@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight, fly
+    from rans.optimal.control.descent import ConvexDescent
     from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
@@ -90,6 +91,7 @@ _LAZY = {
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
+    "ConvexDescent": "rans.optimal.control.descent",
     "VelocityToGain": "rans.optimal.control.guidance",
 }
 """Where the names are whose modules take long to load."""
@@ -137,6 +139,7 @@ __all__ = [
     "MPC",
     "ObserverMPC",
     "MPPI",
+    "ConvexDescent",
     "VelocityToGain",
     "Lookahead",
     "ArrivalCost",
