@@ -61,6 +61,7 @@ def edited(old: str, new: str) -> str:
 
 def test_shipped_spacecraft_are_found() -> None:
     assert spacecraft_names() == [
+        "afrl-deputy",
         "atmos",
         "floating-platform",
         "floating-platform-air-tank",

@@ -17,7 +17,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import spacecraft_names
 from rans.tasks import TASKS
 
-OWN_CRAFT = {"land": "mars-lander-steered"}
+OWN_CRAFT = {name: TASKS[name].spacecraft for name in TASKS if TASKS[name].spacecraft}
 """Missions that only a craft of their own can fly, which tests of their own do."""
 ANY_CRAFT = [name for name in TASKS if name not in OWN_CRAFT]
 """Tasks that every craft of the right dimension flies."""
