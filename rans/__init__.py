@@ -84,7 +84,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight, fly
-    from rans.optimal.control.descent import ConvexDescent
     from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
@@ -114,7 +113,6 @@ _LAZY = {
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
-    "ConvexDescent": "rans.optimal.control.descent",
     "VelocityToGain": "rans.optimal.control.guidance",
 }
 """Where the names are whose modules take long to load."""
@@ -176,7 +174,6 @@ __all__ = [
     "MPC",
     "ObserverMPC",
     "MPPI",
-    "ConvexDescent",
     "VelocityToGain",
     "Lookahead",
     "ArrivalCost",

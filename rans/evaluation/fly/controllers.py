@@ -60,7 +60,6 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
         "mppi": "rans.optimal.control.sampling:MPPI",
         "guidance": "rans.optimal.control.guidance:VelocityToGain",
-        "convex-descent": "rans.optimal.control.descent:ConvexDescent",
     },
     _checked,
 )
