@@ -42,7 +42,7 @@ _COARSE = 2.0
 _SETTLED = 1e-5
 """Change of ln m between linearisations that no longer matters: 0.02 kg of two tonnes."""
 
-Side = Literal["flyable", "tangent", "bound"]
+Side = Literal["flyable", "bound"]
 
 
 @dataclass(frozen=True)
@@ -174,9 +174,8 @@ def landing(
         start: position, m, and velocity, m/s.
         time: of flight, s; whole periods of it count.
         period: for which an acceleration is held, s.
-        side: "flyable" keeps the true bounds of the thrust, and is flown; "tangent" keeps a little away from the
-            upper one, for a quick answer; "bound" relaxes the upper one so that no landing in this time with
-            accelerations held for such periods needs less.
+        side: "flyable" keeps the true bounds of the thrust, and is flown; "bound" relaxes the upper one so that
+            no landing in this time with accelerations held for such periods needs less.
         propellant: left at the start, kg; None: a full tank.
     """
     count = round(time / period)
@@ -184,8 +183,6 @@ def landing(
         return None
     problem = _Problem(lander, descent, start, count, period, propellant)
     found = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
-    if side == "tangent":
-        return found
     if side == "bound" or found is None:
         # The lower thrust bound's tangent is below it wherever it touches: one more makes it tight.
         return found and (problem.solved(np.log(found.mass), side) or found)
@@ -424,7 +421,7 @@ class _Problem:
                 (self._sigma(k), -1.0),
                 *((z, -low * share) for z, share in middle),
             )
-            if side != "bound":
+            if side == "flyable":
                 high = most * math.exp(-about[k])
                 add(
                     high * (1.0 + about[k] - full),
