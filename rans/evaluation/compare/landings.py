@@ -21,7 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing
 from rans.progress import Progress, unseen
-from rans.randomization.case import Influences
+from rans.randomization.parameters import StepInputs
 from rans.reference.flight import DrakeMover
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks.land import Land
@@ -162,7 +162,7 @@ def replay_landing(
             stores=(zero + left, *(zero for _ in craft.wheels)),
         )
         command = (zero + throttle,) * len(craft.thrusters) + (zero,) * len(craft.wheels)
-        (state,) = move(state, Influences(Body.of(craft), (command,)))
+        (state,) = move(state, StepInputs(Body.of(craft), (command,)))
         left = float(np.asarray(state.stores[0]).item())
         states.append(state)
     return states
