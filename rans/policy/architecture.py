@@ -265,15 +265,15 @@ class Architecture:
             return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
 
     def initial(
-        self, seed: int, duty: float, spread: float = 1.0
+        self, seed: int, duty: float, log_std: float = 0.0
     ) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
         orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
-        left as they were. See `rans.policy.heads.Head.expect` for the duty. Gaussians begin with this spread, by
-        default SB3's standard deviation of 1, so that most valves are tried open or shut: with 0.37 some seeds
-        learnt to turn and never to move.
+        left as they were. See `rans.policy.heads.Head.expect` for the duty. Gaussians begin with SB3's standard
+        deviation of 1 unless ``log_std`` says otherwise, so that most valves are tried open or shut: with 0.37
+        some seeds learnt to turn and never to move.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -285,9 +285,7 @@ class Architecture:
                         nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
-        tensors: dict[str, Tensor] = {}
-        if self.last.spread:
-            tensors["log_std"] = torch.full((self.thrusters,), math.log(spread))
+        tensors = {"log_std": torch.full((self.thrusters,), log_std)} if self.last.spread else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         with torch.no_grad():

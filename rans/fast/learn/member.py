@@ -96,7 +96,7 @@ def begin(
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
         *(
-            given.initial(seed, one.initial_duty, one.initial_spread)
+            given.initial(seed, one.initial_duty, one.log_std_init)
             for seed, one in zip(seeds, settings, strict=True)
         ),
         strict=True,
