@@ -264,14 +264,16 @@ class Architecture:
                 found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
             return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
 
-    def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
+    def initial(
+        self, seed: int, duty: float, log_std: float = 0.0
+    ) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
         orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
         left as they were. See `rans.policy.heads.Head.expect` for the duty. Gaussians begin with SB3's standard
-        deviation of 1, so that most valves are tried open or shut: with 0.37 some seeds learnt to turn and never
-        to move.
+        deviation of 1 unless ``log_std`` says otherwise, so that most valves are tried open or shut: with 0.37
+        some seeds learnt to turn and never to move.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -283,7 +285,7 @@ class Architecture:
                         nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
-        tensors = {"log_std": torch.zeros(self.thrusters)} if self.last.spread else {}
+        tensors = {"log_std": torch.full((self.thrusters,), log_std)} if self.last.spread else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         with torch.no_grad():

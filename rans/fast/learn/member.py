@@ -95,7 +95,10 @@ def begin(
     given = architecture_of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
-        *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
+        *(
+            given.initial(seed, one.initial_duty, one.log_std_init)
+            for seed, one in zip(seeds, settings, strict=True)
+        ),
         strict=True,
     )
     preprocessor = TorchPreprocessor if plain else compiled_preprocessor
