@@ -14,8 +14,8 @@ from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
 
 NAMES = {
-    6: "p.x p.y heading v.x v.y w".split(),
-    13: "p.x p.y p.z q.w q.x q.y q.z v.x v.y v.z w.x w.y w.z".split(),
+    6: ["p.x", "p.y", "heading", "v.x", "v.y", "w"],
+    13: ["p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z"],
 }
 """Names of a state's values, by how many it has: position and velocity in W (m, m/s), heading (rad) or the
 unit quaternion R_WB, angular velocity (rad/s, in space on B)."""

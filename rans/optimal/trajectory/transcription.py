@@ -77,8 +77,8 @@ class Optimality:
     complementarity: float
     """Largest product of a multiplier and the distance from the bound that it belongs to."""
     costates: np.ndarray
-    """(T, leaves of the state) multipliers of the motion over each period: what a unit of the state after it,
-    SI units, adds to the cost, with the sign changed."""
+    """(T, leaves of the state) multipliers of the motion over each period: by how much the cost falls with a unit
+    more, in SI units, of the state that it leads to."""
     command_multipliers: np.ndarray
     """(T, thrusters) multipliers of the bounds of the commands."""
 
@@ -116,7 +116,7 @@ class Optimality:
             above = problem[f"ub{name}"] - value
             excess += [-below, -above]
             distance = np.abs(np.where(multiplier > 0, above, below))
-            products.append(np.where(np.isfinite(distance), distance * np.abs(multiplier), 0.0))
+            products.append(np.where(np.isfinite(distance), distance, 0.0) * np.abs(multiplier))
         nozzles, _, width = rows
         count = (len(x) - 1) // sum(rows)
         return cls(
@@ -155,6 +155,17 @@ class Trajectory:
     """Residuals and multipliers of the problem that was solved; None where none was."""
 
 
+def usual_guesses(craft: Spacecraft, task: Task) -> int:
+    """Guesses to start from where nobody says how many: 1, of tasks that leave the attitude free 3, in space 5.
+
+    See `rans.optimal.trajectory.guess.guess`: from one guess the least time of tracking a velocity may be a third
+    too long, where the start is midway between two attitudes from which the craft pushes hardest.
+    """
+    if {"attitude", "spin"} & aims(task):
+        return 1
+    return 3 if craft.dimension == 2 else 5
+
+
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
     """A trajectory of NaN, for a problem whose solver never answered."""
     nothing = np.full((objective.intervals + 1, len(craft.commands)), np.nan)
@@ -187,9 +198,9 @@ class Transcription:
 
     The trajectory starts in the given state and ends as the objective says, see `Arrival`, where the goal is
     then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative at the instants
-    of every control period that its timing names (`Timing.looks`), nor those of further limits at theirs; between
-    two of them nothing is asked. Where thrust is shared ("split") the commands' sum is kept within 1, where sharing is linear: any wrench the supply
-    can give has such commands.
+    of every control period that its timing names (`Timing.looks`), nor those of further limits at theirs;
+    between two of them nothing is asked. Where thrust is shared ("split") the commands' sum is kept within 1,
+    where sharing is linear: any wrench the supply can give has such commands.
 
     Each period's wrench is a variable of its own, tied to the commands by a linear constraint: the motion
     is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
