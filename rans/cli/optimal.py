@@ -12,7 +12,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import distinct, ready_folder
+from rans.files import distinct, ready_folder, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.progress import Progress
@@ -23,6 +23,7 @@ from rans.terminal import Terminal, progress, stages
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound
     from rans.evaluation.compare.optima import Optimum
+    from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import Objective
 
 
@@ -31,7 +32,8 @@ class Optimal:
     """Find optimal trajectories with relaxed thrust, and fly them in Drake.
 
     Thrust may be anything between shut and open, in Drake too: the trajectories are marks to measure by, no
-    controllers and no certificates. Writes optimal.json and optimal.npz. Exit code 1 if any start was left
+    controllers and no certificates. Writes optimal.json (with residuals of the optimality conditions),
+    optimal.npz (with multipliers), optimal.csv and optimal.svg. Exit code 1 if any start was left
     without a trajectory that Drake flies.
     """
 
@@ -54,10 +56,22 @@ class Optimal:
     """Control periods of a least time."""
     episodes: int = 16
     """Number of starts."""
+    start: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
+    """A start of your own instead of scenarios: p.x=3 heading=1.57 (rad) v.y=0.1 w=0, in space q.w q.x q.y q.z
+    for the attitude; or a TOML file with these keys. What is not named is zero."""
+    goal: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
+    """A goal of your own, in the same way; by default that of the scenario, or with --start the origin."""
+    most_speed: float | None = None
+    """Largest speed on the way, m/s."""
+    most_spin: float | None = None
+    """Largest angular speed on the way, rad/s."""
+    keep_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R ...")] = ()
+    """Balls that the centre of mass stays out of: centre and radius, m; in space x,y,z,r."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
-    guesses: int = 1
-    """Motions to start the optimiser from; the best outcome counts."""
+    guesses: int | None = None
+    """Motions to start the optimiser from, of which the best outcome counts; by default 1, and of tasks that
+    leave the attitude free or with --keep-out 3, in space 5."""
     certify: bool = False
     """Also find what nothing can beat: certified for on/off thrust where that is possible."""
     certify_seconds: float = 20.0
@@ -73,6 +87,9 @@ class Optimal:
         from rans.optimal.trajectory.allocation import check_attitude
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
+        from rans.optimal.trajectory.transcription import usual_guesses
+        from rans.show.figures.optimal_figure import optimal_figure
+        from rans.show.figures.svg import svg
 
         self._check()
         task = TASKS[self.task]().for_evaluation()
@@ -84,14 +101,19 @@ class Optimal:
         objective = objective_of(
             self.objective, self.horizon, self.control_period, self.ending, self.intervals
         )
-        starts = scenarios(task, craft, self.seed, self.episodes)
+        starts = self._starts(task, craft)
+        limits = self._limits()
+        usual = max(usual_guesses(craft, task), 3 if self.keep_out else 1)
+        guesses = usual if self.guesses is None else self.guesses
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         check_attitude(craft, task)
         check_goal(task)  # before anything is written
         folder = ready_folder(self.output or Path("runs") / name)
         answers = self._with_progress(
             "optimal trajectories",
-            lambda step: optima(craft, task, objective, starts, self.guesses, self.workers, step),
+            lambda step: optima(
+                craft, task, objective, starts, guesses, self.workers, step, limits=limits
+            ),
         )
         Terminal().print(
             table(
@@ -106,8 +128,10 @@ class Optimal:
             "objective": objective.name,
             "measure": objective.measure,
             "ending": objective.ending,
-            "seed": self.seed,
+            "seed": None if self.start else self.seed,
+            "limits": None if limits is None else asdict(limits),
         }
+        write_text(folder / "optimal.svg", svg(optimal_figure(answers)))
         write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
         if self.certify:
             about["bounds"] = [
@@ -117,7 +141,7 @@ class Optimal:
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-            f"{folder / 'optimal.json'} and optimal.npz."
+            f"{folder / 'optimal.json'}, optimal.npz, optimal.csv and optimal.svg."
         )
         return 1 if lost else 0
 
@@ -157,6 +181,40 @@ class Optimal:
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
+    def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
+        """Scenarios of the seed, or the start and the goal that are named."""
+        from rans.optimal.trajectory.endpoints import endpoint
+        from rans.scenario import batch, scenario
+
+        if not (self.start or self.goal):
+            return scenarios(task, craft, self.seed, self.episodes)
+        example = scenario(task, craft.dimension, self.seed, 0)
+        goal = endpoint(self.goal, example.goal)
+        if self.start:
+            return batch([Scenario(endpoint(self.start, example.start), goal)])
+        return batch(
+            [
+                Scenario(scenario(task, craft.dimension, self.seed, number).start, goal)
+                for number in range(self.episodes)
+            ]
+        )
+
+    def _limits(self) -> PathLimits | None:
+        """What trajectories keep to beside the task's constraints, None for nothing."""
+        from rans.optimal.trajectory.limits import PathLimits
+
+        if self.most_speed is None and self.most_spin is None and not self.keep_out:
+            return None
+        balls = []
+        for text in self.keep_out:
+            try:
+                balls.append(tuple(float(x) for x in text.split(",")))
+            except ValueError:
+                raise ConfigError(
+                    f"--keep-out takes x,y,r or in space x,y,z,r in m, got {text!r}."
+                ) from None
+        return PathLimits(self.most_speed, self.most_spin, tuple(balls))
+
     def _bounds(
         self,
         craft: Spacecraft,
@@ -174,10 +232,14 @@ class Optimal:
         period = self.control_period
         effort = Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
-        costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
+        # One event a row: bounds are of the goal set, so only trajectories that end in it stand beside them.
+        same = objective.ending == "set" and not (
+            self.most_speed or self.most_spin or self.keep_out
+        )
+        costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
         asked = {bounds.Event(horizon=horizon): (objective.measure, costs)}
         if horizon is None:  # the trajectories arrive, so their costs are of another event
-            asked[bounds.Event("settling")] = "time s to settle", [math.nan] * self.episodes
+            asked[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
         reason = bounds.no_certificate(craft, aims(task), period)
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         every: list[Bound] = []
@@ -191,7 +253,7 @@ class Optimal:
                     self._with_progress(
                         "bounds",
                         lambda step, q=questions: [
-                            *bounds.bounds(q, range(self.episodes), self.workers, step)
+                            *bounds.bounds(q, range(len(q)), self.workers, step)
                         ],
                     ),
                     key=lambda pair: pair[0],
@@ -204,4 +266,4 @@ class Optimal:
 
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:
-            return work(stages(bars)(what, self.episodes))
+            return work(stages(bars)(what, 1 if self.start else self.episodes))

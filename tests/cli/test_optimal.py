@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,7 @@ def test_lost_starts_are_told_and_the_rest_is_made(
         == 1
     )
     text = " ".join(capsys.readouterr().out.split())
-    assert "Start 0, 1: nothing found that arrives" in text
+    assert "Start 0, 1: the optimiser found no trajectory that arrives" in text
     assert "No on/off certificate" in text
     assert "0 of 2 solved" in text
     assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2
@@ -155,3 +156,28 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     [([question], starts, workers, _)] = asked
     assert (question.effort, question.horizon, question.period) == (Effort(3.5), 8.0, 0.5)
     assert (list(starts), workers) == ([0], 1)
+
+
+def test_a_start_and_limits_of_ones_own(tmp_path: Path) -> None:
+    """From 1 m away at 0.2 m/s at most; rows of the table are instants, with the start first."""
+    own = ("--start", "p.x=-1", "heading=0.5", "--goal", "p.y=0.5", "--most-speed", "0.2")
+    found = run(
+        "go-to-pose", *own, "--horizon", "8", "--control-period", "0.5", "--output", str(tmp_path)
+    )
+    assert found == 0
+    with (tmp_path / "optimal.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 17
+    assert [float(rows[0][key]) for key in ("time", "p.x", "heading")] == [0.0, -1.0, 0.5]
+    assert [float(rows[-1][key]) for key in ("time", "p.x", "p.y")] == pytest.approx(
+        [8.0, 0.0, 0.5], abs=1e-6
+    )
+    assert max(np.hypot(float(row["v.x"]), float(row["v.y"])) for row in rows) <= 0.2 + 1e-6
+    assert rows[-1]["command.7"] == ""
+    assert "<svg" in (tmp_path / "optimal.svg").read_text()
+    written = json.loads((tmp_path / "optimal.json").read_text())
+    assert written["limits"]["speed"] == 0.2
+    assert written["starts"][0]["stationarity"] < 1e-7
+    arrays = np.load(tmp_path / "optimal.npz")
+    assert arrays["costates"].shape == (1, 16, 6)
+    assert arrays["command_multipliers"].shape == (1, 16, 8)

@@ -14,13 +14,15 @@ from rich.table import Table
 from rans import terminal
 from rans.evaluation.measure.aggregate import save_arrays
 from rans.evaluation.measure.metrics import DISPLAY
-from rans.files import environment, write_json
+from rans.files import environment, write_json, write_text
 from rans.flight import Flight
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.arrival import moves_goal
+from rans.optimal.trajectory.endpoints import NAMES
+from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import Trajectory
@@ -33,21 +35,15 @@ REPLAY_BOUND = 1e-3
 """Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
 
 _SENTENCES = {
-    "Infeasible_Problem_Detected": "nothing found that arrives: the goal is out of reach in this time",
-    "Restoration_Failed": "nothing found that arrives: the goal is out of reach, or the time too short",
+    "Infeasible_Problem_Detected": "the optimiser found no trajectory that arrives in this time",
+    "Restoration_Failed": "the optimiser found no trajectory that arrives in this time",
     "Maximum_Iterations_Exceeded": "the solver stopped after 500 iterations without an answer",
     "Invalid_Number_Detected": "a number became NaN or infinite: the start, goal or task has one",
     "Worker_Died": "the process that solved it died, usually for lack of memory",
 }
-"""How the optimiser ended, in words."""
+"""How the optimiser ended, in words. It searches locally: that nothing arrives only a certificate proves."""
 
 _AS_PLANNED = Timing(episode_steps=1)
-
-_LEAVES = {
-    6: "p.x p.y heading v.x v.y w",
-    13: "p.x p.y p.z q.w q.x q.y q.z v.x v.y v.z w.x w.y w.z",
-}
-"""Names of a state's values, by how many it has."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +83,7 @@ class Optimum:
         """For `rans.files.write_json`; what is missing is NaN."""
         path = self.trajectory
         found = 1.0 if path.solved else math.nan
+        kkt = path.optimality
         return {
             "start": self.start,
             "status": path.status,
@@ -98,6 +95,9 @@ class Optimum:
             "seconds": path.seconds,
             "iterations": path.iterations,
             "attempts": path.attempts,
+            "stationarity": math.nan if kkt is None else kkt.stationarity,
+            "feasibility": math.nan if kkt is None else kkt.feasibility,
+            "complementarity": math.nan if kkt is None else kkt.complementarity,
             "errors": self.errors,
         }
 
@@ -111,6 +111,7 @@ def optima(
     workers: int | None = None,
     progress: Progress = unseen,
     timing: Timing = _AS_PLANNED,
+    limits: PathLimits | None = None,
 ) -> list[Optimum]:
     """Solve from every start and fly what was found in Drake: one answer per start, solved or not.
 
@@ -123,8 +124,9 @@ def optima(
         workers: see `rans.optimal.trajectory.pool.solve_all`.
         progress: reports solved problems.
         timing: how long flights last, see `episode`; by default as long as their trajectories.
+        limits: what trajectories keep to beside the task's own constraints.
     """
-    [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
+    [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
         if trajectory.solved
@@ -217,10 +219,16 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
 
 
 def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> None:
-    """Write optimal.json, the answers, and optimal.npz, the trajectories; `ConfigError` if the disk refused.
+    """Write optimal.json, the answers, and the trajectories as optimal.npz and optimal.csv.
 
-    The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names,
-    ``commands`` (N, T, thrusters) and ``control_period`` (N,); NaN where a problem was not solved.
+    The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
+    (N, T, thrusters), ``control_period`` (N,), ``costates`` (N, T, leaves) and ``command_multipliers`` (N, T,
+    thrusters), see `rans.optimal.trajectory.transcription.Optimality`; NaN where a problem was not solved.
+    optimal.csv has a row for every instant of the trajectories that were solved, with the commands of the
+    period that begins there, empty at the last one.
+
+    Raises:
+        ConfigError: the disk refused.
     """
     paths = [answer.trajectory for answer in answers]
     known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
@@ -230,10 +238,42 @@ def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> No
             "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
             "commands": known * np.stack([p.commands for p in paths]),
             "control_period": np.array([p.control_period for p in paths]),
-            "leaves": np.array(_LEAVES[len(leaves(paths[0].states))].split()),
+            "costates": np.stack([_multipliers(p)[0] for p in paths]),
+            "command_multipliers": np.stack([_multipliers(p)[1] for p in paths]),
+            "leaves": np.array(_names(paths[0].states)),
         },
     )
+    write_text(folder / "optimal.csv", _csv(answers))
     write_json(
         folder / "optimal.json",
         {**about, "environment": environment(), "starts": [answer.to_json() for answer in answers]},
     )
+
+
+def _names(states: Any) -> list[str]:
+    return NAMES[len(leaves(states))]
+
+
+def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Costates and multipliers of the commands' bounds, NaN where nothing was solved."""
+    if path.optimality is None:
+        width = len(leaves(path.states))
+        return np.full((len(path.commands), width), np.nan), np.full_like(path.commands, np.nan)
+    return path.optimality.costates, path.optimality.command_multipliers
+
+
+def _csv(answers: Sequence[Optimum]) -> str:
+    path = answers[0].trajectory
+    commands = [f"command.{k}" for k in range(path.commands.shape[1])]
+    lines = [",".join(["start", "time", *_names(path.states), *commands])]
+    for answer in answers:
+        path = answer.trajectory
+        if not path.solved:
+            continue
+        columns = np.stack(leaves(path.states), axis=-1)
+        for k, state in enumerate(columns):
+            given = [f"{x:.10g}" for x in path.commands[k]] if k < len(path.commands) else []
+            row = [f"{k * path.control_period:.10g}", *(f"{x:.10g}" for x in state), *given]
+            row += [""] * (len(commands) - len(given))
+            lines.append(",".join([str(answer.start), *row]))
+    return "\n".join(lines) + "\n"

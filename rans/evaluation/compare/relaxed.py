@@ -15,6 +15,7 @@ from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, optima
 from rans.evaluation.measure.metrics import impulses, returns, settling_times
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
+from rans.optimal.trajectory.transcription import usual_guesses
 from rans.progress import Progress, unseen
 
 _GUESSES = 2
@@ -59,7 +60,8 @@ def solve(
     progress: Progress = unseen,
 ) -> list[Relaxed]:
     """The optimum from every start of a contest; see `optima` for workers and progress."""
-    guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
+    usual = usual_guesses(contest.craft, contest.task)
+    guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
     found = optima(
         contest.craft,
         contest.task,

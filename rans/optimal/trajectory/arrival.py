@@ -13,6 +13,7 @@ from rans.errors import ConfigError
 from rans.files import first_line
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
+from rans.optimal.trajectory.limits import PathLimits
 from rans.tasks.base import Task
 from rans.tasks.derived import residual
 from rans.tasks.goal_set import aims
@@ -80,18 +81,22 @@ def goal_motion(task: Task, like: State) -> ca.Function:
     return ca.Function("later", [ca.vertcat(*leaves(goal)), time], [fields])
 
 
-def path_margins(task: Task, state: State, goal: State) -> ca.Function | None:
-    """Margins of the task's constraints: columns of a state's and a goal's fields to the margins.
+def path_margins(
+    task: Task, state: State, goal: State, limits: PathLimits | None = None
+) -> ca.Function | None:
+    """Margins of the task's constraints and of further limits: columns of a state's and a goal's fields to them.
 
     They are rounded as `rounded` says, so that distances have gradients; kept above `LEAST_MARGIN`, which
-    makes up for that, the margins themselves are not negative. None: the task has no constraints.
+    makes up for that, the margins themselves are not negative. None: there are no constraints.
     """
     symbols: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), one) for one in (state, goal)]
-    margins = task.constraints(*symbols)
+    margins = [*task.constraints(*symbols).values()]
+    if limits is not None:
+        margins += limits.margins(symbols[0]).values()
     if not margins:
         return None
     columns = [ca.vertcat(*leaves(one)) for one in symbols]
-    return rounded(ca.Function("margins", columns, [ca.vertcat(*margins.values())]), _CORNER_RADIUS)
+    return rounded(ca.Function("margins", columns, [ca.vertcat(*margins)]), _CORNER_RADIUS)
 
 
 class Arrival:

@@ -47,7 +47,10 @@ def guess(
 
     It is (leaves of the state, N): the states at the ends of N equal intervals of the duration, s. Guesses of
     odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the two
-    quaternions of the goal's attitude); from 2 on the path is bowed at random.
+    quaternions of the goal's attitude); from 2 on the path is bowed at random. Where neither an attitude nor a
+    spin is asked for, further guesses turn into other attitudes on the way, in the plane by 45 degrees either
+    way, then 90: a craft that pushes harder along some of its axes may gain by it, and from an attitude midway
+    between two of these no gradient says which one.
     """
     s = np.arange(1, intervals + 1) / intervals
     p, v = _translation(aims, start, goal, duration, s)
@@ -56,7 +59,10 @@ def guess(
         bow = np.random.default_rng(number).normal(size=(len(p), 1)) * size
         p = p + 16.0 * bow * (s * (1 - s)) ** 2
         v = v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
-    attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
+    if number > 0 and not {"attitude", "spin"} & set(aims):
+        attitude, w = _turning(start, duration, s, number)
+    else:
+        attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
     return np.vstack([p, attitude, v, w])
 
 
@@ -104,6 +110,21 @@ def _rotation(
         columns.append(_turned(attitude, step, np.ones(1))[:, 0])
         attitude = type(attitude)(*columns[-1])
     return np.array(columns).T, first[:, None] + np.outer(last - first, s)
+
+
+def _turning(
+    start: State, duration: float, s: np.ndarray, number: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Attitude and w of a turn that is done after a third of the time, to where nobody asks for."""
+    if isinstance(start.attitude, Heading):
+        turn = np.array([(-1.0) ** number * math.pi / 4.0 * ((number + 1) // 2)])
+    else:
+        axis = np.random.default_rng(number).normal(size=3)
+        turn = axis / np.linalg.norm(axis) * math.pi / 4.0 * ((number + 1) // 2)
+    share = np.minimum(3.0 * s, 1.0)
+    pace = share * share * (3.0 - 2.0 * share)
+    rate = 18.0 * share * (1.0 - share) / duration
+    return _turned(start.attitude, turn, pace), np.outer(turn, rate)
 
 
 def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:

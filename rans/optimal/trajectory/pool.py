@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import check_attitude
 from rans.optimal.trajectory.arrival import Arrival, goal_motion, moves_goal
+from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
 from rans.processes import Workers
@@ -23,6 +24,7 @@ def solve_all(
     workers: int | None = None,
     progress: Progress = unseen,
     guesses: int = 1,
+    limits: PathLimits | None = None,
 ) -> list[list[Trajectory]]:
     """Solve every objective from every start: per objective N trajectories in the order of the starts.
 
@@ -47,7 +49,7 @@ def solve_all(
     def lost(index: int, one: Scenario, guesses: int) -> Trajectory:
         return unsolved(objectives[index], craft, one.start, "Worker_Died")
 
-    pool = Workers(_transcriptions, (craft, task, objectives), workers)
+    pool = Workers(_transcriptions, (craft, task, objectives, limits), workers)
     answers: dict[int, Trajectory] = {}
     for number, trajectory in pool.finished(_solve, jobs, lost):
         answers[number] = trajectory
@@ -57,10 +59,10 @@ def solve_all(
 
 
 def _transcriptions(
-    craft: Spacecraft, task: Task, objectives: Sequence[Objective]
+    craft: Spacecraft, task: Task, objectives: Sequence[Objective], limits: PathLimits | None
 ) -> list[Transcription]:
     """One per objective."""
-    return [Transcription(craft, task, objective) for objective in objectives]
+    return [Transcription(craft, task, objective, limits) for objective in objectives]
 
 
 def _solve(

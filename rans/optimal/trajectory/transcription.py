@@ -31,6 +31,7 @@ from rans.optimal.trajectory.arrival import (
     path_margins,
 )
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
+from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
 from rans.scenario import scenario
 from rans.tasks.base import Task
@@ -62,6 +63,72 @@ _COMMAND_GUESS = 0.3
 
 
 @dataclass(frozen=True)
+class Optimality:
+    """How well a solution fulfils the Karush-Kuhn-Tucker conditions of its problem, and its multipliers.
+
+    The conditions are those of the whole nonlinear program: minimise f(x) with lower <= (x, g(x)) <= upper. A
+    multiplier is positive where an upper bound is active, negative at a lower one (CasADi's sign).
+    """
+
+    stationarity: float
+    """Largest entry of grad f + grad g' lam_g + lam_x."""
+    feasibility: float
+    """By how much a variable or a constraint exceeds a bound at most."""
+    complementarity: float
+    """Largest product of a multiplier and the distance from the bound that it belongs to."""
+    costates: np.ndarray
+    """(T, leaves of the state) multipliers of the motion over each period: by how much the cost falls with a unit
+    more, in SI units, of the state that it leads to."""
+    command_multipliers: np.ndarray
+    """(T, thrusters) multipliers of the bounds of the commands."""
+
+    @classmethod
+    def of(
+        cls,
+        solver: ca.Function,
+        problem: dict[str, np.ndarray],
+        parameters: Sequence[float],
+        solution: dict[str, Any],
+        rows: tuple[int, int, int],
+    ) -> Optimality:
+        """Of a solution of `nlpsol`, from its own derivatives at the point where it ended.
+
+        Args:
+            solver: the solver.
+            problem: bounds that it was called with.
+            parameters: values of its parameters.
+            solution: what it answered.
+            rows: variables of a period: commands, wrench, state.
+        """
+        x = np.array(solution["x"]).ravel()
+        multipliers = [np.array(solution[name]).ravel() for name in ("lam_x", "lam_g")]
+        _, slope = solver.get_function("nlp_grad_f")(x, parameters)
+        values, jacobian = solver.get_function("nlp_jac_g")(x, parameters)
+        gradient = np.array(slope).ravel() + multipliers[0]
+        gradient = gradient + np.array(jacobian.T @ ca.DM(multipliers[1])).ravel()
+        excess = []
+        products = []
+        for value, multiplier, name in (
+            (x, multipliers[0], "x"),
+            (np.array(values).ravel(), multipliers[1], "g"),
+        ):
+            below = value - problem[f"lb{name}"]
+            above = problem[f"ub{name}"] - value
+            excess += [-below, -above]
+            distance = np.abs(np.where(multiplier > 0, above, below))
+            products.append(np.where(np.isfinite(distance), distance, 0.0) * np.abs(multiplier))
+        nozzles, _, width = rows
+        count = (len(x) - 1) // sum(rows)
+        return cls(
+            float(np.abs(gradient).max()),
+            float(max(0.0, *(one.max(initial=0.0) for one in excess))),
+            float(max(one.max(initial=0.0) for one in products)),
+            multipliers[1][: count * width].reshape(count, width),
+            multipliers[0][:-1].reshape(count, -1)[:, :nozzles],
+        )
+
+
+@dataclass(frozen=True)
 class Trajectory:
     """Trajectory that the optimiser ended with, solved or not."""
 
@@ -84,6 +151,19 @@ class Trajectory:
     """Wall time of all attempts together."""
     attempts: int = 1
     """Guesses that were started from."""
+    optimality: Optimality | None = None
+    """Residuals and multipliers of the problem that was solved; None where none was."""
+
+
+def usual_guesses(craft: Spacecraft, task: Task) -> int:
+    """Guesses to start from where nobody says how many: 1, of tasks that leave the attitude free 3, in space 5.
+
+    See `rans.optimal.trajectory.guess.guess`: from one guess the least time of tracking a velocity may be a third
+    too long, where the start is midway between two attitudes from which the craft pushes hardest.
+    """
+    if {"attitude", "spin"} & aims(task):
+        return 1
+    return 3 if craft.dimension == 2 else 5
 
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
@@ -117,10 +197,10 @@ class Transcription:
     """One kind of problem for one spacecraft and task, ready to be solved from any start.
 
     The trajectory starts in the given state and ends as the objective says, see `Arrival`, where the goal is
-    then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative after every
-    control period; between two of them nothing is asked. Where thrust
-    is shared ("split") the commands' sum is kept within 1, where sharing is linear: any wrench the supply
-    can give has such commands.
+    then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative at the instants
+    of every control period that its timing names (`Timing.looks`), nor those of further limits at theirs;
+    between two of them nothing is asked. Where thrust is shared ("split") the commands' sum is kept within 1,
+    where sharing is linear: any wrench the supply can give has such commands.
 
     Each period's wrench is a variable of its own, tied to the commands by a linear constraint: the motion
     is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
@@ -133,7 +213,13 @@ class Transcription:
         ConfigError: see `Arrival`; or the task asks a craft to turn that cannot.
     """
 
-    def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:
+    def __init__(
+        self,
+        craft: Spacecraft,
+        task: Task,
+        objective: Objective,
+        limits: PathLimits | None = None,
+    ) -> None:
         check_attitude(craft, task)
         check_relaxation(craft)
         self._craft = craft
@@ -144,7 +230,8 @@ class Transcription:
         self._aims = aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._later = goal_motion(task, example.goal) if moves_goal(task) else None
-        self._margins = path_margins(task, example.start, example.goal)
+        self._margins = path_margins(task, example.start, example.goal, limits)
+        self._looks = max(task.timing.looks, 1 if limits is None else limits.looks)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
         self._low, self._high = np.array([(one.low, one.high) for one in craft.commands]).T[
@@ -186,7 +273,18 @@ class Transcription:
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
         if self._margins is not None:
-            constraints.append(ca.vec(self._margins.map(count)(after, goals)))
+            before = ca.horzcat(start, after[:, :-1])
+            for look in range(1, self._looks + 1):
+                share = look / self._looks
+                then = goals
+                if look == self._looks:
+                    there = after
+                else:
+                    there = self._step.map(count)(before, applied, share * period)
+                    if self._later is not None:
+                        instants = period * (ca.DM(range(count)).T + share)
+                        then = self._later.map(count)(ca.repmat(goal, 1, count), instants)
+                constraints.append(ca.vec(self._margins.map(count)(there, then)))
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(
             self._craft, self._task, start, after, commands, period, goals, corner
@@ -229,8 +327,14 @@ class Transcription:
         found = []
         for corner in self._corners:
             begun = time.perf_counter()
-            solution = self._solver(p=[*leaves(start), *leaves(goal), corner], **problem)
-            found.append(self._trajectory(solution, start, goal, time.perf_counter() - begun))
+            parameters = [*leaves(start), *leaves(goal), corner]
+            solution = self._solver(p=parameters, **problem)
+            seconds = time.perf_counter() - begun
+            one = self._trajectory(solution, start, goal, seconds)
+            if one.solved:
+                optimality = Optimality.of(self._solver, problem, parameters, solution, self._rows)
+                one = replace(one, optimality=optimality)
+            found.append(one)
             if not found[-1].solved:
                 break
             problem["x0"] = np.array(solution["x"]).ravel()
@@ -280,7 +384,8 @@ class Transcription:
         unbound = np.full((forces, count), np.inf)
         joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
-        margins = np.zeros(0 if self._margins is None else count * self._margins.size1_out(0))
+        rows = 0 if self._margins is None else self._looks * count * self._margins.size1_out(0)
+        margins = np.zeros(rows)
         return {
             "x0": pack(command, self._wrenches @ command, states, period),
             "lbx": pack(0.0 * command + self._low, -unbound, -free, shortest),

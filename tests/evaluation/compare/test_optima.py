@@ -56,7 +56,7 @@ def test_lost_starts_are_rows_with_a_sentence() -> None:
     answers = optima.optima(PLATFORM, TASK, FUEL, batch, workers=1)
     assert [answer.good for answer in answers] == [True, False, False]
     assert "NaN" in answers[1].sentence
-    assert "out of reach" in answers[2].sentence
+    assert "found no trajectory that arrives" in answers[2].sentence  # no proof that none does
     assert [math.isnan(row["cost"]) for row in (a.to_json() for a in answers)] == [
         False,
         True,

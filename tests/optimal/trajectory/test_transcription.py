@@ -20,16 +20,23 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
+from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import (
     MinimumFuel,
     MinimumTime,
     Objective,
     QuadraticTracking,
 )
-from rans.optimal.trajectory.transcription import Trajectory, Transcription, _best, unsolved
+from rans.optimal.trajectory.transcription import (
+    Trajectory,
+    Transcription,
+    _best,
+    unsolved,
+    usual_guesses,
+)
 from rans.reference.flight import replay
 from rans.scenario import Scenario, scenario
-from rans.tasks import GoToPosePriced, GoToPosition, MultiTask
+from rans.tasks import GoToPosePriced, GoToPosition, MultiTask, TrackVelocity
 from tests.support.crafts import deputy, nasty_planar
 from tests.support.problems import (
     FLYER,
@@ -417,3 +424,70 @@ def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
     trajectory = solved(deputy(), MinimumTime(50), spatial(x=-3.0), spatial(), SpeedLimit())
     closed = 3.0 / 0.2 + 0.2 * 12.0
     assert closed * (1 - 1e-4) < trajectory.cost < closed * (1 + 0.02)
+
+
+def test_optimality_conditions_hold_and_costates_are_slopes() -> None:
+    """The first costate is minus the slope of the least cost by the start, here by moving that 1 mm."""
+    objective = MinimumFuel(10.0)
+    one = solved(PLATFORM, objective, planar(x=-3.0), planar())
+    nearer = solved(PLATFORM, objective, planar(x=-2.999), planar())
+    found = one.optimality
+    assert found is not None
+    # IPOPT ends where its scaled error is 1e-8.
+    assert max(found.stationarity, found.feasibility, found.complementarity) < 1e-7
+    slope = (nearer.cost - one.cost) / 1e-3
+    assert found.costates[0][0] == pytest.approx(-slope, rel=1e-3)
+    # A thruster that is fully open would be opened further, one that is shut be shut further.
+    assert found.command_multipliers[one.commands > 0.99].min() > -1e-6
+    assert found.command_multipliers[one.commands < 0.01].max() < 1e-6
+
+
+def test_limits_hold_between_periods_too() -> None:
+    """Straight ahead lies a ball, and 0.4 m/s is all there may be: both hold at four instants a period."""
+    limits = PathLimits(speed=0.4, keep_out=((-1.5, 0.0, 0.4),))
+    objective = MinimumFuel(14.0, 0.4)
+    problem = Transcription(PLATFORM, TASK, objective, limits)
+    free = solved(PLATFORM, objective, planar(x=-3.0, heading=0.5), planar())
+    kept = problem.solve(planar(x=-3.0, heading=0.5), planar(), guesses=3)
+    assert kept.solved
+    assert kept.cost > free.cost
+    timing = Timing(control_period=0.1, episode_steps=4 * len(kept.commands))
+    states = replay(
+        PLATFORM, planar(x=-3.0, heading=0.5), np.repeat(kept.commands, 4, axis=0), timing, FREE
+    )
+    assert np.hypot(states.p.x + 1.5, states.p.y).min() > 0.4 - 1e-4
+    assert states.v.norm().max() < 0.4 + 1e-4
+    through = replay(
+        PLATFORM, planar(x=-3.0, heading=0.5), np.repeat(free.commands, 4, 0), timing, FREE
+    )
+    assert np.hypot(through.p.x + 1.5, through.p.y).min() < 0.4
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"speed": 0.0}, "the largest speed must be finite and > 0"),
+        ({"keep_out": ((1.0, 2.0),)}, "its centre and a radius > 0"),
+        ({"keep_out": ((1.0, 2.0, -1.0),)}, "its centre and a radius > 0"),
+        ({"keep_out": ((1.0, 2.0, 3.0, 1.0),)}, "needs 2 coordinates and a radius"),
+    ],
+)
+def test_wrong_limits_are_one_sentence(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Transcription(PLATFORM, TASK, MinimumFuel(2.0), PathLimits(**changes))
+
+
+def test_from_midway_between_two_attitudes_one_guess_is_not_enough() -> None:
+    """2 N along a diagonal of the body, 2.83 N along an axis: to gain 2 m/s it pays to turn by 45 degrees.
+
+    At the diagonal both ways to turn are alike, so that the first guess, which does not turn, has no slope: it
+    takes 2 m/s * 5.32 kg / 2 N. From an axis on it would take 3.76 s, and with the turn no more than 4.5 s.
+    """
+    task = TrackVelocity()
+    start = planar(heading=math.pi / 4)
+    goal = replace(planar(heading=math.pi / 4), v=Vec2(2.0, 0.0))
+    problem = transcription(PLATFORM, MinimumTime(20), task)
+    one = problem.solve(start, goal)
+    best = problem.solve(start, goal, usual_guesses(PLATFORM, task))
+    assert one.cost == pytest.approx(2.0 * PLATFORM.mass / 2.0, rel=SOLVER)
+    assert 2.0 * PLATFORM.mass / FORWARD < best.cost < 4.5

@@ -1,0 +1,80 @@
+"""A start and a goal of one's own, as KEY=VALUE or a TOML file, in place of a scenario's."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError, meant
+from rans.model.dynamics import State
+from rans.model.fields import leaves, unflatten
+
+NAMES = {
+    6: ["p.x", "p.y", "heading", "v.x", "v.y", "w"],
+    13: ["p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z"],
+}
+"""Names of a state's values, by how many it has: position and velocity in W (m, m/s), heading (rad) or the
+unit quaternion R_WB, angular velocity (rad/s, in space on B)."""
+
+
+def endpoint(given: Sequence[str], like: State) -> State:
+    """The state that a user names; what is not named is zero, the attitude none.
+
+    Args:
+        given: texts such as "p.x=3" and "heading=1.57", or one TOML file with these keys (``[p]`` with ``x = 3``
+            is "p.x=3").
+        like: a state of floats; its notes and stores stay.
+
+    Raises:
+        ConfigError: a file cannot be read, there is no such key, or a value is no finite number.
+    """
+    motion = replace(like, notes=(), stores=())
+    names = NAMES[len(leaves(motion))]
+    values = dict.fromkeys(names, 0.0)
+    if "q.w" in values:
+        values["q.w"] = 1.0
+    for key, text in _pairs(given):
+        if key not in values:
+            raise ConfigError(
+                f"a state has no {key!r}{meant(key, names)}; its values are {', '.join(names)}."
+            )
+        try:
+            values[key] = float(text)
+        except (TypeError, ValueError):
+            values[key] = math.nan
+        if not math.isfinite(values[key]):
+            raise ConfigError(f"{key} must be a finite number, got {text!r}.")
+    found = unflatten(motion, list(values.values()))
+    if "q.w" in values and not math.isclose(sum(x * x for x in leaves(found.attitude)), 1.0):
+        size = math.sqrt(sum(x * x for x in leaves(found.attitude)))
+        if size == 0.0:
+            raise ConfigError("the quaternion q.w, q.x, q.y, q.z must not be zero.")
+        attitude = unflatten(found.attitude, [x / size for x in leaves(found.attitude)])
+        found = replace(found, attitude=attitude)
+    return replace(found, notes=like.notes, stores=like.stores)
+
+
+def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
+    if len(given) == 1 and "=" not in given[0]:
+        try:
+            table = tomllib.loads(Path(given[0]).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ConfigError(
+                f"a state is KEY=VALUE ..., or a TOML file with these keys; {given[0]}: {error}."
+            ) from error
+        return [
+            (f"{key}.{inner}" if inner else key, number)
+            for key, value in table.items()
+            for inner, number in (value.items() if isinstance(value, dict) else [("", value)])
+        ]
+    pairs = []
+    for text in given:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"a state is KEY=VALUE ..., such as p.x=3, got {text!r}.")
+        pairs.append((key, value))
+    return pairs

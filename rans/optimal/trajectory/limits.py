@@ -1,0 +1,65 @@
+"""Limits that a user sets a trajectory beside its task's own constraints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.model.fields import Field, sqrt
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """Speed, spin and balls that a trajectory keeps to after its start, with margins as `Task.constraints` has.
+
+    >>> from rans.optimal.trajectory.limits import PathLimits
+    >>> PathLimits(speed=0.3, keep_out=((1.5, 0.0, 0.4),)).looks
+    4
+
+    Raises:
+        ConfigError: a limit is no finite number > 0, or a ball has no centre and radius.
+    """
+
+    speed: float | None = None
+    """Largest speed in W, m/s."""
+    spin: float | None = None
+    """Largest angular speed, rad/s."""
+    keep_out: tuple[tuple[float, ...], ...] = ()
+    """Balls (m) that the centre of mass stays out of: centre in W, then radius."""
+    looks: int = 4
+    """Instants of a control period at which they hold, evenly spaced, the last one at its end."""
+
+    def __post_init__(self) -> None:
+        for name, value in (("speed", self.speed), ("spin", self.spin)):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ConfigError(f"the largest {name} must be finite and > 0, got {value!r}.")
+        for ball in self.keep_out:
+            if len(ball) not in (3, 4) or not all(map(math.isfinite, ball)) or ball[-1] <= 0:
+                raise ConfigError(
+                    "a ball to keep out of is its centre and a radius > 0, x,y,r or in space x,y,z,r, got "
+                    f"{','.join(f'{x:g}' for x in ball)}."
+                )
+
+    def margins(self, state: Any) -> dict[str, Field]:
+        """How far a state is within each limit, in SI units; negative beyond it.
+
+        Raises:
+            ConfigError: a ball is for the other dimension.
+        """
+        found: dict[str, Field] = {}
+        if self.speed is not None:
+            found["speed"] = self.speed - state.v.norm()
+        if self.spin is not None:
+            found["spin"] = self.spin - sqrt(sum(x * x for x in state.spin()))
+        where = state.p.columns()
+        for number, (*centre, radius) in enumerate(self.keep_out):
+            if len(centre) != len(where):
+                raise ConfigError(
+                    f"a ball to keep out of needs {len(where)} coordinates and a radius here, got "
+                    f"{len(centre)} coordinates."
+                )
+            square = sum((x - c) * (x - c) for x, c in zip(where, centre, strict=True))
+            found[f"keep out {number}"] = sqrt(square) - radius
+        return found

@@ -1,0 +1,46 @@
+"""States that a user names, by hand."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.fields import leaves
+from rans.optimal.trajectory.endpoints import endpoint
+from tests.support.problems import planar, spatial
+
+
+def test_keys_in_the_plane() -> None:
+    found = endpoint(["p.x=3", "heading=1.5", "v.y=-0.1", "w=0.2"], planar(x=9.0))
+    assert leaves(found) == (3.0, 0.0, 1.5, 0.0, -0.1, 0.2)
+
+
+def test_a_quaternion_is_made_a_unit() -> None:
+    found = endpoint(["p.z=1", "q.w=1", "q.x=1"], spatial())
+    half = math.sqrt(0.5)
+    assert leaves(found) == pytest.approx((0, 0, 1, half, half, 0, 0, 0, 0, 0, 0, 0, 0))
+    assert leaves(endpoint([], spatial()))[3:7] == (1.0, 0.0, 0.0, 0.0)
+
+
+def test_a_file_names_the_same_keys(tmp_path: Path) -> None:
+    file = tmp_path / "start.toml"
+    file.write_text("heading = 1.5\n[p]\nx = 3\n")
+    assert leaves(endpoint([str(file)], planar())) == (3.0, 0.0, 1.5, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["p.z=3"], "a state has no 'p.z'"),
+        (["p.x=far"], "p.x must be a finite number, got 'far'"),
+        (["p.x=inf"], "p.x must be a finite number"),
+        (["nowhere.toml"], "or a TOML file with these keys; nowhere.toml"),
+        (["p.x=1", "heading"], "such as p.x=3, got 'heading'"),
+    ],
+)
+def test_mistakes_are_one_sentence(given: list[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        endpoint(given, planar())
