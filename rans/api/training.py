@@ -13,7 +13,7 @@ from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.errors import ConfigError, checked, one_of, whole
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.model.spacecraft_file import USUAL, load_spacecraft, to_toml
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import Task, load_task, registered_name
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
     from rans.fast.learn.config import Algorithm, PPOSettings, TrainConfig
     from rans.fast.learn.loggers import LoggerName
+    from rans.fast.learn.recipes import Quality
     from rans.fast.learn.sweep import Sweep
 
 
@@ -34,6 +35,7 @@ def train(
     conditions: ConditionsLike | None = None,
     ppo: PPOSettings | None = None,
     algorithm: Algorithm | None = None,
+    quality: Quality | None = None,
     plain: bool = False,
     run: str | Path | None = None,
     log: Sequence[LoggerName] = (),
@@ -61,6 +63,8 @@ def train(
         ppo: settings of the training; None: those known to work.
         algorithm: "ppo", or "gradient": down the gradient of the return through the motion, for throttled
             thrusters (docs/training.md); None: PPO, or the agent's.
+        quality: how long: "quick" (until it is solved), "good" (minutes on two cores) or "best" (a GPU, or
+            long); also with your own spacecraft and conditions. None: quick, or a recipe's own length.
         plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
         run: a new folder for what it leaves; None: one under runs/.
         log: loggers that rows of metrics also go to: "hparams", "wandb" or "mlflow".
@@ -87,6 +91,7 @@ def train(
         ppo,
         conditions,
         algorithm,
+        quality,
         seed=seed,
         total_timesteps=total_timesteps,
     )
@@ -189,7 +194,7 @@ def sweep(
     check_loggers(log)
     check(log)
     base = _config(
-        task, spacecraft, device, None, conditions, algorithm, total_timesteps=total_timesteps
+        task, spacecraft, device, None, conditions, algorithm, None, total_timesteps=total_timesteps
     )
     if isinstance(spacecraft, Spacecraft):
         raise ConfigError(
@@ -274,20 +279,28 @@ def _config(
     ppo: PPOSettings | None,
     conditions: ConditionsLike | None,
     algorithm: Algorithm | None,
+    quality: Quality | None,
     **numbers: int | None,
 ) -> TrainConfig:
     """The training of a name, with what was given in the place of what it has."""
-    from rans.fast.learn.recipes import by_gradient, training
+    from rans.fast.learn.recipes import by_gradient, training, training_of_quality
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)
-    named = str(spacecraft) if isinstance(spacecraft, str | Path) else CRAFT
-    config = training(_name(task), named, device)
+    named: str | None = None
+    if isinstance(spacecraft, str | Path):
+        named = str(spacecraft)
+    elif craft is not None:  # its own file is written with the run folder
+        named = USUAL[craft.dimension]
+    if quality is None:
+        config = training(_name(task), named, device)
+    else:
+        config = training_of_quality(_name(task), named, quality, device, conditions is not None)
     if algorithm == "gradient":
         config = by_gradient(config)
     given: dict[str, Any] = {
         **numbers,
         "algorithm": algorithm,
-        "spacecraft": None if craft is None else named,
+        "spacecraft": named,
         "settings": task if isinstance(task, Task) else None,
         "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
         "conditions": None if conditions is None else load_conditions(conditions),

@@ -166,14 +166,23 @@ def _parse(arguments: list[str]) -> Any:
 
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
-    parse = partial(
-        tyro.extras.subcommand_cli_from_dict,
-        commands,
-        args=arguments,
-        prog="rans",
-        description=_ABOUT,
-        registry=registry(),
-    )
+    if arguments[0] in commands:  # so that messages name this command's own help
+        parse = partial(
+            tyro.cli,
+            commands[arguments[0]],
+            args=arguments[1:],
+            prog=f"rans {arguments[0]}",
+            registry=registry(),
+        )
+    else:
+        parse = partial(
+            tyro.extras.subcommand_cli_from_dict,
+            commands,
+            args=arguments,
+            prog="rans",
+            description=_ABOUT,
+            registry=registry(),
+        )
     if arguments[0].startswith(
         "--tyro-"
     ):  # completion, which takes every line of a text for a word

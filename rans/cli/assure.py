@@ -185,7 +185,8 @@ def _show(assurance: Assurance, file: Path) -> None:
         console.say(f"By importance sampling {assurance.rare.said}.")
     if assurance.replays and assurance.replays.found:
         most = max(assurance.replays.found, key=lambda one: one.excess)
-        console.say(f"The worst, at {most.excess:.3g} tolerances: {assurance.view(most.number)}")
+        console.say(f"The worst failure, at {most.excess:.3g} tolerances:")
+        console.command(assurance.view(most.number))
     others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
     console.say(f"Written to {file}, {others}.")
 

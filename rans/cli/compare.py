@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +21,16 @@ from rans.terminal import Terminal, kept, progress, stages
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import Estimate
+
+
+_FIRST = (
+    "settled",
+    "mission won",
+    "settling time",
+    "impulse of the episode",
+    "thrust-time of the episode",
+)
+"""Beginnings of the scores that are printed without ``--full``; errors are too."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +72,8 @@ class Compare:
     """Seed of the starts."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
+    full: bool = False
+    """Print all scores and the certified gaps, not only the scores that matter first; the page has all."""
     trust: bool = False
     """Open sb3: files that RANS did not write, pickles that run whatever code is in them; run the module of a
     task that a run folder names as MODULE:NAME. Only if you know their authors."""
@@ -88,11 +101,21 @@ class Compare:
         }
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
-        with kept(partial(_write, comparison, folder)), progress() as bars:
+        show = partial(_write, comparison, folder, self.full)
+        with kept(show), progress() as bars:
             comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
             if self.front:
                 comparison.trace(between, self.budget, cache, stages(bars))
+        run = self.contestants[0]
+        more = [shlex.join(["rans", "view", run, *self._controllers()])]
+        if not self.full:
+            more.insert(0, f"{shlex.join(['rans', 'compare', *self.contestants])} --full")
+        Terminal().suggest(*more, shlex.join(["rans", "stress", run, *self._controllers()]))
         return 1 if comparison.failures else 0
+
+    def _controllers(self) -> list[str]:
+        """The first controller that joined, to see beside the first contestant."""
+        return [name for name in self.beside if name != "optimal"][:1]
 
     def _check(self) -> None:
         """What can be told before anything is loaded; raises `ConfigError`."""
@@ -111,7 +134,7 @@ class Compare:
         check_count("--episodes", self.episodes)
 
 
-def _write(comparison: Comparison, folder: Path) -> None:
+def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     from rans.evaluation.measure.statistics import figure
     from rans.show.pages.comparison_page import TEXT, page
     from rans.show.tables import front_tables
@@ -125,7 +148,9 @@ def _write(comparison: Comparison, folder: Path) -> None:
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison, command_line()).write(folder / "compare.html")
     if board:
-        keys = dict.fromkeys(key for row in board.values() for key in row)
+        keys = list(dict.fromkeys(key for row in board.values() for key in row))
+        if not full:
+            keys = [key for key in keys if key.startswith(_FIRST) or " error" in key]
 
         def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
             return [(key, *(text(row[key]) for row in board.values())) for key in keys]
@@ -137,7 +162,7 @@ def _write(comparison: Comparison, folder: Path) -> None:
             cells(lambda one: figure(one.value)),
             "A wider terminal shows intervals too.",
         )
-    if found := gaps(comparison):
+    if full and (found := gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
             f"Median multiple of the bound of the same event, {starts}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -61,6 +62,10 @@ class Export:
         Terminal().say(
             f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB."
         )
+        if self.format == "numpy":
+            Terminal().suggest(f"cd {shlex.quote(str(self.output))} && python agent.py")
+        elif self.format == "onnx":
+            Terminal().suggest(shlex.join(["rans", "evaluate", str(self.output)]))
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its figures, of {card['episodes']:,} flights.")
         return 0

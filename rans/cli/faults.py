@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -48,4 +49,17 @@ class Faults:
 
             save_picture(faults_figure(craft, found.sets), self.picture)
             Terminal().say(f"Picture: {self.picture}")
+        Terminal().suggest(
+            shlex.join(
+                [
+                    "rans",
+                    "train",
+                    "go-to-pose",
+                    "--spacecraft",
+                    self.craft,
+                    "--conditions",
+                    "faults",
+                ]
+            )
+        )
         return 0

@@ -27,10 +27,12 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Commands by what they are for; those that are in none follow under "More"."""
 
-START = """Start here:
-  rans train go-to-pose --output runs/first     # an agent in seconds
-  rans compare runs/first                       # beside controllers and bounds
-  rans view runs/first                          # in three dimensions"""
+START = {
+    "rans train go-to-pose --output runs/first": "an agent in seconds",
+    "rans compare runs/first": "beside controllers and bounds",
+    "rans view runs/first": "in three dimensions",
+}
+"""First commands, and what each gives."""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "train": (
@@ -77,6 +79,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans export runs/first --output my-agent --format onnx",
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     ),
+    "fly": ("rans fly pretrained:go-to-pose-2d --goal 0 0 0",),
+    "twin": ("rans twin floating-platform",),
     "validate": ("rans validate --spacecraft mine.toml --quick",),
     "benchmark": ("rans benchmark --quick",),
     "list": (
@@ -101,6 +105,8 @@ GUIDES = {
     "optimal": "optimal",
     "faults": "faults",
     "export": "export",
+    "fly": "robots",
+    "twin": "robots",
     "validate": "verification",
     "benchmark": "speed",
     "list": "terminal",
@@ -121,7 +127,10 @@ class _Page(io.TextIOWrapper):
 def overview(about: str, commands: Mapping[str, type]) -> str:
     """What ``rans`` alone prints: usage, where to start, and every command in a line or two."""
     width = shutil.get_terminal_size().columns
-    lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", START]
+    lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", "Start here:"]
+    for command, gives in START.items():
+        whole = f"  {command:<45} # {gives}"
+        lines.append(whole if len(whole) <= width else f"  {command}")
     grouped = {name for names in GROUPS.values() for name in names}
     rest = tuple(name for name in commands if name not in grouped)
     for title, names in (*GROUPS.items(), ("More", rest)):
@@ -223,6 +232,8 @@ def _metavar(name: str, hint: Any) -> str | None:
     (kind,) = kinds
     if get_origin(kind) is Literal:
         return f"{{{','.join(map(str, get_args(kind)))}}}"
+    if get_origin(kind) is tuple:
+        return f"{_metavar(name, get_args(kind)[0]) or 'NAME'}..."
     if kind is Path:
         return "FOLDER" if name in ("output", "resume", "peer_folder") else "FILE"
     return {str: "NAME", int: "INT", float: "NUMBER"}.get(kind)

@@ -96,6 +96,11 @@ class Sweep:
         if stop.asked:
             text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
         Terminal().say(text)
+        if not stop.asked:
+            best = str(folder / "best")
+            Terminal().suggest(
+                shlex.join(["rans", "evaluate", best]), shlex.join(["rans", "report", str(folder)])
+            )
         return 130 if stop.asked else 0
 
     def _trainings(self) -> Trainings:

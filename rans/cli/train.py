@@ -72,6 +72,10 @@ class Train:
     algorithm: Literal["ppo", "gradient"] | None = None
     """What learns: ppo, or the gradient of the return through the motion, for throttled thrusters
     (docs/training.md); by default ppo."""
+    quality: Literal["quick", "good", "best"] | None = None
+    """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less time,
+    impulse and error) or best (a GPU, or long); also with your own spacecraft and conditions. By default
+    quick."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
     plain: bool = False
@@ -117,7 +121,7 @@ class Train:
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import by_gradient, training
+        from rans.fast.learn.recipes import by_gradient, training, training_of_quality
         from rans.fast.learn.run_folder import read_config
         from rans.randomization.conditions_file import load_conditions
 
@@ -127,11 +131,22 @@ class Train:
             )
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
-        begun = (
-            read_config(self.config)
-            if self.config
-            else training(str(self.task), self.spacecraft, self.device)
-        )
+        if self.config is not None:
+            if self.quality is not None:
+                raise ConfigError(
+                    f"--config {self.config} says how long to train: leave out --quality."
+                )
+            begun = read_config(self.config)
+        elif self.quality is None:
+            begun = training(str(self.task), self.spacecraft, self.device)
+        else:
+            begun = training_of_quality(
+                str(self.task),
+                self.spacecraft,
+                self.quality,
+                self.device,
+                self.conditions is not None,
+            )
         if self.algorithm == "gradient" and begun.algorithm != "gradient":
             begun = by_gradient(begun)
         table = json.loads(json.dumps(to_table(begun)))
@@ -193,7 +208,28 @@ class Train:
         if rows := trainer.run.metrics():
             write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         Terminal().say(_summary(trainer, begun, stop.asked, time.monotonic() - STARTED))
-        return 130 if stop.asked else 0
+        if stop.asked:
+            return 130
+        Terminal().suggest(*self._next(trainer))
+        return 0
+
+    def _next(self, trainer: Trainer) -> list[str]:
+        """What a user may want to run after this."""
+        path = str(trainer.run.path)
+        commands = [
+            shlex.join(["rans", "evaluate", path]),
+            shlex.join(["rans", "compare", path, "--episodes", "16", "--certified", "2"]),
+        ]
+        is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
+        if is_quick and self.task is not None and self.resume is None:
+            given = ["rans", "train", self.task]
+            if self.spacecraft is not None:
+                given += ["--spacecraft", self.spacecraft]
+            if self.conditions is not None:
+                given += ["--conditions", self.conditions]
+            better = shlex.join([*given, "--quality", "good"])
+            commands.append(f"{better}   # a better agent, in minutes")
+        return commands
 
 
 def compile_in_this_process() -> None:

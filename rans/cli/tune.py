@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -94,4 +95,6 @@ class Tune:
         )
         if found.candidates < self.candidates:
             raise KeyboardInterrupt
+        where = f"{self.task}-{craft.dimension}d@{self.spacecraft}"
+        Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))
         return 0

@@ -203,7 +203,10 @@ def test_help_fits_and_keeps_words_whole(
     assert code_of([*command.split(), "--help"]) == 0
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= columns
-    assert "╭─ options" in printed
+    assert ("╭─ options" in printed) is bool(command)
+    assert "{None}" not in printed
+    assert "(default: None)" not in printed
+    assert "(default: False)" not in printed
     about = (
         cli._ABOUT
         if not command
@@ -222,7 +225,7 @@ def test_help_of_an_option_is_one_paragraph() -> None:
         check=True,
     )
     lines = [line.strip("│ ") for line in done.stdout.splitlines()]
-    assert "with a knob, all others, and the certified front. (default:" in lines
+    assert any(line.endswith("knob, all others, and the certified front.") for line in lines)
 
 
 @pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])

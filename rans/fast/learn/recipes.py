@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import torch
 
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, brief, meant, one_of
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft_file import SPACECRAFT, USUAL, load_spacecraft
@@ -28,25 +28,19 @@ RECIPES: tuple[str, ...] = tuple(
     sorted(
         file.stem
         for file in RECIPE_FOLDER.glob("*.toml")
-        if not file.stem.startswith(("base-", "preset-"))
+        if not file.stem.startswith(("base-", "good-", "preset-"))
     )
 )
 """Names of the recipes, which are those of the agents that come with RANS.
 
-Other files are ``base-NAME.toml``, what several have in common, and ``preset-NAME.toml``.
+Other files are ``base-NAME.toml``, what several have in common, ``preset-NAME.toml``, and
+``good-TASK-PLACE.toml``, trainings of minutes for any spacecraft.
 """
 
-
-_GRADIENT: dict[str, Any] = {
-    "n_envs": 256,
-    "n_steps": 16,
-    "batch_size": 1024,
-    "n_epochs": 4,
-    "learning_rate": 3e-3,
-}
-"""Of a learner through the motion, of any throttled craft (decision 026)."""
-_GRADIENT_REPORTS = 24
-"""Its iterations between reports, as many steps as between those of PPO."""
+Quality = Literal["quick", "good", "best"]
+"""How much a training is worth waiting for: seconds, minutes on two cores, or a GPU's minutes."""
+_MEMORY = ("memory", "history", "averages", "privileged_critic")
+"""Settings that an agent needs whose spacecraft differs from episode to episode."""
 
 
 def recipe(name: str, device: str) -> TrainConfig:
@@ -84,17 +78,87 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
             f"recipes are {', '.join(RECIPES)}; your own recipe is a file whose name ends in .toml."
         )
     settings = TASKS[task]()
-    spacecraft = spacecraft or settings.spacecraft or USUAL[2]
-    craft = load_spacecraft(spacecraft)
+    named: str = spacecraft or settings.spacecraft or USUAL[2]
+    craft = load_spacecraft(named)
     TASKS.vouch_for(task)  # typed or given as an object: what is trained with it can be opened here
     return TrainConfig(
         task,
         settings,
-        spacecraft,
+        named,
         preset(task, craft.dimension, device),
         timing=settings.timing,
         device=device,
     )
+
+
+def training_of_quality(
+    task: str,
+    spacecraft: str | None,
+    quality: Quality,
+    device: str | None = None,
+    randomized: bool = False,
+) -> TrainConfig:
+    """The training of a task with any spacecraft, as long as its quality is worth.
+
+    "quick" ends as soon as the task is solved. "good" and "best" train to the end of a recipe: the one for
+    this task and dimension, otherwise the task's default settings with the hyper-parameters of long trainings.
+
+    Args:
+        task: of `TASKS`, or MODULE:NAME of a task.
+        spacecraft: name or TOML file; None: the task's own, or floating-platform.
+        quality: how long.
+        device: cpu or cuda; None: a GPU if there is one.
+        randomized: whether conditions are given: agents then remember what happened in their episode.
+
+    Raises:
+        ConfigError: there is no such task or spacecraft, or this is a recipe, which has a length of its own.
+    """
+    one_of("quality", quality, get_args(Quality))
+    if task in RECIPES or task.endswith(".toml"):
+        raise ConfigError(
+            f"{brief(task)} is a recipe, which has its own length: leave out the quality, or name the task."
+        )
+    quick = training(task, spacecraft, device)
+    if quality == "quick":
+        return quick
+    dimension = load_spacecraft(quick.spacecraft).dimension
+    file = _recipe_file(task, dimension, quality, randomized)
+    if file is None:
+        found = _to_the_end(quick)
+    else:
+        found = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
+    ppo = found.ppo
+    if randomized and ppo.memory == "none":
+        adaptive = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
+        remembered = {name: adaptive[name] for name in _MEMORY}
+        ppo = replace(ppo, **remembered | {"averages": tuple(remembered["averages"])})
+    return replace(found, ppo=ppo, conditions=Conditions())
+
+
+def _to_the_end(quick: TrainConfig) -> TrainConfig:
+    """A training of the same task with the length and the hyper-parameters of long ones."""
+    table = _on_device(_table(RECIPE_FOLDER / "base-precise.toml"), quick.device)
+    ppo = structure(table["ppo"], PPOSettings, "base-precise.ppo")
+    return replace(
+        quick,
+        ppo=replace(ppo, symmetric=quick.ppo.symmetric),
+        total_timesteps=table["total_timesteps"],
+        report_interval=table["report_interval"],
+        solved_share=None,
+    )
+
+
+def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
+    """The recipe of a quality; None: this task has none."""
+    place = "plane" if dimension == 2 else "space"
+    good = RECIPE_FOLDER / f"good-{task}-{place}.toml"
+    if quality == "good" and ":" not in task and good.exists():
+        return good
+    endings = ["", "-shared"]
+    if quality == "best":
+        endings = ["-robust", *endings] if randomized else ["-fast", *endings]
+    names = [f"{task}-{dimension}d{ending}" for ending in endings]
+    return next((RECIPE_FOLDER / f"{name}.toml" for name in names if name in RECIPES), None)
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:
