@@ -11,13 +11,15 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift, velocity_to_reach
 from rans.model.dynamics import State
-from rans.model.fields import Field, Vector, absolute, at_least
+from rans.model.fields import Field, Vector, absolute, at_least, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Shape
-from rans.tasks.sight import Entry, Information, VectorInW
+from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
 
+PLANS = 32
+"""Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
 _INSTANT = 1e-3
 """Time left that counts as none, s: what is left of deadlines after many periods in single precision."""
 
@@ -27,15 +29,19 @@ class OrbitalMission(SingleTask):
     """A mission to a place near a target on a circular orbit, by a deadline that every episode draws.
 
     W is the target's Hill frame: x radial outwards, y along the track, z across. The craft moves by the
-    equations of Clohessy and Wiltshire. The goal's ``notes`` are the time left until the deadline, s; an episode
-    that is not won by then has failed.
+    equations of Clohessy and Wiltshire. An episode that is not won by its deadline has failed.
 
-    The policy observes the way to the goal, the velocity to gain, the time left, and the margin of every shape
-    in `scenery`. The velocity to gain is the change of velocity, now, with which the craft coasts to the goal by
-    the deadline (Battin, "An Introduction to the Mathematics and Methods of Astrodynamics", 1999, chapter 11).
+    Every episode has a plan, which is a time of arrival: of `PLANS` times up to the deadline the one to which a
+    single impulse from the start is cheapest. The velocity to gain is the change of velocity, now, with which the
+    craft coasts to the goal by that time (Battin, "An Introduction to the Mathematics and Methods of
+    Astrodynamics", 1999, chapter 11). The goal's ``notes`` are the time left until the deadline and until the
+    planned arrival, s, and 1 once the mission is won.
+
+    The policy observes the way to the goal, the velocity to gain, the velocity of arrival with it, both times, and
+    the margins of every shape in `scenery`.
 
     Rewards are in velocity that thrust has wasted: every newton-second costs, and what it takes off the
-    velocity to gain is paid back. A single impulse to the goal at the start of an episode earns zero.
+    velocity to gain is paid back. An impulse to the goal at the start of an episode earns zero.
 
     Raises:
         ConfigError: the deadline is so late that the velocity to gain has no solution.
@@ -52,6 +58,9 @@ class OrbitalMission(SingleTask):
     gain_weight: float = 1.2
     """Reward for each m/s by which the velocity to gain falls, summed over the axes: by default the price of
     1 m/s for 12 kg."""
+    most_gain: float = 1.0
+    """Velocity to gain from which on more does not count, m/s: just before an arrival that misses it has no
+    bound."""
     fail_distance: float = 1000.0
     """An episode fails farther than this from the goal, m."""
     thrust_weight: float = 0.0
@@ -73,13 +82,28 @@ class OrbitalMission(SingleTask):
         """The equations of Clohessy and Wiltshire."""
         return ClohessyWiltshire(self.mean_motion)
 
-    def sample_deadline(self, random: Random, goal: State) -> State:
-        """The goal with the time left in its notes."""
-        return replace(goal, notes=(random.uniform(*self.deadline),))
+    def planned(self, random: Random, start: State, goal: State) -> State:
+        """The goal with a deadline that is drawn, and the plan for this start, in its notes."""
+        deadline = random.uniform(*self.deadline)
+        arrival = deadline
+        cheapest = _sum_of_sizes(self.velocity_to_gain(start, goal, arrival))
+        for k in range(1, PLANS):
+            earlier = deadline * (1.0 - k / PLANS)
+            price = _sum_of_sizes(self.velocity_to_gain(start, goal, earlier))
+            better = price < cheapest
+            arrival = where(better, earlier, arrival)
+            cheapest = where(better, price, cheapest)
+        return replace(goal, notes=(deadline, arrival, deadline * 0.0))
 
     def later(self, goal: State, time: Field) -> State:
-        """The goal stands still, and the deadline comes nearer."""
-        return replace(goal, notes=(goal.notes[0] - time,))
+        """The goal stands still, and its times come nearer."""
+        deadline, arrival, won = goal.notes
+        return replace(goal, notes=(deadline - time, arrival - time, won))
+
+    def remember(self, goal: State, state: State) -> State:
+        """Whether the mission has been won."""
+        deadline, arrival, won = goal.notes
+        return replace(goal, notes=(deadline, arrival, where(self.done(state, goal), 1.0, won)))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Limits of the mission."""
@@ -100,14 +124,18 @@ class OrbitalMission(SingleTask):
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
-        """The way to go, the velocity to gain, the time left, and the margin of every limit."""
-        (left,) = goal.notes
-        gain = self.velocity_to_gain(state, goal, left)
+    def sight(self, state: Any, goal: Any) -> tuple[Entry, ...]:
+        """Way to go, velocity to gain and of arrival, times left, and what is observed of every limit."""
+        deadline, arrival, _ = goal.notes
+        gain = self.velocity_to_gain(state, goal, arrival)
+        time = at_least(arrival, self.shortest_aim)
+        _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         return (
             VectorInW("d", "m", goal.p - state.p),
             VectorInW("gain_", "m/s", gain),
-            Information("time left", "s", left),
+            InformationInW("arrival_v_", "m/s", at_goal),
+            Information("time left", "s", deadline),
+            Information("time to arrival", "s", arrival),
             *(
                 entry
                 for name, shape in self.limits(goal).items()
@@ -125,16 +153,22 @@ class OrbitalMission(SingleTask):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """The fall of the velocity to gain, less the price of what was thrust for it."""
         goal = transition.goal
-        (left,) = goal.notes
+        _, arrival, won = goal.notes
         terms = {}
         if is_used(self.impulse_weight):
             terms["impulse"] = transition.impulse * -self.impulse_weight
         if is_used(self.gain_weight):
             before = transition.state if transition.before is None else transition.before
-            past = self.velocity_to_gain(before, goal, left + transition.period)
-            now = self.velocity_to_gain(transition.state, goal, left)
-            terms["gain"] = (_sum_of_sizes(past) - _sum_of_sizes(now)) * self.gain_weight
+            past = self._counted(before, goal, arrival + transition.period)
+            now = self._counted(transition.state, goal, arrival)
+            # Nothing is left to gain once the mission is won, wherever the rest of the period leads.
+            terms["gain"] = (past - where(won > 0.5, 0.0, now)) * self.gain_weight
         return {**terms, **self.prices(transition)}
+
+    def _counted(self, state: State, goal: State, left: Field) -> Field:
+        """Velocity to gain as rewards count it, m/s."""
+        gain = _sum_of_sizes(self.velocity_to_gain(state, goal, left))
+        return where(gain < self.most_gain, gain, self.most_gain)
 
     def done(self, state: State, goal: State) -> Field:
         """Within every tolerance, and no later than the deadline."""

@@ -281,13 +281,16 @@ class Architecture:
                 found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
             return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
 
-    def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
+    def initial(
+        self, seed: int, duty: float, log_std: float = 0.0
+    ) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
         orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
-        left as they were. See `expect_duty` for the duty. Gaussians begin with SB3's standard deviation of 1,
-        so that most valves are tried open or shut: with 0.37 some seeds learnt to turn and never to move.
+        left as they were. See `expect_duty` for the duty. Gaussians begin with SB3's standard deviation of 1
+        unless ``log_std`` says otherwise, so that most valves are tried open or shut: with 0.37 some seeds learnt
+        to turn and never to move.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -299,7 +302,7 @@ class Architecture:
                         nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
-        tensors = {"log_std": torch.zeros(self.thrusters)} if self.continuous else {}
+        tensors = {"log_std": torch.full((self.thrusters,), log_std)} if self.continuous else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         expect_duty(tensors, duty)

@@ -110,6 +110,9 @@ class PPOSettings:
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""
+    log_std_init: float = 0.0
+    """Logarithm of the standard deviation of throttled or pulsed commands before anything is learnt; every unit
+    of a command is full thrust for a control period. Where that is a large part of what a flight needs, -2."""
 
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
@@ -135,6 +138,7 @@ class PPOSettings:
             self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or 1e-6 <= x <= 1e6, "filtered_gate"
         )
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
+        _require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         _require(

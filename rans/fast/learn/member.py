@@ -55,7 +55,10 @@ def begin(
     given = Architecture.of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
-        *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
+        *(
+            given.initial(seed, one.initial_duty, one.log_std_init)
+            for seed, one in zip(seeds, settings, strict=True)
+        ),
         strict=True,
     )
     network = Network.stacked(given, tables, engine.device, engine.dtype, plain)
