@@ -18,8 +18,10 @@ from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Shape
 from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
 
-PLANS = 32
+PLANS = 24
 """Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
+_PENALTY = 10.0
+"""Price of a plan that breaks a limit, m/s for every unit of its margin."""
 _INSTANT = 1e-3
 """Time left that counts as none, s: what is left of deadlines after many periods in single precision."""
 
@@ -32,8 +34,9 @@ class OrbitalMission(SingleTask):
     equations of Clohessy and Wiltshire. An episode that is not won by its deadline has failed.
 
     Every episode has a plan, which is a time of arrival: of `PLANS` times up to the deadline the one to which a
-    single impulse from the start is cheapest. The velocity to gain is the change of velocity, now, with which the
-    craft coasts to the goal by that time (Battin, "An Introduction to the Mathematics and Methods of
+    single impulse from the start is cheapest, those last that break a limit at the start, at the arrival or after
+    a third or two of the way. The velocity to gain is the change of velocity, now, with which the craft coasts to
+    the goal by that time (Battin, "An Introduction to the Mathematics and Methods of
     Astrodynamics", 1999, chapter 11). The goal's ``notes`` are the time left until the deadline and until the
     planned arrival, s, and 1 once the mission is won.
 
@@ -59,8 +62,7 @@ class OrbitalMission(SingleTask):
     """Reward for each m/s by which the velocity to gain falls, summed over the axes: by default the price of
     1 m/s for 12 kg."""
     most_gain: float = 1.0
-    """Velocity to gain from which on more does not count, m/s: just before an arrival that misses it has no
-    bound."""
+    """Velocity to gain from which on more does not count and is not observed, m/s."""
     fail_distance: float = 1000.0
     """An episode fails farther than this from the goal, m."""
     thrust_weight: float = 0.0
@@ -86,14 +88,29 @@ class OrbitalMission(SingleTask):
         """The goal with a deadline that is drawn, and the plan for this start, in its notes."""
         deadline = random.uniform(*self.deadline)
         arrival = deadline
-        cheapest = _sum_of_sizes(self.velocity_to_gain(start, goal, arrival))
+        cheapest = self._planned_price(start, goal, arrival)
         for k in range(1, PLANS):
             earlier = deadline * (1.0 - k / PLANS)
-            price = _sum_of_sizes(self.velocity_to_gain(start, goal, earlier))
+            price = self._planned_price(start, goal, earlier)
             better = price < cheapest
             arrival = where(better, earlier, arrival)
             cheapest = where(better, price, cheapest)
         return replace(goal, notes=(deadline, arrival, deadline * 0.0))
+
+    def _planned_price(self, start: Any, goal: Any, time: Field) -> Field:
+        """Velocity that an arrival after this time costs, m/s; more where the coast to it is beyond a limit."""
+        gain = self.velocity_to_gain(start, goal, time)
+        begun = start.v + gain
+        price = _sum_of_sizes(gain)
+        for share in (0.0, 1 / 3, 2 / 3, 1.0):
+            p, v = self.drift.carry(start.p, begun, at_least(time, self.shortest_aim) * share)
+            for limit in self.limits(goal).values():
+                price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _PENALTY
+        return price
+
+    def arrival(self, goal: State) -> Field:
+        """Time until the planned arrival, s."""
+        return goal.notes[1]
 
     def later(self, goal: State, time: Field) -> State:
         """The goal stands still, and its times come nearer."""
@@ -130,10 +147,12 @@ class OrbitalMission(SingleTask):
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
+        # Just before an arrival that misses it the velocity to gain has no bound.
+        scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
             VectorInW("d", "m", goal.p - state.p),
-            VectorInW("gain_", "m/s", gain),
-            InformationInW("arrival_v_", "m/s", at_goal),
+            VectorInW("gain_", "m/s", gain.scale(scale)),
+            InformationInW("arrival_v_", "m/s", at_goal.scale(scale)),
             Information("time left", "s", deadline),
             Information("time to arrival", "s", arrival),
             *(

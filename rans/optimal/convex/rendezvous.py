@@ -215,7 +215,8 @@ def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.nd
 def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndarray | None:
     """(2 d,) multiplier of the state at a look that bounds the impulse of meeting there best, N s per m and m/s.
 
-    None: commands of any size cannot meet there. It is the dual program of a meeting whose commands have no upper bound: few variables, one row a command.
+    None: commands of any size cannot meet there. It is the dual program of a meeting whose commands have no
+    upper bound: few variables, one row a command.
 
     Raises:
         SolverFailed: Clarabel does not end with a solution.
@@ -329,20 +330,19 @@ def rendezvous(
     for look in np.unique(np.linspace(last, 1, 24).astype(int)):
         sharpen(int(look))
     for _ in range(most):
-        weakest = int(np.argmin(bounds))
-        if bounds[weakest] >= (1.0 - within) * cheapest:
-            break
-        if weakest not in sharp:
-            sharpen(weakest)
-        elif weakest not in flights:
-            found = least_impulse(meeting, start, weakest)
+        # A flight at the best of the instants whose bound is sharp.
+        known = min(sharp, key=lambda look: bounds[look])
+        if known not in flights and bounds[known] < (1.0 - within) * cheapest:
+            found = least_impulse(meeting, start, known)
             if found is None:
-                bounds[weakest] = np.inf
+                bounds[known] = np.inf
                 continue
-            flights[weakest] = found
+            flights[known] = found
             cheapest = min(cheapest, found.impulse)
-        else:
+        weakest = int(np.argmin(bounds))
+        if bounds[weakest] >= (1.0 - within) * cheapest or weakest in flights:
             break
+        sharpen(weakest)
     if not flights:
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
     lower = float(np.min(bounds))
