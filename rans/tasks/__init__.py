@@ -16,6 +16,7 @@ from rans.tasks.dock import Dock
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
@@ -86,6 +87,7 @@ TASKS = Registry(
         "multi-task": "rans.tasks:MultiTask",
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
         "dock": "rans.tasks:Dock",
+        "land": "rans.tasks:Land",
     },
     _checked,
 )
@@ -145,6 +147,7 @@ __all__ = [
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "MultiTask",
     "SingleTask",
     "Task",

@@ -14,9 +14,14 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, Vector, absolute, at_least, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import (
+    Information,
+    InformationInW,
+    ObservationTerm,
+    VectorInW,
+)
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Shape
-from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
 
 PLANS = 24
 """Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
@@ -141,7 +146,7 @@ class OrbitalMission(SingleTask):
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
-    def sight(self, state: Any, goal: Any) -> tuple[Entry, ...]:
+    def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Way to go, velocity to gain and of arrival, times left, and what is observed of every limit."""
         deadline, arrival, _ = goal.notes
         gain = self.velocity_to_gain(state, goal, arrival)

@@ -9,8 +9,8 @@ import pytest
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from rans.fast.learn.architecture import Architecture
 from rans.fast.policy import policy_kwargs, policy_spaces, predict
+from rans.policy.architecture import Architecture
 from tests.support.engines import both_crafts
 from tests.support.training import make_network, sb3_policy, scatter, seen, tiny_learner
 
@@ -48,7 +48,7 @@ def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None
         make_network(craft).architecture.layout,
         len(craft.thrusters),
         (32, 16),
-        continuous=continuous,
+        head="gaussian" if continuous else "on-off",
     )
     tensors, generator = given.initial(11, 0.5)
     torch.manual_seed(11)

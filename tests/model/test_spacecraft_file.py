@@ -68,6 +68,7 @@ def test_shipped_spacecraft_are_found() -> None:
         "floating-platform-shared",
         "free-flyer",
         "free-flyer-shared",
+        "mars-lander-steered",
     ]
 
 

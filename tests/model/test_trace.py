@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.compile.step_program import Program, trace
 from rans.fast.engine import Engine
-from rans.fast.kernels.program import Program, trace
 from rans.model.fields import absolute, at_least, cos, where, wrap
 from rans.model.random import hash4
 from rans.model.spacecraft import Spacecraft

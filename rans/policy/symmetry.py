@@ -1,0 +1,112 @@
+"""Turns and mirror images of a spacecraft that look the same: what is learnt on one side serves all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.model.fields import Field
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.tasks.observation_terms import Columns, Layout
+
+AIM = (0.9, 0.38, 0.21)
+"""Of all equivalent views, the one taken has the goal nearest to this direction. Any will do that lies in
+no mirror plane of the spacecraft; otherwise two views would tie for whole regions."""
+_ROUNDING = 1e-6
+"""Of lengths of the order of a metre, in a spacecraft's file."""
+
+
+class Symmetries(NamedTuple):
+    """S views of one spacecraft, in arrays of NumPy or torch; in all of them it looks and moves the same."""
+
+    turn: Any
+    """(S, d, d): orthogonal matrices from the coordinates of B to those of the view."""
+    hand: Any
+    """(S,): 1 for a turn, -1 for a mirror image, in which turning to the left is turning to the right."""
+    place: Any
+    """(S, n): index of the thruster that thruster i looks like in the view."""
+
+    def tensors_like(self, one: Tensor) -> Symmetries:
+        """The same on the device and in the floating dtype of one."""
+        turn, hand, place = (torch.as_tensor(table, device=one.device) for table in self)
+        return Symmetries(turn.to(one.dtype), hand.to(one.dtype), place.to(torch.int64))
+
+    def which(self, way: Columns) -> Field:
+        """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
+        goal: Any = [d[:, None] for d in way]
+        ahead: Any = sum(
+            a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
+            for i, a in enumerate(AIM[: len(way)])
+        )
+        return ahead.argmax(1)
+
+    def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
+        """The columns in B as the chosen views show them."""
+        turn = self.turn[which]
+        view = lambda u: [sum(turn[:, i, j] * x for j, x in enumerate(u)) for i in range(len(u))]  # noqa: E731
+        return layout.mirrored(seen, view, self.hand[which])
+
+
+def symmetries(craft: Spacecraft) -> Symmetries | None:
+    """Every view in which the spacecraft looks the same, in NumPy; None if it looks so in its own only.
+
+    Forces, places and directions of thrusters about the centre of mass must agree, and the inertia tensor.
+    A craft with reaction wheels has its own view only: its commands turn with no view.
+    """
+    if craft.wheels:
+        return None
+    found = [
+        (view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None
+    ]
+    if len(found) < 2:
+        return None
+    turn = np.array([view for view, _ in found])
+    return Symmetries(turn, np.linalg.det(turn).round(), np.array([place for _, place in found]))
+
+
+def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
+    """The orthogonal matrices that may put one thruster, which has a lever arm, in another's place."""
+    levers = [t for t in craft.thrusters if abs(np.linalg.det(_axes(craft, t))) > _ROUNDING]
+    if not levers:
+        yield np.eye(craft.dimension)
+        return
+    back = np.linalg.inv(_axes(craft, levers[0]))
+    for thruster in craft.thrusters:
+        for hand in (1.0, -1.0)[: craft.dimension - 1]:
+            view = _axes(craft, thruster, hand) @ back
+            if np.allclose(view @ view.T, np.eye(craft.dimension), atol=_ROUNDING):
+                yield view
+
+
+def _axes(craft: Spacecraft, thruster: Thruster, hand: float = 1.0) -> np.ndarray:
+    """Columns: place and direction of the thruster in B, and in space what is perpendicular to both."""
+    arrow = _arrow(craft, thruster)
+    return np.stack(arrow if craft.dimension == 2 else (*arrow, hand * np.cross(*arrow)), axis=1)
+
+
+def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarray]:
+    place = np.subtract(thruster.position, craft.centre_of_mass)
+    return place[: craft.dimension], np.array(thruster.direction)[: craft.dimension]
+
+
+def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
+    """Where the view puts every thruster; None if one has no counterpart or the inertia differs."""
+    tensor = np.array(craft.inertia)
+    slack = _ROUNDING * tensor.trace()
+    if craft.dimension == 3 and not np.allclose(
+        view @ tensor @ view.T, tensor, rtol=0.0, atol=slack
+    ):
+        return None
+    arrows = [(*_arrow(craft, thruster), thruster.force) for thruster in craft.thrusters]
+    here = np.array([[*place, *direction, force] for place, direction, force in arrows])
+    there = np.array(
+        [[*view @ place, *view @ direction, force] for place, direction, force in arrows]
+    )
+    gaps = np.abs(there[:, None] - here).max(axis=2)
+    place = gaps.argmin(axis=1)
+    fits = gaps.min(axis=1).max() < _ROUNDING and len(set(place.tolist())) == len(place)
+    return place.tolist() if fits else None
