@@ -59,6 +59,10 @@ class OrbitalMission(SingleTask):
     """n of the target's orbit, rad/s."""
     deadline: tuple[float, float] = (600.0, 2000.0)
     """Range of the time that an episode has, s."""
+    position_tolerance: float = 0.5
+    """Distance from the goal at which the mission is won, m."""
+    velocity_tolerance: float = 0.2
+    """Speed at which it is won there, m/s."""
     shortest_aim: float = 10.0
     """The velocity to gain is at least for so long a time, s, however little is left: a control period."""
     impulse_weight: float = 0.1

@@ -26,7 +26,7 @@ from rans.model.drift import Drift
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.optimal.control.linear_motion import LinearMotion
+from rans.model.translation import RULES
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 
@@ -99,16 +99,31 @@ class Meeting:
         A command that began so many looks ago has been held until now, or for its whole period.
         """
         size = len(self.place)
-        most = self.timing.looks * self.timing.episode_steps
-        motions: Any = [LinearMotion.of(self.drift, size, k * self.look) for k in range(most + 1)]  # type: ignore[arg-type]
-        free = np.array([one.matrix for one in motions])
-        offset = np.array([one.offset for one in motions])
-        held = np.array([one.effect for one in motions])
+        times = self.look * np.arange(self.timing.looks * self.timing.episode_steps + 1)
+        zero = np.zeros(2 * size)
+        offset = self._carried(zero, times)
+        unit = np.eye(2 * size)
+        free = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
+        # A constant acceleration, by quadrature of what each instant of it does to the end.
+        held = np.zeros((len(times), 2 * size, size))
+        for node, weight in RULES[8]:
+            left = (1.0 - node) * times
+            pushed = [self._carried(x, left) - self._carried(zero, left) for x in unit[size:]]
+            held += weight * times[:, None, None] * np.stack(pushed, axis=2)
         per_period = self.timing.looks
-        late = np.arange(per_period, most + 1)
+        late = np.arange(per_period, len(times))
         effect = held.copy()
         effect[late] = free[late - per_period] @ held[per_period]
         return free, offset, effect @ (self.forces / self.mass)
+
+    def _carried(self, state: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(L, 2 d) where a free point with this state (2 d,) is after each time."""
+        size = len(self.place)
+        vector: Any = Vec2 if size == 2 else Vec3
+        p, v = self.drift.carry(
+            vector(*map(float, state[:size])), vector(*map(float, state[size:])), times
+        )
+        return np.stack([x + 0.0 * times for x in (*p.columns(), *v.columns())], axis=1)
 
     def free(self, start: np.ndarray, looks: np.ndarray) -> np.ndarray:
         """States (L, 2 d) after so many looks without thrust, of a state (2 d,) at the start."""
@@ -221,8 +236,9 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndar
     Raises:
         SolverFailed: Clarabel does not end with a solution.
     """
-    import clarabel
     from scipy import sparse
+
+    clarabel = _clarabel()
 
     size = len(meeting.place)
     state = meeting.free(start, np.array([look]))[0]
@@ -506,8 +522,9 @@ class _Rows:
 
     def solve(self) -> Transfer | None:
         """The transfer, or None if there is none."""
-        import clarabel
         from scipy import sparse
+
+        clarabel = _clarabel()
 
         price = np.tile(self.meeting.price, self.periods)
         count = len(price)
@@ -546,3 +563,10 @@ class _Rows:
             abs(found.obj_val - found.obj_val_dual),
             max(found.r_prim, found.r_dual),
         )
+
+
+def _clarabel() -> Any:
+    """The solver, whose module says nothing of its types."""
+    import clarabel
+
+    return clarabel
