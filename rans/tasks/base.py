@@ -117,6 +117,10 @@ class Task(Settings, ABC):
         """
         return {}
 
+    def arrival(self, goal: State) -> Field | None:
+        """Time (s) until the planned arrival, which controllers without training aim at; None: there is no plan."""
+        return None
+
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Zones, cones and limits at the goal's instant, as pages and safety filters see them: by default none.
 

@@ -60,7 +60,7 @@ class Dock(OrbitalMission):
         return {"speed": SpeedLimit(goal.p, base, self.limit_slope)}
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target, which is at the origin, and a deadline."""
+        """Start around the target, which is at the origin, a deadline and a plan."""
         distance = random.uniform(*self.spawn_distance)
         place = self._direction(random).scale(distance)
         speed = random.uniform(*self.start_speed)
@@ -70,7 +70,7 @@ class Dock(OrbitalMission):
         velocity = self._direction(random).scale(speed)
         start = replace(random.moving(velocity, random.no_rotation()), p=place)
         goal = random.at_rest(random.origin(), random.no_rotation())
-        return start, self.sample_deadline(random, goal)
+        return start, self.planned(random, start, goal)
 
     def _direction(self, random: Random) -> Vector:
         """A unit vector as the benchmark draws it: denser towards the poles than on a uniform sphere."""

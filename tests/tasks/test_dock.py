@@ -53,13 +53,18 @@ def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
     return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
 
 
+def notes(deadline: float) -> tuple[np.ndarray, ...]:
+    """Of a goal whose planned arrival is the deadline."""
+    return np.array([deadline]), np.array([deadline]), np.zeros(1)
+
+
 def world(task: Dock) -> World:
     return World(Setup(DEPUTY, task, TIMING))
 
 
 def flown(task: Dock, state: SpatialState, deadline: float, mover: Any = None) -> Any:
     """What one period with shut thrusters gives."""
-    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=(np.array([deadline]),))
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(deadline))
     now = world(task).begin(state, goal)
     return step(world(task), now, SHUT, None, mover)
 
@@ -89,7 +94,7 @@ def test_across_the_orbit_the_velocity_to_gain_is_worked_out_by_hand() -> None:
     """z(t) = z0 cos(n t) + v / n sin(n t): in a sixth of an orbit v = -z0 n / tan(60 degrees)."""
     task = Dock()
     time = math.pi / 3 / N
-    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=(np.array([time]),))
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(time))
     gain = task.velocity_to_gain(at((0.0, 0.0, 100.0), (0.0, 0.0, 0.01)), goal, time)
     assert gain.z[0] == pytest.approx(-100.0 * N / math.sqrt(3.0) - 0.01, rel=1e-12)
     # A craft at rest behind the target on its orbit stays there.
@@ -99,7 +104,7 @@ def test_across_the_orbit_the_velocity_to_gain_is_worked_out_by_hand() -> None:
 def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_does() -> None:
     task = Dock(gain_weight=1.2, impulse_weight=0.1)
     here = at((0.0, -120.0, 30.0), (0.0,) * 3)
-    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=(np.array([1000.0]),))
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(1000.0))
     gain = task.velocity_to_gain(here, goal, 1000.0)
     wanted = np.array(leaves(gain))[:, 0]
     now = world(task).begin(here, goal)

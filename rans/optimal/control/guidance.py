@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from rans.errors import ConfigError, checked, is_finite
-from rans.model.fields import Heading, Quat, leaves
+from rans.model.fields import Heading, Quat, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
@@ -53,7 +54,8 @@ class VelocityToGain(ModelBased):
         craft: by name, TOML file or as such.
         task: by name or as such; it must have a tolerance for the position.
         timing: control period, and length of the episode.
-        deadline: time of arrival after `reset`, s; None: 0.4 of the episode.
+        deadline: time of arrival after `reset`, s; None: what the task has planned
+            (`rans.tasks.base.Task.arrival`), or 0.4 of the episode.
         stop: whether to arrive at the goal's velocity; without, there is no second burn. None: unless the
             task is a mission that is over once it is won (`rans.tasks.base.Task.done`).
         deadband: when to leave all thrusters shut.
@@ -84,6 +86,7 @@ class VelocityToGain(ModelBased):
             )
         craft = self._craft
         period = self._timing.control_period
+        self._planned = deadline is None
         if deadline is None:
             deadline = _DEFAULT_SHARE * period * self._timing.episode_steps
         if not (is_finite(deadline) and deadline > 0):
@@ -136,8 +139,24 @@ class VelocityToGain(ModelBased):
 
     def _burn(self, state: Any, goal: Any) -> np.ndarray:
         """Acceleration in W of the burn that begins now, (d, N) m/s^2."""
+        planned = self._task.arrival(goal) if self._planned else None
+        if planned is None:
+            return self._burn_by(self._deadline - self._flown, state, goal)
+        # Episodes whose plans are as many control periods away burn together.
+        whole = np.round(np.asarray(planned) / self._timing.control_period).astype(int)
+        left = np.broadcast_to(whole, np.shape(state.p.x))
+        burns = np.zeros((self._craft.dimension, len(left)))
+        for periods in np.unique(left):
+            these = left == periods
+            chosen = partial(_of, these)
+            burns[:, these] = self._burn_by(
+                int(periods), map_leaves(chosen, state), map_leaves(chosen, goal)
+            )
+        return burns
+
+    def _burn_by(self, left: int, state: Any, goal: Any) -> np.ndarray:
+        """The same of episodes that should arrive after so many control periods."""
         here = np.array([*leaves(state.p), *leaves(state.v)])
-        left = self._deadline - self._flown
         first = np.zeros((self._craft.dimension, here.shape[1]))
         open_ = np.ones(here.shape[1], dtype=bool)
         for periods in self._arrivals(left):
@@ -201,3 +220,8 @@ class VelocityToGain(ModelBased):
             time = periods * self._timing.control_period
             self._motions[periods] = LinearMotion.of(self._task.drift, self._craft.dimension, time)
         return self._motions[periods]
+
+
+def _of(these: np.ndarray, x: Any) -> Any:
+    """A field of some episodes only."""
+    return x[these] if np.shape(x) else x

@@ -1,0 +1,152 @@
+"""Missions on an orbit beside their bounds: contestants and optima from the same starts, ratio by ratio."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import Controller, Flight, fly
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.convex.rendezvous import Answer, Meeting, rendezvous
+from rans.progress import Progress
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks.orbital import OrbitalMission
+
+
+class Script:
+    """A controller that gives commands written down beforehand, whatever happens."""
+
+    name = "optimum"
+
+    def __init__(self, commands: np.ndarray) -> None:
+        self._commands = commands
+        self._step = 0
+
+    def reset(self, count: int) -> None:
+        """Begin anew; (count, T, m) commands were given."""
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        commands = self._commands[:, self._step]
+        self._step += 1
+        return commands
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one contestant is worth from N starts with one deadline."""
+
+    name: str
+    docked: np.ndarray
+    """(N,) bool: won in time, and no limit was broken at any look."""
+    violated: np.ndarray
+    """(N,) bool: a limit was broken at some look before the end."""
+    impulse: np.ndarray
+    """(N,) N s, to the end of the period in which the mission was won."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Contestants beside the bounds of the same starts and the same deadline."""
+
+    deadline: float
+    """s"""
+    lower: np.ndarray
+    """(N,) N s: what nobody who wins by the deadline can do without, limits left out."""
+    upper: np.ndarray
+    """(N,) N s, of flights that keep the limits, replayed in both engines; infinite where none was found."""
+    rows: tuple[Row, ...]
+
+    def ratios(self, row: Row) -> np.ndarray:
+        """Impulse over the lower bound of its own start, of those who docked."""
+        return (row.impulse / self.lower)[row.docked]
+
+
+def judged(
+    craft: Spacecraft,
+    mission: OrbitalMission,
+    contestants: Mapping[str, Callable[[OrbitalMission], Controller]],
+    deadline: float,
+    seed: int,
+    episodes: int,
+    engine: str = "fast",
+    progress: Progress | None = None,
+) -> Table:
+    """Fly contestants and the optima from the same starts with one deadline.
+
+    Args:
+        craft: what flies.
+        mission: which mission; its deadline is replaced.
+        contestants: makers of controllers by name, which are given the mission with its deadline.
+        deadline: s.
+        seed: of the starts.
+        episodes: number of starts.
+        engine: "fast", or "drake".
+        progress: told of every bound.
+    """
+    task = replace(mission, deadline=(deadline, deadline))
+    starts = scenarios(task, craft, seed, episodes)
+    flying = fly_in_drake if engine == "drake" else fly
+    answers = bounds(craft, task, starts, deadline, progress)
+    rows = []
+    with warnings.catch_warnings():
+        # That it does not know the limits is what the table shows.
+        warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+        for name, made in contestants.items():
+            flight = flying(craft, task, made(task), starts, task.timing)
+            rows.append(row_of(name, flight))
+    replayed = optimum(craft, task, starts, answers)
+    lower = np.array([answer.lower for answer in answers])
+    upper = np.where(replayed.docked, replayed.impulse, np.inf)
+    return Table(deadline, lower, upper, (*rows, replayed))
+
+
+def bounds(
+    craft: Spacecraft,
+    task: OrbitalMission,
+    starts: Scenario,
+    deadline: float,
+    progress: Progress | None = None,
+) -> list[Answer]:
+    """Least impulse from both sides, of every start; all have the same goal."""
+    every = list(each(starts))
+    meeting = Meeting.of(craft, task, every[0].goal)
+    answers = []
+    for one in every:
+        state = np.array(
+            [float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))]
+        )
+        answers.append(rendezvous(meeting, state, deadline))
+        if progress is not None:
+            progress(1)
+    return answers
+
+
+def optimum(
+    craft: Spacecraft, task: OrbitalMission, starts: Scenario, answers: Sequence[Answer]
+) -> Row:
+    """The optima as flown: what counts as docked has docked in our engine and in Drake."""
+    steps = task.timing.episode_steps
+    commands = np.zeros((len(answers), steps, len(craft.thrusters)))
+    for k, answer in enumerate(answers):
+        if answer.transfer is not None:
+            commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
+    ours, drakes = (
+        row_of("optimum", flying(craft, task, Script(commands), starts, task.timing))
+        for flying in (fly, fly_in_drake)
+    )
+    return replace(ours, docked=ours.docked & drakes.docked)
+
+
+def row_of(name: str, flight: Flight) -> Row:
+    """A flight's row."""
+    violated = flight.violated()
+    return Row(name, flight.done & ~violated, violated, impulses(flight))

@@ -1,0 +1,572 @@
+"""Least impulse of a rendezvous by a deadline, in a linear drift, as a conic program with its proof.
+
+Commands are held for a control period each, positions and velocities are affine in them, and a meeting is a ball
+of positions and one of velocities: a second-order cone program (S. Boyd and L. Vandenberghe, "Convex
+Optimization", 2004, section 4.4). Its dual solution bounds the impulse of every flight that meets at that
+instant from below, whatever its commands are, and of other instants too: `proof` checks them all.
+
+Limits that are not convex, such as a speed limit that grows with the distance or a keep-out ball, are left out of
+the lower bound. The upper bound, a flight that keeps them at every look, comes from the convex-concave procedure
+(T. Lipp and S. Boyd, "Variations and extension of the convex-concave procedure", 2016): what is concave is taken
+as its tangent at the flight before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError, SolverFailed
+from rans.model.drift import Drift
+from rans.model.fields import Vec2, Vec3, leaves
+from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.timing import Timing
+from rans.model.translation import RULES
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+
+_ROUNDS = 12
+"""Of the convex-concave procedure at most."""
+_SLACK = 1e-5
+"""By which a flight keeps its limits, m or m/s, so that rounding breaks none."""
+_CONVERGED = 1e-4
+"""Relative change of the impulse at which rounds end."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """What a spacecraft without torque must do: be near a place, slowly, and what it can do for it."""
+
+    drift: Drift
+    timing: Timing
+    forces: np.ndarray
+    """(d, m) full force of each thruster in W, N."""
+    mass: float
+    """kg"""
+    place: np.ndarray
+    """(d,) position to meet at, m."""
+    position_tolerance: float
+    """m"""
+    velocity_tolerance: float
+    """m/s"""
+    limits: tuple[Shape, ...] = ()
+    """Kept at every look but the first instant."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, task: OrbitalMission, goal: Any) -> Meeting:
+        """The meeting that a mission asks for.
+
+        Raises:
+            ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
+        """
+        if can_turn(craft):
+            raise ConfigError(
+                f"convex bounds are for craft whose thrusters pass through the centre of mass, and those of "
+                f"{craft.name} turn it; fly one such as afrl-deputy."
+            )
+        directions = np.array([thruster.direction for thruster in craft.thrusters]).T
+        sizes = np.array([thruster.force for thruster in craft.thrusters])
+        return cls(
+            task.drift,
+            task.timing,
+            directions[: craft.dimension] * sizes,
+            craft.mass,
+            np.array([float(np.squeeze(x)) for x in leaves(goal.p)]),
+            task.position_tolerance,
+            task.velocity_tolerance,
+            tuple(task.limits(goal).values()),
+        )
+
+    @property
+    def price(self) -> np.ndarray:
+        """(m,) impulse of each thruster open for a whole period, N s."""
+        return np.linalg.norm(self.forces, axis=0) * self.timing.control_period
+
+    @property
+    def look(self) -> float:
+        """Time between two looks, s."""
+        return self.timing.control_period / self.timing.looks
+
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Free motion (L, 2 d, 2 d), offset (L, 2 d) and effect (L, 2 d, m) of a command, by its age in looks.
+
+        A command that began so many looks ago has been held until now, or for its whole period.
+        """
+        size = len(self.place)
+        times = self.look * np.arange(self.timing.looks * self.timing.episode_steps + 1)
+        zero = np.zeros(2 * size)
+        offset = self._carried(zero, times)
+        unit = np.eye(2 * size)
+        free = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
+        # A constant acceleration, by quadrature of what each instant of it does to the end.
+        held = np.zeros((len(times), 2 * size, size))
+        for node, weight in RULES[8]:
+            left = (1.0 - node) * times
+            pushed = [self._carried(x, left) - self._carried(zero, left) for x in unit[size:]]
+            held += weight * times[:, None, None] * np.stack(pushed, axis=2)
+        per_period = self.timing.looks
+        late = np.arange(per_period, len(times))
+        effect = held.copy()
+        effect[late] = free[late - per_period] @ held[per_period]
+        return free, offset, effect @ (self.forces / self.mass)
+
+    def _carried(self, state: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(L, 2 d) where a free point with this state (2 d,) is after each time."""
+        size = len(self.place)
+        vector: Any = Vec2 if size == 2 else Vec3
+        p, v = self.drift.carry(
+            vector(*map(float, state[:size])), vector(*map(float, state[size:])), times
+        )
+        return np.stack([x + 0.0 * times for x in (*p.columns(), *v.columns())], axis=1)
+
+    def free(self, start: np.ndarray, looks: np.ndarray) -> np.ndarray:
+        """States (L, 2 d) after so many looks without thrust, of a state (2 d,) at the start."""
+        free, offset, _ = self._tables
+        return free[looks] @ start + offset[looks]
+
+    def effect(self, look: int, periods: int) -> np.ndarray:
+        """(2 d, periods m): what the commands of the first periods have done by a look."""
+        _, _, effect = self._tables
+        ages = np.maximum(look - self.timing.looks * np.arange(periods), 0)
+        return np.moveaxis(effect[ages], 0, 1).reshape(effect.shape[1], -1)
+
+    def periods(self, look: int) -> int:
+        """Control periods that have begun before a look."""
+        return -(-look // self.timing.looks)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A flight of least impulse that meets at one look, and what the solver says about it."""
+
+    look: int
+    """Look of the meeting, from the start."""
+    commands: np.ndarray
+    """(periods, m), 0 to 1."""
+    impulse: float
+    """N s"""
+    multiplier: np.ndarray
+    """(2 d,) of the state at the meeting: the price of missing it, N s per m and per m/s."""
+    gap: float
+    """Between the primal and the dual objective, N s."""
+    residual: float
+    """Largest violation of the primal and the dual equations, in the solver's units."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Least impulse of a meeting by a deadline, from both sides."""
+
+    lower: float
+    """N s: no flight that meets at any look up to the deadline uses less, with or without limits."""
+    upper: float
+    """N s, of `transfer`; infinite if no flight was found that keeps the limits."""
+    transfer: Transfer | None
+    """A flight that keeps every limit at every look."""
+    free: Transfer
+    """The cheapest flight found without limits."""
+
+    @property
+    def gap(self) -> float:
+        """Upper over lower bound, less one."""
+        return self.upper / self.lower - 1.0
+
+
+def least_impulse(
+    meeting: Meeting,
+    start: np.ndarray,
+    look: int,
+    limits: Sequence[Shape] = (),
+    reference: np.ndarray | None = None,
+) -> Transfer | None:
+    """The flight of least impulse that meets at a look; None: there is none.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        look: when to meet, in looks from the start.
+        limits: kept at every look from the first to the meeting.
+        reference: (look + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    rows = _Rows(meeting, start, look)
+    rows.arrive()
+    watched: set[int] = set()
+    while True:
+        found = rows.solve()
+        if found is None or reference is None or not limits:
+            return found
+        # Looks at which the limits are broken join those that are watched.
+        states = trajectory(meeting, start, found)
+        broken = [
+            k for k in range(1, look + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
+        ]
+        fresh = [k for k in broken if k not in watched]
+        if not fresh:
+            return found
+        watched.update(fresh)
+        for k in fresh:
+            for limit in limits:
+                rows.keep(limit, k, reference[k])
+
+
+def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.ndarray:
+    """States (look + 1, 2 d) of a transfer at every look from the start to the meeting."""
+    count = len(transfer.commands)
+    flat = transfer.commands.ravel()
+    free = meeting.free(start, np.arange(transfer.look + 1))
+    pushed = [meeting.effect(k, count) @ flat for k in range(transfer.look + 1)]
+    return free + np.array(pushed)
+
+
+def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndarray | None:
+    """(2 d,) multiplier of the state at a look that bounds the impulse of meeting there best, N s per m and m/s.
+
+    None: commands of any size cannot meet there. It is the dual program of a meeting whose commands have no
+    upper bound: few variables, one row a command.
+
+    Raises:
+        SolverFailed: Clarabel does not end with a solution.
+    """
+    from scipy import sparse
+
+    clarabel = _clarabel()
+
+    size = len(meeting.place)
+    state = meeting.free(start, np.array([look]))[0]
+    state[:size] -= meeting.place
+    # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
+    objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
+    effect = meeting.effect(look, meeting.periods(look))
+    prices = np.tile(meeting.price, meeting.periods(look))
+    commands = np.hstack([-effect.T, np.zeros((len(prices), 2))]) / prices[:, None]
+    balls = np.zeros((2 * size + 2, 2 * size + 2))
+    balls[0, 2 * size] = balls[size + 1, 2 * size + 1] = -1.0
+    balls[1 : size + 1, :size] = -np.eye(size)
+    balls[size + 2 :, size : 2 * size] = -np.eye(size)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((2 * size + 2, 2 * size + 2)),
+        objective,
+        sparse.csc_matrix(np.vstack([commands, balls])),
+        np.concatenate([np.ones(len(prices)), np.zeros(2 * size + 2)]),
+        [
+            clarabel.NonnegativeConeT(len(prices)),
+            clarabel.SecondOrderConeT(size + 1),
+            clarabel.SecondOrderConeT(size + 1),
+        ],
+        settings,
+    )
+    found = solver.solve()
+    status = str(found.status)
+    if status in ("DualInfeasible", "AlmostDualInfeasible"):
+        return None
+    if status not in ("Solved", "AlmostSolved"):
+        raise SolverFailed(
+            f"Clarabel ended with {status} for the bound of a meeting at {look * meeting.look:g} s."
+        )
+    return np.array(found.x)[: 2 * size]
+
+
+def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray) -> np.ndarray:
+    """Lower bounds (last + 1,) of the impulse of meeting at each look, N s, by weak duality.
+
+    For any multiplier y of the state x at the meeting, the impulse of a flight that meets at a look is at least
+
+        y . x_free - r |y_p| - s |y_v| - sum over commands of max(0, -(price + y . effect)),
+
+    with r and s the radii of the meeting's balls. Whatever the multiplier is, the bounds hold; that of
+    `prices_of_missing` makes them tight nearby.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) state.
+        last: last look.
+        multiplier: (2 d,)
+    """
+    size = len(meeting.place)
+    _, _, effect = meeting._tables
+    away = meeting.free(start, np.arange(last + 1))
+    away[:, :size] -= meeting.place
+    constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
+    constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
+    # What commands of each age may save, added up over all that began before each look.
+    saved = np.minimum(meeting.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
+    saved[0] = 0.0
+    per_period = meeting.timing.looks
+    padded = np.zeros(-(-(last + 1) // per_period) * per_period)
+    padded[: last + 1] = saved
+    total = padded.reshape(-1, per_period).cumsum(axis=0).ravel()[: last + 1]
+    return away @ multiplier - constant + total
+
+
+def rendezvous(
+    meeting: Meeting, start: np.ndarray, deadline: float, within: float = 0.002, most: int = 300
+) -> Answer:
+    """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
+
+    Branch and bound over the instants of the meeting: multipliers bound all of them at once, and where the bound
+    is lowest it is sharpened, until it is close to the impulse of a flight.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position and velocity in W.
+        deadline: s.
+        within: relative distance between the lower bound and a flight without limits at which the search ends.
+        most: instants at which the bound is sharpened at most.
+
+    Raises:
+        SolverFailed: no meeting by the deadline is possible.
+    """
+    last = math.floor(deadline / meeting.look + 1e-9)
+    last = min(last, meeting.timing.looks * meeting.timing.episode_steps)
+    bounds = np.zeros(last + 1)
+    bounds[0] = np.inf
+    sharp: set[int] = set()
+    flights: dict[int, Transfer] = {}
+    cheapest = np.inf
+
+    def sharpen(look: int) -> None:
+        sharp.add(look)
+        multiplier = prices_of_missing(meeting, start, look)
+        if multiplier is None:
+            bounds[look] = np.inf
+        else:
+            np.maximum(bounds, proof(meeting, start, last, multiplier), out=bounds)
+
+    for look in np.unique(np.linspace(last, 1, 24).astype(int)):
+        sharpen(int(look))
+    for _ in range(most):
+        # A flight at the best of the instants whose bound is sharp.
+        known = min(sharp, key=lambda look: bounds[look])
+        if known not in flights and bounds[known] < (1.0 - within) * cheapest:
+            found = least_impulse(meeting, start, known)
+            if found is None:
+                bounds[known] = np.inf
+                continue
+            flights[known] = found
+            cheapest = min(cheapest, found.impulse)
+        weakest = int(np.argmin(bounds))
+        if bounds[weakest] >= (1.0 - within) * cheapest or weakest in flights:
+            break
+        sharpen(weakest)
+    if not flights:
+        raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
+    lower = float(np.min(bounds))
+    order = sorted(flights.values(), key=lambda one: one.impulse)
+    kept: Transfer | None = None
+    for begun in order[:3]:
+        found = within_limits(meeting, start, begun)
+        if found is not None and (kept is None or found.impulse < kept.impulse):
+            kept = found
+        if kept is not None and kept.impulse < (1.0 + within) * order[0].impulse:
+            break
+    return Answer(lower, np.inf if kept is None else kept.impulse, kept, order[0])
+
+
+def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
+    """A flight that meets at the same look and keeps every limit at every look; None: none was found."""
+    states = trajectory(meeting, start, begun)
+    if least_margin(meeting.limits, states) >= 0.0:
+        return begun
+    found: Transfer | None = None
+    cost = np.inf
+    for _ in range(_ROUNDS):
+        trial = least_impulse(meeting, start, begun.look, meeting.limits, states)
+        if trial is None:
+            return found
+        states = trajectory(meeting, start, trial)
+        if least_margin(meeting.limits, states) >= 0.0:
+            found = trial
+        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+            break
+        cost = trial.impulse
+    return found
+
+
+def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
+    """The least margin of any limit at any state (L, 2 d) after the start."""
+    return min(
+        (float(np.min(_gap(limit, states[1:]))) for limit in limits),
+        default=np.inf,
+    )
+
+
+def _gap(limit: Shape, states: np.ndarray) -> np.ndarray:
+    size = states.shape[1] // 2
+    vector: Any = Vec2 if size == 2 else Vec3
+    return limit.gap(vector(*states[:, :size].T), vector(*states[:, size:].T))
+
+
+def _vector(v: Any) -> np.ndarray:
+    return np.array([float(np.squeeze(x)) for x in v.columns()])
+
+
+def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.ndarray) -> float:
+    """The least margin of the limits where what is concave in them is its tangent at the reference."""
+    margins = []
+    for limit in limits:
+        cone = _cone(limit, reference)
+        head = cone.row @ state + cone.constant
+        tail = cone.matrix @ state + cone.vector
+        margins.append(head - np.linalg.norm(tail) + 0.5 * _SLACK)
+    return min(margins)
+
+
+@dataclass(frozen=True)
+class _ConeRows:
+    """|matrix x + vector| <= row x + constant, for a state x."""
+
+    row: np.ndarray
+    constant: float
+    matrix: np.ndarray
+    vector: np.ndarray
+
+
+def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
+    """A limit as a second-order cone, tangent at a reference state (2 d,) where it is not convex.
+
+    Raises:
+        ConfigError: the kind of limit is unknown.
+    """
+    size = len(reference) // 2
+    here = reference[:size]
+    none = np.zeros((0, 2 * size))
+    if isinstance(limit, SpeedLimit):
+        at = _vector(limit.at)
+        way = here - at
+        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        row = np.zeros(2 * size)
+        row[:size] = float(limit.slope) * unit
+        constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
+        matrix = np.hstack([np.zeros((size, size)), np.eye(size)])
+        return _ConeRows(row, constant, matrix, np.zeros(size))
+    if isinstance(limit, Ball):
+        centre = _vector(limit.centre)
+        way = here - centre
+        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        row = np.zeros(2 * size)
+        row[:size] = unit
+        return _ConeRows(
+            row, -float(unit @ centre) - float(limit.radius) - _SLACK, none, np.zeros(0)
+        )
+    if isinstance(limit, Cone):
+        apex, axis = _vector(limit.apex), _vector(limit.axis)
+        if np.linalg.norm(here - apex) > float(limit.length):
+            return _ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
+        row = np.zeros(2 * size)
+        tangent = np.tan(float(limit.half_angle))
+        row[:size] = tangent * axis
+        across = np.eye(size) - np.outer(axis, axis)
+        matrix = np.hstack([across, np.zeros((size, size))])
+        return _ConeRows(row, -tangent * float(axis @ apex) - _SLACK, matrix, -across @ apex)
+    raise ConfigError(f"convex bounds know balls, cones and speed limits, got {limit!r}.")
+
+
+class _Rows:
+    """The program in Clarabel's form: minimise q . u such that b - A u lies in a product of cones."""
+
+    def __init__(self, meeting: Meeting, start: np.ndarray, look: int) -> None:
+        self.meeting = meeting
+        self.look = look
+        self.periods = meeting.periods(look)
+        self._start = start
+        count = self.periods * meeting.forces.shape[1]
+        unit = np.eye(count)
+        # Commands within [0, 1].
+        self._matrix = [-unit, unit]
+        self._vector = [np.zeros(count), np.ones(count)]
+        self._cones: list[int] = []
+
+    def arrive(self) -> None:
+        """Be within both balls at the meeting."""
+        meeting = self.meeting
+        size = len(meeting.place)
+        effect = meeting.effect(self.look, self.periods)
+        free = meeting.free(self._start, np.array([self.look]))[0]
+        free[:size] -= meeting.place
+        for part, radius in (
+            (slice(0, size), meeting.position_tolerance),
+            (slice(size, 2 * size), meeting.velocity_tolerance),
+        ):
+            self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
+
+    def keep(self, limit: Shape, look: int, reference: np.ndarray) -> None:
+        """Keep a limit at a look."""
+        effect = self.meeting.effect(look, self.periods)
+        free = self.meeting.free(self._start, np.array([look]))[0]
+        cone = _cone(limit, reference)
+        self._append(
+            cone.row @ effect,
+            float(cone.row @ free) + cone.constant,
+            cone.matrix @ effect,
+            cone.matrix @ free + cone.vector,
+        )
+
+    def _append(
+        self, row: np.ndarray, constant: float, matrix: np.ndarray, vector: np.ndarray
+    ) -> None:
+        """|matrix u + vector| <= row u + constant."""
+        self._matrix.append(-np.vstack([row, matrix]))
+        self._vector.append(np.concatenate([[constant], vector]))
+        self._cones.append(len(vector) + 1)
+
+    def solve(self) -> Transfer | None:
+        """The transfer, or None if there is none."""
+        from scipy import sparse
+
+        clarabel = _clarabel()
+
+        price = np.tile(self.meeting.price, self.periods)
+        count = len(price)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        cones = [clarabel.NonnegativeConeT(2 * count)]
+        cones += [clarabel.SecondOrderConeT(rows) for rows in self._cones]
+        matrix = sparse.csc_matrix(np.vstack(self._matrix))
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix((count, count)),
+            price,
+            matrix,
+            np.concatenate(self._vector),
+            cones,
+            settings,
+        )
+        found = solver.solve()
+        status = str(found.status)
+        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+            return None
+        if status not in ("Solved", "AlmostSolved"):
+            raise SolverFailed(
+                f"Clarabel ended with {status} for a meeting at {self.look * self.meeting.look:g} s; the usual "
+                "cause is a meeting that is just out of reach."
+            )
+        size = len(self.meeting.place)
+        dual = np.array(found.z)[2 * count :]
+        # The arrival's two cones come first; their first rows are the radii.
+        multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
+        commands = np.clip(np.array(found.x), 0.0, 1.0).reshape(self.periods, -1)
+        return Transfer(
+            self.look,
+            commands,
+            float(price @ commands.ravel()),
+            multiplier,
+            abs(found.obj_val - found.obj_val_dual),
+            max(found.r_prim, found.r_dual),
+        )
+
+
+def _clarabel() -> Any:
+    """The solver, whose module says nothing of its types."""
+    import clarabel
+
+    return clarabel

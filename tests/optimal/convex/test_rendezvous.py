@@ -1,0 +1,128 @@
+"""Bounds of a rendezvous: SciPy's linear program, weak duality, flights that keep the limit, and Drake."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import linprog
+
+from rans.evaluation.compare.transfers import Script
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import fly
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.convex.rendezvous import (
+    Meeting,
+    least_impulse,
+    least_margin,
+    prices_of_missing,
+    proof,
+    rendezvous,
+    trajectory,
+)
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks import Dock
+
+DEPUTY = load_spacecraft("afrl-deputy")
+N = 0.001027
+"""rad/s"""
+
+
+def meeting_of(
+    deadline: float, count: int, seed: int
+) -> tuple[Meeting, np.ndarray, Scenario, Dock]:
+    """A meeting, the states of its starts (count, 6), the starts and their mission."""
+    task = Dock(deadline=(deadline, deadline))
+    starts = scenarios(task, DEPUTY, seed, count)
+    states = np.array([*leaves(starts.start.p), *leaves(starts.start.v)]).T
+    return Meeting.of(DEPUTY, task, next(iter(each(starts))).goal), states, starts, task
+
+
+def program(start: np.ndarray, periods: int) -> float:
+    """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy."""
+    held = np.zeros((9, 9))
+    held[:3, 3:6] = np.eye(3)
+    held[3, 0], held[3, 4], held[4, 3], held[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
+    held[3:6, 6:] = np.eye(3) / 12.0
+    one = expm(10.0 * held)
+    effects = [one[:6, 6:]]
+    for _ in range(periods - 1):
+        effects.insert(0, one[:6, :6] @ effects[0])
+    matrix = np.hstack(effects)
+    coasted = np.linalg.matrix_power(one[:6, :6], periods) @ start
+    found = linprog(
+        np.full(2 * matrix.shape[1], 10.0),
+        A_eq=np.hstack([matrix, -matrix])[:3],
+        b_eq=-coasted[:3],
+        bounds=(0.0, 1.0),
+    )
+    assert found.success
+    return float(found.fun)
+
+
+def test_a_meeting_at_one_instant_costs_what_a_linear_program_says() -> None:
+    """With 2 mm and any speed; missing by 2 mm saves 1e-4 of the impulse at most."""
+    meeting, states, _, _ = meeting_of(800.0, 4, 1)
+    exact = replace(meeting, position_tolerance=2e-3, velocity_tolerance=10.0)
+    for state in states:
+        found = least_impulse(exact, state, 800)
+        assert found is not None
+        assert found.impulse == pytest.approx(program(state, 80), rel=1e-4)
+        assert found.gap < 1e-6
+        assert found.residual < 1e-6
+
+
+def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
+    meeting, states, _, _ = meeting_of(300.0, 3, 2)
+    rng = np.random.default_rng(0)
+    for state in states:
+        found = least_impulse(meeting, state, 300)
+        assert found is not None
+        best = prices_of_missing(meeting, state, 300)
+        assert best is not None
+        # Tight at its own look, as commands of full thrust are not needed.
+        assert proof(meeting, state, 300, best)[300] == pytest.approx(found.impulse, rel=1e-4)
+        for spread in (0.01, 0.1, 1.0):
+            other = best + spread * np.abs(best) * rng.normal(size=6)
+            assert proof(meeting, state, 300, other)[300] <= found.impulse + 1e-6
+
+
+@pytest.mark.parametrize("deadline", [600.0, 1000.0])
+def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadline: float) -> None:
+    meeting, states, starts, task = meeting_of(deadline, 2, 3)
+    answers = [rendezvous(meeting, state, deadline) for state in states]
+    commands = np.zeros((len(states), task.timing.episode_steps, 6))
+    for k, (state, answer) in enumerate(zip(states, answers, strict=True)):
+        assert answer.transfer is not None
+        assert 0.0 < answer.lower <= answer.free.impulse <= answer.upper * (1 + 1e-9)
+        assert least_margin(meeting.limits, trajectory(meeting, state, answer.transfer)) >= 0.0
+        if deadline == 1000.0:
+            assert answer.gap < 0.01
+        commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
+    timing = replace(task.timing, episode_steps=round(deadline / 10))
+    for flying in (fly, fly_in_drake):
+        flight: Any = flying(DEPUTY, task, Script(commands), starts, timing)
+        assert flight.done.all()
+        assert not flight.violated().any()
+        np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:guidance does not know the constraints")
+def test_no_guidance_beats_the_bound() -> None:
+    """Whoever docks spends at least the bound, whenever that is; some dock before the deadline."""
+    meeting, states, starts, task = meeting_of(1500.0, 2, 4)
+    lower = np.array([rendezvous(meeting, state, 1500.0).lower for state in states])
+    for pilot in (
+        VelocityToGain(DEPUTY, task, task.timing),
+        VelocityToGain(DEPUTY, task, task.timing, deadline=1500.0),
+    ):
+        flight: Any = fly(DEPUTY, task, pilot, starts, task.timing)
+        won = flight.done & ~flight.violated()
+        assert won.any()
+        assert (impulses(flight)[won] >= lower[won] * (1 - 1e-6)).all()
