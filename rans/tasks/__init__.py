@@ -10,8 +10,10 @@ from typing import Any
 
 from rans.errors import ConfigError, brief
 from rans.registry import Registry
+from rans.tasks.avoid import Avoid
 from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
+from rans.tasks.dock_port import DockPort
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
@@ -84,6 +86,8 @@ TASKS = Registry(
         "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
         "multi-task": "rans.tasks:MultiTask",
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
+        "avoid": "rans.tasks:Avoid",
+        "dock-port": "rans.tasks:DockPort",
     },
     _checked,
 )
@@ -139,6 +143,8 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 __all__ = [
     "TASKS",
+    "Avoid",
+    "DockPort",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
