@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from rans import display
 from rans.api import certify, compare, evaluate, load_agent, optimal_trajectory, train, validate
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
@@ -171,6 +172,16 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _as_html(value: Any) -> str:
+    """A value as HTML for a notebook; the renderer is imported when the first one is displayed."""
+    from rans.show.pages.notebook import html
+
+    return html(value)
+
+
+display.html_renderer = _as_html
 
 
 def _enrol(task_name: str) -> None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rans.evaluation.measure.aggregate import Metrics
     from rans.fast.learn.config import Algorithm, PPOSettings, TrainConfig
     from rans.optimal.trajectory.objectives import ObjectiveName
-    from validation.checks import Study
+    from validation.study.checks import Study
 
 SpacecraftLike = str | Path | Spacecraft
 """By name, TOML file or as such."""
@@ -270,7 +270,7 @@ def validate(
     from rans.cli import laboratory
 
     laboratory.enter()
-    from validation.study import study
+    from validation.study.study import study
 
     met = None if conditions is None else load_conditions(conditions)
     return study(load_spacecraft(spacecraft), seed, quick, layer, conditions=met)

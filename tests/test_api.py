@@ -20,7 +20,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound
 from rans.scenario import EVALUATION_SEED, scenarios
 from tests.test_imports import loaded
-from validation.checks import Check, Study
+from validation.study.checks import Check, Study
 
 MODULES = sorted(
     {

@@ -31,7 +31,7 @@ from rans.randomization.conditions import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
-from rans.show.scene import Motion
+from rans.show.scene.scene import Motion
 from rans.tasks import (
     GoToPose,
     MultiTask,

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from validation.figures import TABLES
 from validation.markdown import Table
+from validation.records.figures import TABLES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -23,7 +23,7 @@ def figures(name: str) -> Any:
 
 @pytest.mark.parametrize("make", TABLES.values(), ids=TABLES)
 def test_a_table_is_what_its_file_says(make: Callable[[Path], Table]) -> None:
-    """`python -m validation.figures` writes them."""
+    """`python -m validation.records.figures` writes them."""
     table = make(DOCS)
     assert table.rows
     assert table.within(DOCS) == (DOCS / table.page).read_text("utf-8")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+ROOMS = "rans", "validation", "benchmarks"
 HEAVY = {
     "torch",
     "pydrake",
@@ -22,7 +23,7 @@ HEAVY = {
 }
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.shown", "rans.safe_path", "rans.progress"},
+    {"rans.errors", "rans.display", "rans.safe_path", "rans.progress"},
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},
@@ -38,8 +39,13 @@ LAYERS: list[set[str]] = [
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},
-    {"validation"},
+    {"validation.markdown", "validation.command"},
+    {"validation.study"},
+    {"benchmarks"},
+    {"validation.records"},
+    {"validation.speed"},
     {"rans.cli"},
+    {"validation.breaking"},
     {"rans.api"},
     {"rans.__main__"},
 ]
@@ -51,14 +57,17 @@ RANK = {unit: rank for rank, units in enumerate(LAYERS) for unit in units}
 def modules() -> list[tuple[str, Path]]:
     """Every module but the front door: name and file."""
     found = []
-    for file in sorted([*(ROOT / "rans").rglob("*.py"), *(ROOT / "validation").rglob("*.py")]):
+    for file in sorted(file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
         parts = file.relative_to(ROOT).with_suffix("").parts
         found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
-    return [(name, file) for name, file in found if name != "rans"]
+    return [(name, file) for name, file in found if name not in ROOMS]
+
+
+NAMES = {name for name, _ in modules()}
 
 
 def imports(file: Path) -> set[str]:
-    """Names that a file imports, inside functions too, but not those for type checkers only."""
+    """Names that a file imports, in functions and by `importlib` too, but not those for type checkers."""
     found: set[str] = set()
 
     def visit(node: ast.AST) -> None:
@@ -69,6 +78,8 @@ def imports(file: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
             found.update({f"{node.module}.{alias.name}" for alias in node.names})
+        if isinstance(node, ast.Constant) and node.value in NAMES:
+            found.add(str(node.value))  # given to importlib
         for child in ast.iter_child_nodes(node):
             visit(child)
 
@@ -79,7 +90,7 @@ def imports(file: Path) -> set[str]:
 def unit(name: str) -> str:
     """The package or module of `LAYERS` that a module, or a name in it, belongs to."""
     parts = name.split(".")
-    return parts[0] if parts[0] == "validation" else ".".join(parts[:2])
+    return parts[0] if parts[0] == "benchmarks" else ".".join(parts[:2])
 
 
 every_module = pytest.mark.parametrize(
@@ -91,7 +102,8 @@ every_module = pytest.mark.parametrize(
 def test_imports_point_down(name: str, file: Path) -> None:
     assert unit(name) in RANK, f"{name} is new: give it a place in LAYERS"
     for imported in imports(file):
-        if imported.startswith(("rans.", "validation.")) and unit(imported) != unit(name):
+        ours = imported.startswith(tuple(f"{room}." for room in ROOMS))
+        if ours and unit(imported) != unit(name):
             assert RANK[unit(imported)] < RANK[unit(name)], f"{name} imports {imported}"
 
 
@@ -112,9 +124,7 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
     own = {f"rans.reference.{name}" for name in ("parts", "nozzles")}
     for judge in ("plant.py", "parts.py", "nozzles.py"):
         ours = {
-            name
-            for name in imports(ROOT / "rans" / "reference" / judge)
-            if name.startswith(("rans", "validation"))
+            name for name in imports(ROOT / "rans" / "reference" / judge) if name.startswith(ROOMS)
         }
         assert {name.rpartition(".")[0] for name in ours} <= {*values, *own, "rans.errors"}
 

@@ -21,6 +21,7 @@ from torch.distributed.run import get_args_parser
 
 import rans
 from rans.cli import COMMANDS, _parse
+from rans.display import meanings
 from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.config import Failures, GradientSettings, PPOSettings
 from rans.fast.learn.recipes import by_gradient, training
@@ -32,7 +33,6 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.randomization.conditions_file import CONDITIONS
 from rans.scenario import scenarios
-from rans.shown import meanings
 from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
 from tests.support.random_flights import Random

@@ -150,14 +150,14 @@ class Assure:
 
 def _show(assurance: Assurance, file: Path) -> None:
     from rans.evaluation.assure.replay import has_drake
-    from rans.show.assure_counts import counts, verdict
-    from rans.show.assure_page import findings, page
+    from rans.show.pages.assure_counts import counts, verdict
+    from rans.show.pages.assure_page import findings, page
 
     found = assurance.to_json()
     write_json(file, found)
     worst = ""
     if assurance.searched and assurance.searched.breaking and has_drake():
-        from rans.show.view import View
+        from rans.show.scene.view import View
 
         view = View()
         worst = f"{file.stem}-worst-case.html"

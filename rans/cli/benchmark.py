@@ -18,7 +18,7 @@ from rans.tasks import TASKS
 from rans.terminal import Terminal, kept, table
 
 if TYPE_CHECKING:
-    from validation.peers.runner import PeerResult
+    from benchmarks.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
 
@@ -90,7 +90,7 @@ class Benchmark:
         self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]
     ) -> None:
         """Peers, and ratios over them."""
-        from validation.peers.runner import default_folder
+        from benchmarks.peers.runner import default_folder
         from validation.speed.ratios import compare_peers
         from validation.speed.suite import effort
 
@@ -118,7 +118,7 @@ class Benchmark:
         """Print what there is, and write it; nothing, where nothing was measured."""
         import torch
 
-        from validation.peers.unmeasured import UNMEASURED
+        from benchmarks.peers.unmeasured import UNMEASURED
         from validation.speed.ratios import bounds
 
         if not measured:
@@ -164,8 +164,8 @@ class Benchmark:
         peers: list[PeerResult],
         ratios: list[Ratio],
     ) -> None:
-        from rans.show.svg import svg
-        from validation.peers.unmeasured import UNMEASURED
+        from benchmarks.peers.unmeasured import UNMEASURED
+        from rans.show.figures.svg import svg
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {

@@ -111,9 +111,9 @@ class Compare:
 
 def _write(comparison: Comparison, folder: Path) -> None:
     from rans.evaluation.measure.statistics import figure
-    from rans.show import front_tables
-    from rans.show.comparison_page import TEXT, page
-    from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
+    from rans.show.pages.comparison_page import TEXT, page
+    from rans.show.tables import front_tables
+    from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
     console = Terminal()
     board = scoreboard(comparison)

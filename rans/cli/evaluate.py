@@ -184,7 +184,7 @@ class Evaluate:
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
-        from rans.show.figures import save_flight_figures
+        from rans.show.figures.figures import save_flight_figures
 
         folder, suffix = self._place(run)
         file = self._file(run)

@@ -57,7 +57,7 @@ class Faults:
         )
         if self.picture is not None:
             from rans.drawing import save_picture
-            from rans.show.faults_figure import faults_figure
+            from rans.show.figures.faults_figure import faults_figure
 
             save_picture(faults_figure(craft, found), self.picture)
             Terminal().say(f"Picture: {self.picture}")

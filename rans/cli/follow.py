@@ -44,8 +44,8 @@ class Follow:
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.fly.follow import follow
         from rans.evaluation.fly.paths import LookAhead, find_path
-        from rans.show.path_figures import following_figure
-        from rans.show.svg import svg
+        from rans.show.figures.path_figures import following_figure
+        from rans.show.figures.svg import svg
 
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from contextlib import redirect_stdout
 from typing import Annotated, Any, get_type_hints
 
-from rans.shown import meanings
+from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
 

@@ -25,8 +25,8 @@ from rans.pretrained import (
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS, load_conditions
 from rans.registry import Registry, resolve_typed
-from rans.show.layout_text import AWAY, TOWARDS, layout_text
-from rans.show.listing import (
+from rans.show.tables.layout_text import AWAY, TOWARDS, layout_text
+from rans.show.tables.listing import (
     Listing,
     settings_listing,
     space,

@@ -20,7 +20,7 @@ class Report:
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""
-        from rans.show.report import report_from_run
+        from rans.show.pages.report import report_from_run
 
         report = report_from_run(self.run_folder)
         file = self.run_folder / "report.html"

@@ -16,7 +16,7 @@ from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, kept, progress, stages
 
 if TYPE_CHECKING:
-    from rans.show.stress_page import StressReport
+    from rans.show.pages.stress_page import StressReport
 
 _SHOWN = 5
 """Commands that the terminal lists."""
@@ -59,7 +59,7 @@ class Stress:
         from rans.evaluation.compare.entrants import contest_of
         from rans.evaluation.fly.contestants import output_folder
         from rans.evaluation.stress.run import prepared
-        from rans.show.stress_page import StressReport
+        from rans.show.pages.stress_page import StressReport
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")

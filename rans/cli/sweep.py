@@ -150,8 +150,8 @@ def _changes(text: str) -> list[str]:
 
 
 def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.show.svg import svg
-    from rans.show.sweep_figure import sweep_figure
+    from rans.show.figures.svg import svg
+    from rans.show.figures.sweep_figure import sweep_figure
 
     best = sweep.best()
     rows = [

@@ -25,7 +25,7 @@ from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files
-from rans.show.curve import Rows, drawn_beside
+from rans.show.figures.curve import Rows, drawn_beside
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -239,7 +239,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
 
 
 def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
-    """A process beside the training that shows its newest agent; see `rans.show.watch`.
+    """A process beside the training that shows its newest agent; see `rans.show.scene.watch`.
 
     Training does nothing for it but what it does anyway, writing checkpoints, and the process has the
     lowest priority: on a busy machine it gets what training leaves over.
@@ -256,7 +256,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 def _watch(run: Path, port: int) -> None:
     os.nice(19)
     trust_files()  # it was checked before training began
-    from rans.show.watch import watch
+    from rans.show.scene.watch import watch
 
     try:
         watch(run, port)

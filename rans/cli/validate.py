@@ -36,8 +36,8 @@ class Validate:
     def run(self) -> int:
         """Print the table of checks."""
         laboratory.enter()
-        from validation.page import page
-        from validation.study import study
+        from validation.study.page import page
+        from validation.study.study import study
 
         console = Terminal()
         if self.output is not None:

@@ -67,7 +67,7 @@ class View:
                 f"--save writes a page, whose name must end in .html, got {str(self.save)!r}."
             )
         if self.video is not None:
-            from rans.show.video import check_video
+            from rans.show.scene.video import check_video
 
             check_video(self.video)
         runs = [contestant(self.contestants[0]).under(self.conditions)]
@@ -87,7 +87,7 @@ class View:
             for run in runs
         ]
         if self.frames is not None:
-            from rans.show.frames import save_frames
+            from rans.show.scene.frames import save_frames
 
             save_frames(flights[0], 0, self.frames)
             Terminal().say(f"Ten frames of {flights[0].controller} are in {self.frames}.")
@@ -98,7 +98,7 @@ class View:
         return 0
 
     def _show(self, flights: list[Flight]) -> None:
-        from rans.show.view import View as Page
+        from rans.show.scene.view import View as Page
         from rans.window import open_browser
 
         page = Page()
@@ -119,7 +119,7 @@ class View:
                 time.sleep(3600.0)
 
     def _film(self, flights: list[Flight], file: Path) -> None:
-        from rans.show.video import save_video
+        from rans.show.scene.video import save_video
 
         with progress() as bars:
             save_video(flights, file, stages(bars))

@@ -31,7 +31,7 @@ FARTHEST = 1e5
 """Way from rest in one period, m, up to which float32 tells positions to a centimetre."""
 _PEAK = 3.0
 """Spin of a craft that cannot be held still, in alphas. Of 200 random craft under LQR, restless and bang-bang
-control (`validation.accuracy`) 192 stay below it or below the spin of the fastest half turn from rest to
+control (`validation.records.accuracy`) 192 stay below it or below the spin of the fastest half turn from rest to
 rest, sqrt(pi alpha); seven reach up to 1.5 times as much and one, which tumbles, 3 times."""
 _USUAL_SPIN = 1.0
 """Start, or are asked for by a task, rad/s: twice the paper's."""
@@ -58,7 +58,7 @@ def chosen(
 ) -> Timing:
     """The timing with a number of substeps, where it leaves that open.
 
-    25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.accuracy` shows it on random craft.
+    25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.records.accuracy` shows it on random craft.
     Warns of a craft that is too fast for its control period.
 
     Args:

@@ -15,10 +15,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from rans.display import NotebookRepr
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 from rans.model.solids import MOST_SOLIDS, Solid
-from rans.shown import Shown
 
 ThrustSharing = Literal["none", "split"]
 Shape = Literal["sphere", "cylinder"]
@@ -76,7 +76,7 @@ class Store(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Spacecraft(Shown):
+class Spacecraft(NotebookRepr):
     """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
 
     >>> rans.load_spacecraft("free-flyer")

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
+from rans.display import Settings
 from rans.errors import ConfigError, checked, fits, is_finite, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
-from rans.shown import Settings
 from rans.structure import Range, is_range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]

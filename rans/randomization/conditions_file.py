@@ -7,11 +7,11 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rans.display import default
 from rans.errors import ConfigError, brief, named
 from rans.files import distinct, read_text
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry, resolve
-from rans.shown import default
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
 
 

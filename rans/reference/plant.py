@@ -69,7 +69,7 @@ class Plant:
         craft: what to build.
         count: N, how many to simulate together; one alone costs two to three times as much as each of many.
         max_step: longest integration step, s. At 0.01 s, 25 s of on/off thrust are accurate to some
-            1e-12 m in the plane and 1e-9 m in space (`validation.dynamics` measures it).
+            1e-12 m in the plane and 1e-9 m in space (`validation.study.dynamics` measures it).
         body: each value one number or (N,), B at the true centre of mass; None: as the craft was designed.
         drift: what pulls at all: nothing, Drake's own gravity, or the pseudo-forces of an orbit's frame.
 

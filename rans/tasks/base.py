@@ -10,12 +10,12 @@ from dataclasses import dataclass, fields
 from functools import reduce
 from typing import ClassVar
 
+from rans.display import Settings
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.shown import Settings
 from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape

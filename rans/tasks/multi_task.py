@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import zip_longest
 from typing import ClassVar
 
+from rans.display import default
 from rans.errors import ConfigError, checked
 from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
-from rans.shown import default
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition

@@ -10,7 +10,7 @@ import pytest
 
 from rans.cli import main
 from rans.cli.evaluate import Evaluate
-from rans.show.report import report_from_run
+from rans.show.pages.report import report_from_run
 from rans.tasks.multi_task import MultiTask
 from tests.support.training import CONFIG, tiny_trainer
 

@@ -12,7 +12,7 @@ from rans.cli.list import _solved
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.randomization.conditions import Conditions
-from rans.show.layout_text import layout_text
+from rans.show.tables.layout_text import layout_text
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
 from tests.support.crafts import nasty_planar, nasty_spatial
 

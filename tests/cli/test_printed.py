@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-import validation.study
+import validation.study.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details
@@ -21,9 +21,9 @@ from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import objective_of
-from rans.show.layout_text import layout_text
-from rans.show.listing import Listing
-from validation.checks import Check, Skipped, Study
+from rans.show.tables.layout_text import layout_text
+from rans.show.tables.listing import Listing
+from validation.study.checks import Check, Skipped, Study
 
 
 def cells(table: Any) -> list[list[str]]:
@@ -221,14 +221,14 @@ def test_validate_says_what_failed_and_where(
     good = Check("mass", 0.0, 1e-9, "kg", "Rounding.", "state 2")
     bad = Check("way", 1.0, 1e-9, "m", "Truncation.", "flight 7")
     found = study_of(good, bad, skipped=(Skipped("kernel", "No compiler."),))
-    monkeypatch.setattr(validation.study, "study", lambda *_: found)
+    monkeypatch.setattr(validation.study.study, "study", lambda *_: found)
     monkeypatch.setenv("COLUMNS", "120")
     assert main(["validate"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL way (flight 7). Its tolerance: Truncation." in printed
     assert "not run kernel: No compiler." in printed
     assert "1 of 2 checks passed in 1.5 s." in printed
-    monkeypatch.setattr(validation.study, "study", lambda *_: study_of(good))
+    monkeypatch.setattr(validation.study.study, "study", lambda *_: study_of(good))
     assert main(["validate"]) == 0
     assert "1 of 1 checks passed in 1.5 s." in capsys.readouterr().out
 

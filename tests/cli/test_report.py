@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
-from validation.checks import Check, Study
+from validation.study.checks import Check, Study
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ import pytest
 import rans.evaluation.stress.run as run
 from rans.cli import main
 from rans.evaluation.stress.run import Stress
-from rans.show import stress_figures
-from rans.show.panels import BLUE, ORANGE
+from rans.show.figures import stress_figures
+from rans.show.figures.panels import BLUE, ORANGE
 from tests.evaluation.stress.test_run import FIRST, small
 
 QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]

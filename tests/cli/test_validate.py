@@ -9,20 +9,20 @@ from dataclasses import replace
 
 import pytest
 
-import validation.study
+import validation.study.study
 from rans.cli import main
 from rans.model.actuators import Actuators, Pulsed
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import to_toml
-from validation.checks import Check, Study
-from validation.study import LAYERS, Scope
+from validation.study.checks import Check, Study
+from validation.study.study import LAYERS, Scope
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -> None:
     """And one layer alone repeats what the study found; of four flights, not of sixteen."""
     monkeypatch.setattr(
-        validation.study,
+        validation.study.study,
         "Scope",
         lambda craft, seed, states, _, conditions: Scope(craft, seed, states, 4, conditions),
     )
@@ -143,7 +143,7 @@ def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked
 ) -> None:
     file = tmp_path / "slow.toml"
     file.write_text("[thrusters]\nleast_on = 0.1\n", "utf-8")
-    monkeypatch.setattr(validation.study, "_chosen", None)
+    monkeypatch.setattr(validation.study.study, "_chosen", None)
     assert main(["validate", "--quick", "--spacecraft", "atmos", "--conditions", str(file)]) == 2
     assert (
         "which is for on/off valves; the thrusters of 'atmos' are pulsed" in capsys.readouterr().err
@@ -153,7 +153,7 @@ def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
     broken = Check("way flown", 1.0, 1e-9, "m", "Planted.")
     report = Study("broken", (broken,), {"seconds": 0.0})
-    monkeypatch.setattr(validation.study, "study", lambda *_: report)
+    monkeypatch.setattr(validation.study.study, "study", lambda *_: report)
     assert main(["validate"]) == 1
     assert "FAIL" in capsys.readouterr().out
 

@@ -160,7 +160,7 @@ def test_every_option_reaches_the_flights(
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
-    monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
+    monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))
     options = [
         "--episodes",
         "3",

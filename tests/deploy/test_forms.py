@@ -33,7 +33,7 @@ from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import scenarios
 from tests.support.training import scatter, tiny_learner
-from validation.exports import ANSWERS, asked, numpy_answer, unequal
+from validation.records.exports import ANSWERS, asked, numpy_answer, unequal
 
 FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]
 FORMS: tuple[Form, ...] = ("onnx", "numpy")
@@ -67,7 +67,7 @@ def written(folder: Path, network: Network, *forms: Form, title: str = "agent") 
 
 @pytest.mark.parametrize("name", pretrained_names())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
-    """Of 12 steps, more than any remembers; ``python -m validation.exports`` asks 100,000 observations."""
+    """Of 12 steps, more than any remembers; ``python -m validation.records.exports`` asks 100,000 observations."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 250))

@@ -24,8 +24,8 @@ from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
 from rans.tasks.sight import Scalar, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts
-from validation.filtered import corrected, gains
-from validation.robustness import rows
+from validation.records.filtered import corrected, gains
+from validation.records.robustness import rows
 
 COUNT = 48
 SEED = 5
@@ -187,7 +187,7 @@ def _example(task: Task) -> Any:
 
 
 def test_in_noise_it_is_the_filter_of_states() -> None:
-    """As `validation.filtered` has it, in W and with quaternions, of the same readings and commands."""
+    """As `validation.records.filtered` has it, in W and with quaternions, of the same readings and commands."""
     task = GoToPose()
     drift = 1e-3
     body = layout(task, 3).body

@@ -25,7 +25,7 @@ from rans.tasks.derived import layout
 from rans.tasks.sight import Spin, VectorInW
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import tiny_learner
-from validation.batch import loaded
+from validation.records.batch import loaded
 
 COUNT = 32
 SEED = 5

@@ -22,8 +22,8 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine
 from tests.support.worlds import EFFECTS, PAIRS
-from validation.conditions import Watching
-from validation.sampling import gap
+from validation.study.conditions import Watching
+from validation.study.sampling import gap
 
 TOLERANCE = 1e-9
 """Of issue 16, m, rad, m/s and rad/s after 25 s. In the plane some 1e-11 are seen."""

@@ -25,7 +25,7 @@ from rans.reference.flight import (
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, observation_width
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states
-from validation.sampling import Restless, gap
+from validation.study.sampling import Restless, gap
 
 TASK = GoToPose()
 CRAFTS = [replace(nasty_planar(), thrust_sharing="split"), nasty_spatial()]

@@ -18,8 +18,13 @@ from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
-from validation.checks import Check
-from validation.dynamics import acceleration_checks, period_checks, thruster_checks, wrench_checks
+from validation.study.checks import Check
+from validation.study.dynamics import (
+    acceleration_checks,
+    period_checks,
+    thruster_checks,
+    wrench_checks,
+)
 
 
 def lopsided(dimension: int) -> Spacecraft:

@@ -21,7 +21,7 @@ from rans.randomization.valves import Lag
 from rans.reference.flight import fly_in_drake
 from tests.support.random_flights import PLANE, Random, flown, in_engine
 from tests.support.worlds import EFFECTS
-from validation.sampling import gap
+from validation.study.sampling import gap
 
 PLANTED_STEPS = 11
 

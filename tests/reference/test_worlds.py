@@ -23,7 +23,7 @@ from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states
-from validation.sampling import Restless, gaps
+from validation.study.sampling import Restless, gaps
 
 COUNT = 2
 STEPS = 125

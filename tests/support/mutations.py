@@ -18,11 +18,11 @@ import rans.model.rotation
 import rans.randomization.case
 import rans.randomization.sensors
 import rans.tasks.go_to_pose
-import validation.dynamics
-import validation.engines
-import validation.flights
-import validation.oracles
-import validation.sampling
+import validation.study.dynamics
+import validation.study.engines
+import validation.study.flights
+import validation.study.oracles
+import validation.study.sampling
 from rans.episode import World
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, Wrench
@@ -213,12 +213,12 @@ def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each command acts one period late, as a discrete Drake plant may do."""
-    true = validation.sampling.rollout
+    true = validation.study.sampling.rollout
 
     def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
         return true(craft, start, np.concatenate([commands[:1], commands[:-1]]), *rest)
 
-    for module in (validation.sampling, validation.flights, validation.oracles):
+    for module in (validation.study.sampling, validation.study.flights, validation.study.oracles):
         monkeypatch.setattr(module, "rollout", late)
 
 
@@ -248,9 +248,9 @@ def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the engine's craft is heavier, by a millionth."""
-    true = validation.engines.Engine
+    true = validation.study.engines.Engine
     monkeypatch.setattr(
-        validation.engines,
+        validation.study.engines,
         "Engine",
         lambda craft, *rest, **more: true(
             replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more
@@ -265,7 +265,7 @@ def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
         whole: Any = true(craft, command, *body)
         return replace(whole, torque=whole.torque * 0.5)
 
-    for module in (rans.model.dynamics, validation.dynamics):
+    for module in (rans.model.dynamics, validation.study.dynamics):
         monkeypatch.setattr(module, "wrench", halved)
 
 
@@ -430,8 +430,8 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (PLANE, disturbance_forgotten, "disturbances"),
     # Single periods have one command: only flights have a later one.
     (SPACE, two_nodes_in_space, "invariants"),
-    (PLANE, late_in(validation.flights), "flights"),
-    (PLANE, late_in(validation.flights, only_full=True), "bang-bang"),
+    (PLANE, late_in(validation.study.flights), "flights"),
+    (PLANE, late_in(validation.study.flights, only_full=True), "bang-bang"),
     (PLANE, engine_of_another_mass, "engine"),
     (PLANE, stale_command, "oracles"),
 ]

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from rans.show.figures import styled
-from rans.show.panels import BLUE, GREEN, INK, ORANGE, RED, label
+from rans.show.figures.figures import styled
+from rans.show.figures.panels import BLUE, GREEN, INK, ORANGE, RED, label
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio
 

@@ -25,7 +25,7 @@ from rans.fast.saved import SavedPolicy
 from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
-from validation.exports import ANSWERS
+from validation.records.exports import ANSWERS
 from validation.speed.measurement import Measurement
 
 Policy = Callable[[np.ndarray], np.ndarray]

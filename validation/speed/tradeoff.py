@@ -23,9 +23,9 @@ from rans.fast.learn.recipes import preset
 from rans.fast.learn.trainer import check_device
 from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
-from rans.show.figures import styled
-from rans.show.panels import BLUE, GREY, INK, label
-from rans.show.svg import svg
+from rans.show.figures.figures import styled
+from rans.show.figures.panels import BLUE, GREY, INK, label
+from rans.show.figures.svg import svg
 from validation.command import ended
 from validation.speed.training import Success, train_until_solved
 

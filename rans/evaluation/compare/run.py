@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.compare import entrants, relaxed
 from rans.evaluation.compare.bounds import (
@@ -30,7 +31,6 @@ from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import check_goal
 from rans.progress import Stages, unseen_stages
-from rans.shown import Shown
 from rans.tasks.goal_set import aims
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
@@ -44,7 +44,7 @@ _RELAXED = (0.4, 0.8)
 
 
 @dataclass
-class Comparison(Shown):
+class Comparison(NotebookRepr):
     """Everything found so far."""
 
     contest: Contest

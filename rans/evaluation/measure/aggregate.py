@@ -16,13 +16,13 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.measure.metrics import Sample, samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
-from rans.shown import Shown
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
@@ -48,7 +48,7 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Metrics(Shown):
+class Metrics(NotebookRepr):
     """Everything measured on one flight."""
 
     controller: str

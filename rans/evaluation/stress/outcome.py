@@ -13,7 +13,7 @@ from rans.evaluation.measure.statistics import Estimate, share
 from rans.flight import Flight
 
 WANTED = 0.99
-"""Share of episodes from which a trouble counts as mastered, and a task as solved (`rans.show.report`)."""
+"""Share of episodes from which a trouble counts as mastered, and a task as solved (`rans.show.pages.report`)."""
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import user_policy
 from rans.model.timing import Timing
-from rans.show.comparison_figures import gap_histograms
-from rans.show.comparison_tables import gap_rows, gaps
+from rans.show.figures.comparison_figures import gap_histograms
+from rans.show.tables.comparison_tables import gap_rows, gaps
 from tests.evaluation.compare.test_run import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 

@@ -27,9 +27,16 @@ from rans.model.timing import Timing
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.randomization.conditions_file import load_conditions
-from rans.show.comparison_page import TEXT, page
-from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
-from rans.show.report import comparison_section
+from rans.show.pages.comparison_page import TEXT, page
+from rans.show.pages.report import comparison_section
+from rans.show.tables.comparison_tables import (
+    RETURN,
+    best_returns,
+    differences,
+    gaps,
+    scoreboard,
+    to_json,
+)
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
 

@@ -16,7 +16,7 @@ from rans.pretrained import pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
-from validation.robustness import SINGLE
+from validation.records.robustness import SINGLE
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -1,0 +1,1 @@
+"""Published protocols and other simulators, flown and timed beside this package."""

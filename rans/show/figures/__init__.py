@@ -1,0 +1,1 @@
+"""Charts: curves, Pareto fronts, flown paths, robustness, as SVG and with matplotlib."""

@@ -1,0 +1,51 @@
+"""The learning curve, by a process that loads Matplotlib while another one trains."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+from rans.processes import beside
+
+Rows = Sequence[Mapping[str, Any]]
+"""Lines of ``metrics.jsonl``."""
+
+
+_SOME = [{"steps": 1, "seconds": 1.0, "success": 0.5, "return/term": 1.0}]
+
+
+def curve(rows: Rows) -> str:
+    """`rans.show.figures.figures.learning_curve` as the text of an SVG file."""
+    from rans.show.figures.figures import learning_curve
+    from rans.show.figures.svg import svg
+
+    return svg(learning_curve(rows))
+
+
+@contextmanager
+def drawn_beside() -> Iterator[Callable[[Rows], str]]:
+    """`curve` once, by another process that is ready for it by then; here, where that fails."""
+    if "matplotlib" in sys.modules:
+        yield curve
+        return
+    here, there = Pipe()
+
+    def ask(rows: Rows) -> str:
+        try:
+            here.send(rows)
+            return here.recv()
+        except (OSError, EOFError):
+            return curve(rows)
+
+    with here, beside(_draw, there):
+        there.close()
+        yield ask
+
+
+def _draw(there: Connection) -> None:
+    curve(_SOME)  # loads Matplotlib and its fonts
+    there.send(curve(there.recv()))

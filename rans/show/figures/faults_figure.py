@@ -1,0 +1,54 @@
+"""The figure of what a spacecraft can do without."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import FaultKind
+from rans.randomization.faults import FaultSet
+from rans.show.figures.figures import styled
+from rans.show.figures.panels import GREEN, RED, label
+
+
+@styled
+def faults_figure(
+    craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]
+) -> Figure:
+    """A square for every pair of failed thrusters, on the diagonal for one: green if recoverable.
+
+    Args:
+        craft: the spacecraft.
+        found: sets by kind of fault and number of thrusters.
+    """
+    count = len(craft.thrusters)
+    figure = Figure(figsize=(10.0, 5.6), layout="constrained")
+    for axes, kind in zip(figure.subplots(1, 2), ("dead", "stuck-open"), strict=True):
+        grid = np.full((count, count), np.nan)
+        for (of, _), sets in found.items():
+            for one in sets if of == kind else ():
+                first = one.thrusters[0]
+                last = one.thrusters[-1]
+                grid[last, first] = grid[first, last] = float(one.recoverable)
+        axes.imshow(grid, cmap=ListedColormap([RED, GREEN]), vmin=0.0, vmax=1.0)
+        axes.set(xticks=range(count), yticks=range(count))
+        axes.set_xticks(np.arange(count) - 0.5, minor=True)
+        axes.set_yticks(np.arange(count) - 0.5, minor=True)
+        axes.grid(visible=False)
+        axes.grid(which="minor", color="white", linewidth=1.5)
+        axes.tick_params(which="minor", length=0)
+        singles, pairs = (found.get((kind, n), ()) for n in (1, 2))
+        title = f"{kind}: {_share(singles)} single, {_share(pairs)} pairs recoverable"
+        label(axes, title, "thruster", "thruster")
+    figure.suptitle(
+        f"{craft.name}: green can still push and turn every way; on the diagonal one alone"
+    )
+    return figure
+
+
+def _share(sets: Sequence[FaultSet]) -> str:
+    return f"{sum(one.recoverable for one in sets)} of {len(sets)}"

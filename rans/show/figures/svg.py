@@ -1,0 +1,210 @@
+"""Matplotlib's figures as SVG that suits light and dark pages, and telephones: a picture for each panel."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.transforms import Bbox
+
+from rans.errors import ConfigError, brief
+from rans.show.figures.panels import BLUE, GREY, INK, LINES, STYLE
+
+_SVG = "http://www.w3.org/2000/svg"
+_LINK = "http://www.w3.org/1999/xlink"
+_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6"}
+"""Inks, and what they are where readers like dark pages."""
+_GROUND = ":root{color-scheme:light dark}"
+_ELEMENTS = {
+    "svg",
+    "g",
+    "defs",
+    "style",
+    "title",
+    "desc",
+    "path",
+    "use",
+    "symbol",
+    "clipPath",
+    "rect",
+    "circle",
+    "ellipse",
+    "line",
+    "polyline",
+    "polygon",
+    "text",
+    "tspan",
+    "image",
+    "linearGradient",
+    "radialGradient",
+    "stop",
+    "pattern",
+    "marker",
+    "mask",
+}
+"""What Matplotlib's pictures consist of, and their like: none runs or fetches anything by itself."""
+_DECLARES = re.compile(r"<!DOCTYPE[^>]*\[")
+"""A document type with declarations: entities, which may grow without bounds, and attributes."""
+_FETCHES = re.compile(r"""url\(\s*+['"]?+(?!\#)|@import|image-set|\\""", re.IGNORECASE)
+"""Style that names another file, or that hides what it names."""
+_OWN_LINK = re.compile(r"#|data:image/(?:png|jpeg);base64,")
+_MOST_PANELS = 64
+"""Of a picture: they may lie within each other, so that each of them repeats others."""
+_PANEL = re.compile(r"panel((?: -?[\d.]+){4})")
+
+
+def svg(figure: Figure) -> str:
+    """The figure as the text of an SVG file: without a ground, with inks that follow the reader's choice.
+
+    Opened by itself its ground follows too.
+    """
+    buffer = io.StringIO()
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings(
+            "ignore", "Creating legend with loc"
+        )  # only says that this machine is busy
+        _mark_panels(figure)
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    rules = "".join(
+        f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'
+        for ink, dark in _DARK.items()
+        for what in ("fill", "stroke")
+    )
+    return buffer.getvalue().replace(
+        "</style>", f"{_GROUND}@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1
+    )
+
+
+def data_uri(picture: str | bytes) -> str:
+    """A picture, text of an SVG file or bytes of a PNG file, as the source of an HTML ``img``."""
+    kind, data = ("svg+xml", picture.encode()) if isinstance(picture, str) else ("png", picture)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def only_drawn(picture: str) -> str:
+    """The text of somebody's SVG file anew, if all that it does is to draw.
+
+    Comments, metadata and instructions to whoever reads it are left out.
+
+    Raises:
+        ConfigError: it is no SVG, or it could run a script, or fetch something from elsewhere.
+    """
+    if _DECLARES.search(picture):
+        raise ConfigError("it declares entities or attributes, which no picture of RANS does.")
+    try:
+        root = ET.fromstring(picture)
+        if root.tag != f"{{{_SVG}}}svg":
+            raise ConfigError(f"it is no SVG, but begins with the element {brief(root.tag)}.")
+        for parent in [*root.iter()]:
+            for metadata in parent.findall(f"{{{_SVG}}}metadata"):
+                parent.remove(metadata)
+        for element in root.iter():
+            _check_drawn(element)
+        _name_spaces()
+        return ET.tostring(root, "unicode")
+    except (ET.ParseError, RecursionError, ValueError) as error:
+        raise ConfigError(f"it is damaged, it is no SVG: {error}.") from error
+
+
+def _check_drawn(element: ET.Element) -> None:
+    """Refuse (`ConfigError`) an element that does more than to draw."""
+    space, _, tag = element.tag.rpartition("}")
+    if space != f"{{{_SVG}" or tag not in _ELEMENTS:
+        raise ConfigError(
+            f"it holds the element {brief(element.tag)}, which no picture of RANS does."
+        )
+    for name, value in element.items():
+        local = name.rpartition("}")[2].lower()
+        foreign = local == "href" and not _OWN_LINK.match(value)
+        if local.startswith("on") or foreign or (local != "href" and _FETCHES.search(value)):
+            raise ConfigError(
+                f"its element {brief(tag)} has {local} = {brief(value)}, which could "
+                "run a script or fetch something from elsewhere."
+            )
+    if tag == "style" and _FETCHES.search(element.text or ""):
+        raise ConfigError("its style could fetch something from elsewhere.")
+
+
+def _name_spaces() -> None:
+    """Let elements be written as they are usually read, without made-up prefixes."""
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _LINK)
+
+
+def panels(picture: str) -> list[str]:
+    """The text of an SVG file by `svg` as one for each panel, in order; others, or one panel, as they are."""
+    _name_spaces()
+    root = ET.fromstring(picture)
+    marked = [(group, _PANEL.fullmatch(group.get("id", ""))) for group in root.iter(f"{{{_SVG}}}g")]
+    found = [(group, match[1].split()) for group, match in marked if match]
+    if not 2 <= len(found) <= _MOST_PANELS:
+        return [picture]
+    shared = {one.get("id", ""): one for group in root.iter(f"{{{_SVG}}}defs") for one in group}
+    style = root.find(f".//{{{_SVG}}}style")
+    return [_document(group, box, shared, style) for group, box in found]
+
+
+def _mark_panels(figure: Figure) -> None:
+    """Give every panel, parts of the figure or else axes, its place in points as the name of its group."""
+    figure.set_dpi(72.0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine(
+        "none"
+    )  # done: laid out again, the panels would be elsewhere, and it takes long
+    width, height = 72.0 * figure.get_size_inches()
+    for part in figure.subfigs or figure.axes:
+        inner = [axes for axes in _inside(part) if _drawn(axes)]
+        if inner:
+            box = Bbox.union([*map(_extent, inner)]).transformed(figure.transFigure.inverted())
+            x0 = width * box.x0 - 4.0
+            y0 = height * (1.0 - box.y1) - 4.0
+            x1 = width * box.x1 + 4.0
+            y1 = height * (1.0 - box.y0) + 4.0
+            part.set_gid(f"panel {x0:.1f} {y0:.1f} {x1 - x0:.1f} {y1 - y0:.1f}")
+
+
+def _inside(part: SubFigure | Axes) -> list[Axes]:
+    if isinstance(part, Axes):
+        return [part]
+    return [*part.axes, *(axes for one in part.subfigs for axes in _inside(one))]
+
+
+def _drawn(axes: Axes) -> bool:
+    return axes.axison or axes.get_legend() is not None
+
+
+def _extent(axes: Axes) -> Bbox:
+    """Of everything, or of a legend that stands by itself, in pixels."""
+    drawn = axes if axes.axison else axes.get_legend()
+    return (drawn and drawn.get_tightbbox()) or axes.bbox
+
+
+def _document(
+    group: ET.Element, box: list[str], shared: dict[str, ET.Element], style: ET.Element | None
+) -> str:
+    """A file of one group, with whatever it refers to."""
+    sizes = {"viewBox": " ".join(box), "width": f"{box[2]}pt", "height": f"{box[3]}pt"}
+    root = ET.Element(f"{{{_SVG}}}svg", sizes)
+    if style is not None:
+        root.append(style)
+    own = {one.get("id") for one in group.iter()}
+    ET.SubElement(root, f"{{{_SVG}}}defs").extend(
+        shared[name]
+        for name in dict.fromkeys(_references(group))
+        if name in shared and name not in own
+    )
+    root.append(group)
+    return ET.tostring(root, "unicode")
+
+
+def _references(group: ET.Element) -> Iterator[str]:
+    for one in group.iter():
+        for value in one.attrib.values():
+            yield from re.findall(r"#([\w-]+)", value)

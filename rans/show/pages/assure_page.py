@@ -1,0 +1,305 @@
+"""An assurance as one page that an engineer can sign: the verdict first, and everything that it rests on."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+
+from rans.evaluation.assure.assurance import Assurance
+from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.flight import Flight
+from rans.show.pages.assure_counts import counts, verdict
+from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.verdict import Failure
+
+_JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
+_TEXT = (
+    "A flight fails if the task declares it failed, if its state is no longer finite, or if at any step of "
+    "its last fifth an error is outside of the task's tolerances, by the true state. Starts, goals and "
+    "conditions are drawn by the number of the scenario, independently. The bounds are those of Clopper and "
+    "Pearson, which are exact: each holds at least with its confidence, for flights of this simulation. How "
+    "the real craft differs from that, no bound here knows."
+)
+
+
+def page(assurance: Assurance, worst_case: str = "") -> Page:
+    """Everything on one page, with the name of a file beside it that shows the worst case."""
+    campaign = assurance.campaign
+    run = assurance.run
+    described = run.conditions.description if run.conditions else "perfect"
+    found = assurance.to_json()
+    counted = Section("What failed", _TEXT, [counts(found)], findings=[*findings(assurance)])
+    sections = [
+        counted,
+        _plan(assurance),
+        *_again(assurance),
+        *_rare(assurance),
+        *_worst_case(assurance, worst_case),
+        _evidence(assurance),
+        _signatures(),
+    ]
+    return Page(
+        f"Assurance of {assurance.spec}",
+        sections,
+        header(
+            {
+                "command": assurance.command,
+                "task": type(run.task).__name__,
+                "spacecraft": run.craft.name,
+                "conditions": described or assurance.conditions,
+                "flights": f"{campaign.flights:,} of {run.timing.episode_steps} steps, scenarios 0 to "
+                f"{campaign.flights - 1:,} of seed {campaign.seed}; "
+                f"{', '.join(sorted(campaign.ways))}, {campaign.seconds:,.0f} s",
+                "environment": assurance.environment,
+            }
+        ),
+        verdict(found),
+    )
+
+
+def findings(assurance: Assurance) -> Iterator[Finding]:
+    """What else belongs to the verdict."""
+    campaign = assurance.campaign
+    replays = assurance.replays
+    if campaign.plan.below is not None and campaign.over:
+        passed = campaign.decision == "below"
+        yield Finding(f"probability of failure below {campaign.plan.below:g}", passed)
+    if replays is None or not replays.found:
+        return
+    for judge in replays.judges():
+        refuted = replays.refuted(judge)
+        kept = len(replays.found) - len(refuted)
+        yield Finding(
+            f"{kept} of {len(replays.found)} failed flights, the worst and the first of each kind, "
+            f"fail again in {_JUDGES[judge]}"
+            + (f", not {', '.join(map(str, refuted))}" if refuted else ""),
+            False if refuted else None,
+        )
+    if replays.failed < replays.tried:
+        yield Finding(
+            f"{replays.failed:,} of the {replays.tried:,} that were flown to find these, at most "
+            f"{CANDIDATES} of each kind, fail again in float64; they were counted in float32, in "
+            "which some go another way"
+        )
+    if not has_drake():
+        yield Finding("Drake is not installed here: nothing was flown again by it")
+
+
+def _plan(assurance: Assurance) -> Section:
+    plan = assurance.campaign.plan
+    flown = assurance.campaign.flights
+    rows = [
+        [
+            f"{look.flights:,}",
+            f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else None,
+            f"{look.high_level:.2g}",
+            f"{look.low_level:.2g}",
+            "reached" if look.flights <= flown else None,
+        ]
+        for look in plan.looks
+    ]
+    return Section(
+        "When it was looked at",
+        (
+            "The looks were fixed before the first flight. Each has a part of the allowed chance of error for "
+            "itself, and the parts add up to the whole, so that stopping early does not make the bounds too good."
+            if len(plan.looks) > 1
+            else "Once, after a number of flights that was fixed before the first: nothing had to be paid for more."
+        ),
+        [
+            Table(
+                (
+                    "flights",
+                    "failures that show the bound",
+                    "chance of error, at most",
+                    "chance of error, at least",
+                    "",
+                ),
+                rows,
+            )
+        ]
+        if len(plan.looks) > 1
+        else [],
+    )
+
+
+def _again(assurance: Assurance) -> Iterator[Section]:
+    """Failed flights, kind by kind."""
+    replays = assurance.replays
+    if replays is None or replays.flight is None:
+        return
+    for kind in Failure:
+        places = [k for k, one in enumerate(replays.found) if one.kind == kind]
+        if not places:
+            continue
+        title = f"flight {replays.found[places[0]].number:,}"
+        pictures = [*_drawn(replays.flight, places, title)] if _has_pictures() else []
+        rows = [_replayed(assurance, replays.found[k]) for k in places]
+        columns = (
+            "flight",
+            *(f"in {_JUDGES[judge]}" for judge in replays.judges()),
+            "largest errors",
+            ("outside for"),
+            "in the end it",
+            "see it",
+        )
+        yield Section(
+            f"Flights that failed: {kind.meaning}",
+            (
+                "The worst first, by the largest error of the last fifth in tolerances; then the first by "
+                "number, as good as drawn by lot. All flew again step by step in float64. Orange: the worst."
+                + ("" if pictures else " Matplotlib is not installed here: there are no pictures.")
+            ),
+            [Table(columns, rows)],
+            pictures,
+        )
+
+
+def _rare(assurance: Assurance) -> Iterator[Section]:
+    """By importance sampling."""
+    found = assurance.rare
+    counted = assurance.campaign.bound()
+    if found is None:
+        return
+    figures = (
+        (None, None, None)
+        if found.interval is None
+        else (f"{x:.3g}" for x in (found.probability, *found.interval))
+    )
+    rows = [
+        [
+            "by counting",
+            f"{counted.rate:.3g}",
+            f"{counted.low:.3g}",
+            f"{counted.high:.3g}",
+            f"{counted.events:,}",
+            f"{counted.flights:,}",
+            None,
+        ],
+        [
+            "by importance sampling",
+            *figures,
+            f"{found.events:,}",
+            f"{found.sample + found.learning:,}",
+            f"{found.gain:.3g}" if found.events else None,
+        ],
+    ]
+    yield Section(
+        "Rarer failures",
+        (
+            "Flights that draw what leads to failures more often than chance does, weighted by how likely that "
+            "is (cross-entropy method). From and to are at 99 %, by the central limit theorem where they are not "
+            "counted: an estimate, no bound. The gain is how many times as many counted flights would tell as "
+            "much; near 1, what a flight draws before it begins says little about whether it fails."
+        ),
+        [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)],
+    )
+
+
+def _worst_case(assurance: Assurance, link: str) -> Iterator[Section]:
+    found = assurance.searched
+    if found is None:
+        return
+    breaking = found.breaking
+    text = (
+        f"The cross-entropy method over starts and over {found.world}, all of whose ranges were shrunk "
+        f"towards a perfect world, or widened to at most {found.largest:.3g} times their size. "
+        f"{found.failed:,} of {found.flights:,} flights failed; {found.said}."
+    )
+    if breaking is None:
+        yield Section("Worst case", text, findings=[Finding(found.said)])
+        return
+    again = [
+        f"{_JUDGES[judge]}: {kind.meaning if kind else 'does not fail'}"
+        for judge, kind in breaking.again.items()
+    ]
+    rows = [
+        ["flown again in", "; ".join(again)],
+        ["largest error", f"{breaking.excess:.3g} tolerances"],
+        ["in the end it", breaking.ending],
+        *([name, said] for name, said in breaking.drew.items()),
+    ]
+    pictures = [*_drawn(breaking.flight, [0], "the worst case")] if _has_pictures() else []
+    yield Section(
+        "Worst case",
+        text,
+        [Table(("what", "it is"), rows)],
+        pictures,
+        [Finding(found.said)],
+        link=link,
+    )
+
+
+def _has_pictures() -> bool:
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
+    again = [
+        ("fails" if found == one.kind else f"fails: {found.meaning}") if found else "does not fail"
+        for found in one.again.values()
+    ]
+    errors = ((DISPLAY[name][0] * x, DISPLAY[name][1]) for name, x in one.errors.items())
+    return [
+        f"{one.number}",
+        *again,
+        ", ".join(f"{x:.3g} {unit}" for x, unit in errors),
+        f"{100.0 * one.outside:.0f} % of it",
+        one.ending,
+        assurance.view(one.number),
+    ]
+
+
+def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]:
+    from rans.show.figures import assure_figures as figures
+
+    yield Picture.of(
+        figures.errors_figure(flight, episodes),
+        "Largest error in tolerances; the last fifth is grey.",
+    )
+    if "position" in flight.task.tolerances():
+        yield Picture.of(
+            figures.paths_figure(flight, episodes), "From above, relative to the goal."
+        )
+    yield Picture.of(figures.commands_figure(flight, episodes[0], title), f"Thrusters of {title}.")
+
+
+def _evidence(assurance: Assurance) -> Section:
+    rows = [[_unbroken(name), value] for name, value in assurance.hashes.items()]
+    campaign = assurance.campaign
+    listed = len(campaign.listed)
+    failed = campaign.failures
+    return Section(
+        "What it is of",
+        (
+            "SHA-256 of everything that decides how a flight ends. The same command on the same code counts the "
+            "same flights."
+            + (
+                f" The JSON file beside it lists {listed:,} of {failed:,} failed flights by number."
+                if failed
+                else ""
+            )
+        ),
+        [Table(("what", "SHA-256"), rows)],
+    )
+
+
+def _signatures() -> Section:
+    return Section(
+        "Signatures",
+        "",
+        [
+            Table(
+                ("", "name", "date", "signature"),
+                [
+                    [who, *(_unbroken(" " * 24),) * 3]
+                    for who in ("flown by", "checked by", "accepted by")
+                ],
+            )
+        ],
+    )
+
+
+def _unbroken(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}")

@@ -1,0 +1,95 @@
+"""What notebooks show of the package's values: tables, and drawings of spacecraft."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import singledispatch
+from html import escape
+from typing import Any
+
+from rans.drawing import draw_layout
+from rans.errors import legible
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions
+from rans.show.figures.svg import data_uri, svg
+from rans.show.tables.comparison_tables import scoreboard
+from rans.show.tables.listing import (
+    Listing,
+    conditions_listing,
+    spacecraft_listing,
+    task_listings,
+    thruster_listing,
+)
+from rans.tasks import Task
+
+_SIDE = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
+
+
+@singledispatch
+def html(value: Any) -> str:
+    """A value as HTML; texts in it are no mark-up."""
+    raise TypeError(f"notebooks show no {type(value).__name__}")
+
+
+@html.register
+def _(craft: Spacecraft) -> str:
+    picture = (
+        f'<img style="width:24em;max-width:100%" src="{data_uri(svg(draw_layout(craft)))}" '
+        f'alt="{_said(craft.name)}: force of each thruster">'
+    )
+    tables = _table(spacecraft_listing(craft)) + _table(thruster_listing(craft))
+    return f'<div style="{_SIDE}"><div>{tables}</div>{picture}</div>'
+
+
+@html.register
+def _(task: Task) -> str:
+    summary = (type(task).__doc__ or "").strip().partition("\n")[0]
+    told = (one for one in task_listings(task) if not one.title.startswith("Observation"))
+    return (
+        f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, told))}"
+    )
+
+
+@html.register
+def _(conditions: Conditions) -> str:
+    return _table(conditions_listing(conditions))
+
+
+@html.register
+def _(metrics: Metrics) -> str:
+    rows = [
+        (name, value, interval, meaning) for _, (name, value, interval, meaning) in metrics.lines()
+    ]
+    return _table(Listing(metrics.title(), COLUMNS, rows))
+
+
+@html.register
+def _(comparison: Comparison) -> str:
+    board = scoreboard(comparison)
+    keys = dict.fromkeys(key for row in board.values() for key in row)
+    rows = [(key, *(row[key].text() for row in board.values())) for key in keys]
+    said = "".join(f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures))
+    return _table(Listing(comparison.contest.title(), ("", *board), rows)) + said
+
+
+def _table(listing: Listing) -> str:
+    head, *body = (
+        _row(row, cell)
+        for row, cell in ((listing.columns, "th"), *((row, "td") for row in listing.rows))
+    )
+    note = f"<p>{_said(listing.note)}</p>" if listing.note else ""
+    return (
+        f"<p><b>{_said(listing.title)}</b></p>{note}"
+        f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
+    )
+
+
+def _row(texts: Sequence[str], cell: str) -> str:
+    style = 'style="text-align:left;vertical-align:top;white-space:pre-wrap;padding:0.1em 0.8em 0.1em 0"'
+    return f"<tr>{''.join(f'<{cell} {style}>{_said(text)}</{cell}>' for text in texts)}</tr>"
+
+
+def _said(text: str) -> str:
+    return escape(legible(text)).replace("\n", "<br>")

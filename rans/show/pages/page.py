@@ -1,0 +1,177 @@
+"""One HTML page that opens offline, with the verdict on top: what reports and comparisons are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from numbers import Number
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich.table
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from rans.files import write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of texts, numbers, truth values (shown as pass or FAIL) and None (shown as a dash)."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+
+    def numeric(self, k: int) -> bool:
+        """Whether a column holds numbers, which stand right; a dash stands where its column does."""
+        return all(
+            row[k] is None or (isinstance(row[k], Number) and not isinstance(row[k], bool))
+            for row in self.rows
+        ) and bool(self.rows)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure inside the page: its panels, which stand side by side where there is room."""
+
+    sources: Sequence[str]
+    """See `rans.show.figures.svg.data_uri`."""
+    caption: str
+    """Also read out to those who cannot see it."""
+
+    @classmethod
+    def of(cls, figure: Figure | str, caption: str) -> Picture:
+        """A drawn one, or the text of an SVG file."""
+        from rans.show.figures.svg import (
+            data_uri,
+            panels,
+            svg,
+        )  # a page without pictures needs no Matplotlib
+
+        return cls(
+            [*map(data_uri, panels(figure if isinstance(figure, str) else svg(figure)))], caption
+        )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the verdict."""
+
+    text: str
+    passed: bool | None = None
+    """None where there is nothing to pass."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with a paragraph, tables and pictures."""
+
+    title: str
+    text: str = ""
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    findings: Sequence[Finding] = ()
+    """Go to the top of the page."""
+    summary: Sequence[tuple[str, str]] = ()
+    """What and how much, for the terminal."""
+    link: str = ""
+    """File beside the page that says more."""
+    folded: bool = False
+    """Whether readers have to ask for it."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything one page says."""
+
+    title: str
+    sections: Sequence[Section]
+    header: Mapping[str, Any] = field(default_factory=dict)
+    """How it was made: command, revision, versions, hardware, seeds."""
+    conclusion: str = ""
+    """The verdict in one sentence, where that is more than whether everything has passed."""
+
+    @property
+    def findings(self) -> list[Finding]:
+        """The findings of all sections, failures first."""
+        order = {False: 0, True: 1, None: 2}
+        return sorted((f for s in self.sections for f in s.findings), key=lambda f: order[f.passed])
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether what was checked has passed; None where nothing was checked."""
+        checked = [finding.passed for finding in self.findings if finding.passed is not None]
+        return all(checked) if checked else None
+
+    @property
+    def verdict(self) -> str:
+        """In one sentence."""
+        return (
+            self.conclusion
+            or {
+                True: "Everything checked has passed.",
+                False: "Something has failed.",
+                None: "Nothing was checked here.",
+            }[self.passed]
+        )
+
+    def summary(self) -> rich.table.Table:
+        """The few most telling lines of every section, for the terminal."""
+        table = rich.table.Table("part", "what", "value", title=self.title, title_justify="left")
+        table.columns[1].overflow = "fold"
+        for section in self.sections:
+            for number, (what, value) in enumerate(section.summary):
+                table.add_row("" if number else section.title, what, value)
+            table.add_section()
+        return table
+
+    def html(self) -> str:
+        """The page."""
+        environment = Environment(
+            loader=PackageLoader("rans.show.pages", "."),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        environment.filters["show"] = show
+        written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+        return environment.get_template("page.html.j2").render(page=self, written=written)
+
+    def write(self, file: Path) -> None:
+        """Write the page: readers see the old or the new one; `ConfigError` if it cannot be written."""
+        write_text(file, self.html())
+
+
+def show(value: Any) -> str:
+    """A table's cell as text."""
+    if value is None:
+        return "–"  # noqa: RUF001
+    if isinstance(value, float):
+        return "never" if value == math.inf else f"{value:.4g}"
+    return str(value)
+
+
+def header(about: Mapping[str, Any]) -> dict[str, str]:
+    """How something was made, by name; a group of values in one line, without what is not known ("")."""
+    return {
+        name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))
+        for name, group in about.items()
+        if group != ""
+    }
+
+
+def named(value: Any, name: str = "") -> list[tuple[str, Any]]:
+    """The plain values of nested mappings, by dotted name; lists become texts."""
+    if not isinstance(value, Mapping):
+        return [(name, ", ".join(map(show, value)) if isinstance(value, list) else value)]
+    return [
+        leaf
+        for key, inner in value.items()
+        for leaf in named(inner, f"{name}.{key}" if name else key)
+    ]

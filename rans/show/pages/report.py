@@ -1,0 +1,291 @@
+"""The report of a run: everything its folder holds, on one page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError, counted
+from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.evaluation.stress.outcome import WANTED
+from rans.files import inside, number, read_json, read_json_lines, read_text
+from rans.show.figures.figures import learning_curve
+from rans.show.pages.assure_counts import counts, is_over, verdict
+from rans.show.pages.page import Finding, Page, Picture, Section, Table, header, named, show
+
+SOLVED_SHARE = 100.0 * WANTED
+"""Share of episodes, %, from which a task counts as solved."""
+
+_KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
+"""Metrics of an evaluation that belong into a summary."""
+
+_PROGRESS = (
+    ("steps", "environment steps", "{:,}"),
+    ("seconds", "training time", "{:.1f} s"),
+    ("success", "episodes solved", "{:.1%}"),
+)
+"""Keys of ``metrics.jsonl`` that belong into a summary, what they are and how they are shown."""
+
+
+def report_from_run(run: Path) -> Page:
+    """The report of whatever a run folder holds; what is missing is left out.
+
+    A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
+    ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
+    also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
+    a picture does more than to draw.
+    """
+    evaluations, assurances = (
+        sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
+        for name in ("evaluation", "assurance")
+    )
+    builders: dict[str, Callable[[Any], Section]] = {
+        **{file.name: partial(_evaluation, file) for file in evaluations},
+        "compare.json": comparison_section,
+        "stress.json": stress_section,
+        **{file.name: partial(assurance_section, file) for file in assurances},
+        "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
+        "metrics.jsonl": training_section,
+        "validation.json": validation_section,
+    }
+    if (run / "sweep.json").is_file():
+        del builders["metrics.jsonl"]  # of all members, one after the other
+    sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
+    if not sections:
+        raise ConfigError(f"{run} holds no results to report; is it a run folder?")
+    made = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
+    sections += filter(None, [_read(run / "config.json", _configuration)])
+    return Page(f"RANS: {run.resolve().name}", sections, made)
+
+
+def _read(file: Path, build: Callable[[Any], Any]) -> Any:
+    """What becomes of a file's content; None where there is no file or nothing in it."""
+    inside(file.parent, file.name)
+    if not file.is_file():
+        return None
+    content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
+    try:
+        return build(content) if content else None
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{file} is not what RANS writes there: {error!r}.") from error
+
+
+def validation_section(study: Mapping[str, Any]) -> Section:
+    """Checks against their tolerances, of a study.
+
+    It has ``checks`` (name, value, tolerance, unit, reason, passed) and, if known, ``title`` and
+    ``skipped`` (name, reason).
+    """
+    checks = study["checks"]
+    skipped = study.get("skipped", ())
+    title = study.get("title", "Validation")
+    failed = [check for check in checks if not check["passed"]]
+    within = f"{len(checks) - len(failed)} of {len(checks)}"
+    columns = ("check", "value", "tolerance", "unit", "verdict", "why this tolerance")
+    keys = ("name", "value", "tolerance", "unit", "passed", "reason")
+    rows = [[check[key] for key in keys] for check in checks]
+    rows += [[one["name"], None, None, None, "not run", one["reason"]] for one in skipped]
+    findings = [
+        *(
+            Finding(
+                f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
+                False,
+            )
+            for c in failed
+        ),
+        Finding(
+            f"{title}: {within} checks within tolerance.", True if checks and not failed else None
+        ),
+        *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped),
+    ]
+    return Section(
+        "Validation",
+        f"{title}. Every value must stay within its tolerance.",
+        [Table(columns, rows)],
+        findings=findings,
+        summary=[("checks within tolerance", within)],
+        folded=True,
+    )
+
+
+def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
+    """Learning curve from the lines of ``metrics.jsonl``; see `learning_curve` for their keys."""
+    last = rows[-1]
+    summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
+    picture = Picture.of(learning_curve(rows), "Success and return by term while training.")
+    return Section(
+        "Training", "", [Table(("at the end", "value"), summary)], [picture], summary=summary
+    )
+
+
+def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
+    """What became of every member, and the figure beside it."""
+    members = sweep["members"]
+    keys = list(sweep["members"][0])
+    varied = keys[keys.index("seed") + 1 : keys.index("solved")]
+    rows = [
+        [one[key] for key in ("member", "seed", *varied, "solved")]
+        + [f"{one['steps']:,}", f"{one['success']:.1%}"]
+        for one in members
+    ]
+    solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
+    caption = "Success while training, and steps until solved; the best is orange."
+    pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
+    table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
+    best = str(sweep["best"])
+    return Section(
+        "Sweep",
+        "",
+        [table],
+        pictures,
+        findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
+        summary=[("members that solved the task", solved), ("best member", best)],
+    )
+
+
+def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
+    """Metrics with their intervals, one table per flight, and figures."""
+    tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
+    text = (
+        "All episodes fly to their full length and count. Steps are the states after each command. "
+        "Intervals are 95 % percentile bootstraps over episodes."
+    )
+    shares = [(m.title(), m["solved"].value) for m in measured]
+    findings = [
+        Finding(
+            f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.", share >= SOLVED_SHARE
+        )
+        for title, share in shares
+    ]
+    summary = [line for m in measured for line in _key_metrics(m)]
+    return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
+
+
+def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
+    yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
+    yield from (
+        (name, f"{value} ({interval})")
+        for _, (name, value, interval, _) in measured.lines()
+        if name in _KEY_METRICS
+    )
+
+
+def comparison_section(comparison: Mapping[str, Any]) -> Section:
+    """Contestants (see `rans.show.tables.comparison_tables.outcome`), a line each; compare.html has the rest."""
+    summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
+    texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
+    findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
+    return Section(
+        "Comparison",
+        f"{comparison['title']}.",
+        [Table(("contestant", "outcome"), summary)],
+        findings=findings,
+        summary=summary,
+        link="compare.html",
+    )
+
+
+def stress_section(stress: Mapping[str, Any]) -> Section:
+    """Shares held in worlds without a size (`rans.show.pages.stress_page`); stress.html has the rest."""
+    rows = [
+        (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**found["held"]))
+        for name, world in stress["worlds"].items()
+        if world["size"] is None
+        for who, found in world["contestants"].items()
+    ]
+    findings = [Finding(text, False) for text in stress["failures"]]
+    return Section(
+        "Stress",
+        f"{stress['title']}.",
+        [Table(("conditions", "held"), rows)],
+        findings=findings,
+        summary=rows,
+        link="stress.html",
+    )
+
+
+def assurance_section(file: Path, found: Mapping[str, Any]) -> Section:
+    """What an assurance counted (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
+    wanted = found["about"]["below"] is not None
+    page = file.with_suffix(".html")
+    table = counts(found)
+    passed = found["decision"] == "below" if wanted and is_over(found) else None
+    failed = "{failures:,} of {flights:,}".format(**found["bounds"]["any"])
+    return Section(
+        _title(file),
+        f"Flown by {found['command']}.",
+        [table],
+        findings=[Finding(verdict(found), passed)],
+        summary=[
+            ("flights that failed", failed),
+            (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
+        ],
+        link=page.name if page.is_file() else "",
+    )
+
+
+def _title(file: Path) -> str:
+    """Such as "Assurance lab" of assurance-lab.json."""
+    return file.stem.replace("-", " ").capitalize()
+
+
+def _outcome(row: Mapping[str, Any]) -> str:
+    text = f"settles from {row['settled']} of {counted(row['starts'], 'start')}"
+    for key, what in (
+        ("median_settling_time", "s (median)"),
+        ("mean_impulse", "N s of thrust (mean)"),
+    ):
+        if math.isfinite(value := number(row.get(key))):
+            text += f", {value:.2f} {what}"
+    lost = row["starts"] - row["flown"]
+    return text + (f"; the optimiser found none from {lost}" if lost else "")
+
+
+def _evaluation(file: Path, found: Any) -> Section:
+    pictures = []
+    for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
+        picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")
+        if picture.is_file():
+            pictures.append(_kept_picture(picture, caption))
+    section = evaluation_section([*_find_metrics(found)], pictures)
+    return replace(section, title=_title(file))
+
+
+def _kept_picture(file: Path, caption: str) -> Picture:
+    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
+    from rans.show.figures.svg import only_drawn
+
+    text = read_text(file)
+    try:
+        return Picture.of(only_drawn(text), caption)
+    except ConfigError as error:
+        raise ConfigError(
+            f"the picture {file} was not put into the report: {error} Delete it to "
+            "have the report without it."
+        ) from error
+
+
+def _find_metrics(found: Any) -> Iterator[Metrics]:
+    """Every `Metrics` inside a JSON value, however nested."""
+    if isinstance(found, dict) and {"controller", "rows"} <= found.keys():
+        yield Metrics.from_json(found)
+    elif isinstance(found, dict | list):
+        for inner in found.values() if isinstance(found, dict) else found:
+            yield from _find_metrics(inner)
+
+
+def _header(content: Mapping[str, Any]) -> dict[str, str]:
+    """How it was made, from ``config.json`` or ``validation.json``."""
+    known = {key: content[key] for key in ("seed", "device", "environment") if key in content}
+    return header(content.get("about", {}) | known)
+
+
+def _configuration(config: Mapping[str, Any]) -> Section:
+    rows = [(name, show(value)) for name, value in named(config) if not name.startswith("about.")]
+    return Section("Configuration", tables=[Table(("setting", "value"), rows)], folded=True)

@@ -1,0 +1,323 @@
+"""A stress report: rows for the terminal, the JSON file and one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from rans.errors import counted
+from rans.evaluation.fly.contestants import view_command
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.evaluation.stress.effects import Effect, Level
+from rans.evaluation.stress.outcome import WANTED, holds_to
+from rans.evaluation.stress.run import Stress
+from rans.files import environment, inside, write_json, write_text
+from rans.randomization.conditions_file import conditions_text
+from rans.show.figures import stress_figures as figures
+from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.tasks.base import UNITS
+
+TEXT = (
+    "An episode is held if it is within all tolerances of the task at every step of its last fifth, by the "
+    "true state. Everybody flies the same episodes of one craft; a trouble comes alone, of the same size "
+    "in every episode, its direction and place drawn anew, and nobody is told. Shares stand with Wilson's "
+    "95 % intervals. Somebody is ahead where two intervals share no point."
+)
+"""How it is judged."""
+
+
+@dataclass(frozen=True)
+class StressReport:
+    """What was flown, in the folder that it is written to."""
+
+    stress: Stress
+    folder: Path
+    worst: int
+    """Episodes that are listed of each contestant in each world."""
+    made_by: str = ""
+    """The command."""
+
+    def write(self) -> None:
+        """Write stress.html, stress.json and a file of conditions for every world."""
+        for level in self.stress.levels:
+            if self._file(level):
+                text = f"# {level.effect}, {level.name}: see stress.html\n{conditions_text(level.conditions)}"
+                write_text(inside(self.folder, "stress") / f"{level.name}.toml", text)
+        write_json(self.folder / "stress.json", self.to_json())
+        self.page().write(self.folder / "stress.html")
+
+    def title(self) -> str:
+        """What was flown, in one line."""
+        contest = self.stress.contest
+        episodes = counted(contest.episodes, "episode")
+        return (
+            f"{', '.join(self.stress.names)}: {episodes} of seed {contest.seed}, "
+            f"{contest.craft.name}, {contest.duration:g} s at {1.0 / contest.timing.control_period:g} Hz"
+        )
+
+    def notes(self) -> Iterator[str]:
+        """What a reader should know of the contestants."""
+        for one in self.stress.contestants.values():
+            count = self.stress.episodes(one)
+            stopped = self.stress.stopped.get(one.name, 0)
+            if count < self.stress.contest.episodes:
+                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each world."
+            if stopped:
+                yield f"{one.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
+
+    def named_rows(self) -> list[list[str | None]]:
+        """What is held in worlds without a size: name, then a text a contestant."""
+        return [[level.effect, *self._shares(level)] for level in self.stress.named]
+
+    def effect_columns(self) -> list[str]:
+        """Headings of `effect_rows`."""
+        return [
+            "trouble",
+            "unit",
+            *self.stress.names,
+            *(f"{self.stress.names[0]} or {other}" for other in self.stress.names[1:]),
+        ]
+
+    def effect_rows(self) -> list[list[str]]:
+        """To which size each holds 99 %, and who bears more."""
+        stress = self.stress
+        return [
+            [
+                effect.name,
+                effect.unit,
+                *(_reach(stress, effect, name) for name in stress.names),
+                *(_lead(stress, effect, other) for other in stress.names[1:]),
+            ]
+            for effect in stress.effects
+        ]
+
+    def command(self, level: Level, spec: str, episode: int) -> str:
+        """What shows one episode of a contestant again, beside the first who knows the task."""
+        who = dict.fromkeys((next(iter(self.stress.contestants)), spec))
+        world = (
+            str(self.folder / "stress" / f"{level.name}.toml")
+            if self._file(level)
+            else level.effect
+        )
+        return view_command(who, self.stress.contest.task, world, episode, self.stress.contest.seed)
+
+    def worst_rows(self) -> Iterator[list[str]]:
+        """The worst episodes in each world without a size, and at the smallest size that was too much."""
+        for level in self._telling():
+            for spec, one in self.stress.contestants.items():
+                found = self.stress.outcomes.get((level.name, one.name))
+                for k in found.worst(self.worst) if found else ():
+                    yield [
+                        level.name,
+                        one.name,
+                        str(k),
+                        self._errors(level, one.name, k),
+                        self.command(level, spec, k),
+                    ]
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
+        stress = self.stress
+        return {
+            "title": self.title(),
+            "text": TEXT,
+            "seed": stress.contest.seed,
+            "contestants": {
+                one.name: {
+                    "spec": spec,
+                    "knows": one.knows,
+                    "tuning": one.tuning,
+                    "episodes": stress.episodes(one),
+                }
+                for spec, one in stress.contestants.items()
+            },
+            "worlds": {level.name: self._world(level) for level in stress.levels},
+            "effects": {effect.name: self._effect(effect) for effect in stress.effects},
+            "notes": [*self.notes()],
+            "failures": stress.failures,
+            "environment": environment(),
+        }
+
+    def page(self) -> Page:
+        """Everything on one page."""
+        stress = self.stress
+        contest = self.stress.contest
+        sections = [
+            Section(
+                "Conditions and failed thrusters",
+                " ".join([TEXT, *self.notes()]),
+                [Table(("held, %", *stress.names), self.named_rows())],
+                [Picture.of(figures.named_figure(stress), "Held episodes, %.")],
+                [*(Finding(text, False) for text in stress.failures), *map(Finding, self.held())],
+            )
+        ]
+        if stress.effects:
+            text = (
+                f"The size up to which at least {100 * WANTED:g} % are held, of the sizes flown, and "
+                "that to which two are equally good; where the lead changes hands, between two sizes."
+            )
+            sections.append(
+                Section(
+                    "How much each bears", text, [Table(self.effect_columns(), self.effect_rows())]
+                )
+            )
+        sections += [
+            self._group(group, [*some])
+            for group, some in groupby(stress.effects, key=lambda effect: effect.group)
+        ]
+        if self.worst:
+            text = (
+                "By number, the farthest from their goals first, with the largest errors of their last "
+                "fifth: of the worlds without a size, and of the smallest size that was too much. The "
+                "command shows that very episode."
+            )
+            sections.append(
+                Section(
+                    "Worst episodes",
+                    text,
+                    [
+                        Table(
+                            ("world", "who", "episode", "largest errors", "see it"),
+                            [*self.worst_rows()],
+                        )
+                    ],
+                )
+            )
+        return Page(
+            f"Stress: {self.title()}",
+            sections,
+            header(
+                {
+                    "command": self.made_by,
+                    "task": type(contest.task).__name__,
+                    "spacecraft": contest.craft.name,
+                    "environment": environment(),
+                }
+            ),
+            "" if stress.failures else next(self.held(), ""),
+        )
+
+    def held(self) -> Iterator[str]:
+        """In how many worlds without a size each holds what is wanted, in a sentence."""
+        for name in self.stress.names:
+            shares = [
+                found.share.value
+                for level in self.stress.named
+                if (found := self.stress.outcomes.get((level.name, name)))
+            ]
+            held = sum(share >= WANTED for share in shares)
+            worlds = counted(len(shares), "world")
+            yield (
+                f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {worlds} "
+                "without a size."
+            )
+
+    def _group(self, group: str, some: list[Effect]) -> Section:
+        rows = [
+            [level.effect, f"{level.size:g} {effect.unit}", *self._shares(level)]
+            for effect in some
+            for level in effect.levels()
+        ]
+        pictures = [
+            Picture.of(
+                figures.effect_figure(self.stress, effect),
+                f"Held episodes over {effect.name}, {effect.unit}.",
+            )
+            for effect in some
+        ]
+        return Section(group, "", [Table(("held, %", "size", *self.stress.names), rows)], pictures)
+
+    def _shares(self, level: Level) -> list[str | None]:
+        found = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
+        return [one.share.scaled(100.0).text(".1f") if one else None for one in found]
+
+    def _file(self, level: Level) -> bool:
+        """Whether a world has no name, or file, by which `rans view` knows it."""
+        return level.size is not None or level.effect.startswith("one thruster")
+
+    def _telling(self) -> Iterator[Level]:
+        """Worlds without a size, and of each effect the smallest size that somebody did not hold."""
+        yield from self.stress.named
+        for effect in self.stress.effects:
+            lost = (
+                level
+                for level in effect.levels()
+                for name in self.stress.names
+                if (found := self.stress.outcomes.get((level.name, name))) and not found.held.all()
+            )
+            yield from [level for level in [next(lost, None)] if level]
+
+    def _errors(self, level: Level, name: str, episode: int) -> str:
+        errors = self.stress.outcomes[level.name, name].errors
+        shown = (
+            (factor * errors[q][episode], unit) for q in errors for factor, unit in [DISPLAY[q]]
+        )
+        return ", ".join(
+            f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in shown
+        )
+
+    def _world(self, level: Level) -> dict[str, Any]:
+        return {
+            "effect": level.effect,
+            "size": level.size,
+            "conditions": conditions_text(level.conditions),
+            "contestants": {
+                one.name: self._outcome(level, spec, one.name)
+                for spec, one in self.stress.contestants.items()
+                if (level.name, one.name) in self.stress.outcomes
+            },
+        }
+
+    def _outcome(self, level: Level, spec: str, name: str) -> dict[str, Any]:
+        found = self.stress.outcomes[level.name, name]
+        errors = {
+            f"{quantity}, {UNITS[quantity]}": error for quantity, error in found.errors.items()
+        }
+        return {
+            "episodes": len(found.excess),
+            "held": asdict(found.share),
+            "worst": [
+                {
+                    "episode": k,
+                    "see": self.command(level, spec, k),
+                    "errors": {what: float(error[k]) for what, error in errors.items()},
+                }
+                for k in found.worst(self.worst)
+            ],
+        }
+
+    def _effect(self, effect: Effect) -> dict[str, Any]:
+        stress = self.stress
+        pairs = {other: stress.break_even(effect, other) for other in stress.names[1:]}
+        return {
+            "unit": effect.unit,
+            "nominal": effect.nominal,
+            "sizes": effect.sizes,
+            "holds_to": {name: holds_to(*stress.curve(effect, name)) for name in stress.names},
+            "break_even_of_first": {
+                name: pair and {**pair._asdict(), "text": _lead(stress, effect, name)}
+                for name, pair in pairs.items()
+            },
+        }
+
+
+def _reach(stress: Stress, effect: Effect, name: str) -> str:
+    """To which size somebody holds 99 %; "none" where no trouble is flown that is small enough."""
+    sizes, shares = stress.curve(effect, name)
+    size = holds_to(sizes, shares)
+    if len(sizes) < 2:
+        return "-"
+    if size is None or size == effect.nominal:
+        return "none"
+    return f"all to {size:g}" if size == effect.sizes[-1] else f"{size:g}"
+
+
+def _lead(stress: Stress, effect: Effect, other: str) -> str:
+    found = stress.break_even(effect, other)
+    first = stress.names[0]
+    if found is not None and found.size == effect.nominal:
+        return f"{first if found.after == 1 else other} from {effect.sizes[0]:g} {effect.unit} on"
+    return "-" if found is None else found.text(first, other, effect.unit)

@@ -1,0 +1,238 @@
+"""What there is to see of a flight: poses, instant by instant, and everything as Drake's shapes.
+
+One description serves the browser (`rans.show.scene.view`) and rendered pictures (`rans.show.scene.frames`).
+"""
+
+# Drake's stubs write NumPy's array types with their two parameters exchanged.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Box, Cylinder, Rgba, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+
+from rans.drawing import columns, rotations
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.flight import Flight
+from rans.model.fields import map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.show.scene.craft import FLOOR, Part, frustum, hull_parts, mesh, rod, triad
+
+BODIES = {
+    "grey": Rgba(0.62, 0.68, 0.75),
+    "orange": Rgba(0.93, 0.60, 0.25),
+    "green": Rgba(0.36, 0.72, 0.55),
+    "purple": Rgba(0.66, 0.50, 0.85),
+    "red": Rgba(0.88, 0.42, 0.42),
+}
+"""Colours of bodies: one per agent, then again from the first."""
+_TRAIL = Rgba(0.10, 0.52, 0.85)
+_GOAL = Rgba(0.0, 0.70, 0.50)
+_GHOST = Rgba(0.0, 0.75, 0.52, 0.28)
+_GRID = Rgba(0.70, 0.73, 0.77)
+_FLOOR = Rgba(0.88, 0.90, 0.92)
+_SHADOW = Rgba(0.66, 0.69, 0.73)
+
+STARS = 30.0
+"""So many times as far away as what they surround is large."""
+_SECONDS = 2.0
+"""A velocity's arrow is as long as the way of so many seconds."""
+_STRIDE = 0.03
+"""Shortest piece of a trail, m."""
+_MARGIN = 2.2
+"""Around a spacecraft's centre, in radii: what stands out, and room for its name."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """K instants of one spacecraft, up to the end of its episode or its failure."""
+
+    craft: Spacecraft
+    controller: str
+    wanted: frozenset[str]
+    """Errors that the task bounds: "position", "attitude", "velocity", "spin"."""
+    times: np.ndarray
+    """(K,) s."""
+    poses: list[RigidTransform]
+    """X_WB at every instant."""
+    velocities: np.ndarray
+    """(K, 3) m/s in W."""
+    opening: np.ndarray
+    """(K, thrusters) commands, 0 to 1, from this instant on; at the last none is open."""
+    goals: list[RigidTransform]
+    """The goal's pose in W at every instant; where the task bounds no position, only its rotation counts."""
+    goal_velocities: np.ndarray
+    """(K, 3) m/s in W."""
+    errors: dict[str, np.ndarray]
+    """(K,) of each error that the task bounds."""
+
+    @classmethod
+    def of(cls, flight: Flight, episode: int) -> Motion:
+        """Of one episode of a flight, by its index in the batch."""
+        states = map_leaves(lambda x: x[:, episode], flight.states)
+        instants = np.zeros(len(flight.times))
+        goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
+        failed = np.asarray(flight.task.failed(states, goal))
+        end = int(failed.argmax()) + 1 if failed.any() else len(failed)
+        opening = np.zeros((end, len(flight.craft.thrusters)))
+        opening[:-1] = flight.openings[: end - 1, episode]
+        errors = flight.errors()
+        return cls(
+            flight.craft,
+            flight.controller,
+            frozenset(flight.task.tolerances()),
+            flight.times[:end],
+            _poses(states)[:end],
+            columns(states.v)[:end],
+            opening,
+            _poses(goal)[:end],
+            columns(goal.v)[:end],
+            {name: errors[name][:end, episode] for name in flight.task.tolerances()},
+        )
+
+    @property
+    def way(self) -> np.ndarray:
+        """Positions in W, (K, 3) m."""
+        return np.array([pose.translation() for pose in self.poses])
+
+    def told(self, instant: int) -> list[str]:
+        """The errors at an instant, in their units."""
+        return [
+            f"{DISPLAY[name][0] * float(error[instant]):.1f} {DISPLAY[name][1]}"
+            for name, error in self.errors.items()
+        ]
+
+    def goal_at(self, instant: int) -> RigidTransform:
+        """Where to draw the goal: at its place, or else where the spacecraft is."""
+        if "position" in self.wanted:
+            return self.goals[instant]
+        return RigidTransform(self.goals[instant].rotation(), self.poses[instant].translation())
+
+    def points(self) -> np.ndarray:
+        """Corners in W, (8 K, 3) m, of boxes around all that is to be seen at each instant."""
+        r = self.craft.radius
+        flat = self.craft.dimension == 2
+        corners = (
+            np.array(
+                [
+                    (x, y, z)
+                    for x in (-_MARGIN, _MARGIN)
+                    for y in (-_MARGIN, _MARGIN)
+                    for z in ((FLOOR, 1.1) if flat else (-_MARGIN, _MARGIN))
+                ]
+            )
+            * r
+        )
+        places = [*self.way]
+        if "position" in self.wanted:
+            places += [goal.translation() for goal in self.goals]
+        if "velocity" in self.wanted:
+            ways = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
+            places += [*(np.tile(self.way, (2, 1)) + ways)]
+        return (np.array(places)[:, None] + corners).reshape(-1, 3)
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner in W, (3,) m, of `points`; in the plane the floor is the lowest."""
+        points = self.points()
+        return points.min(axis=0), points.max(axis=0)
+
+
+def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
+    """What there is to reach, in the goal's frame: a ghost with axes, axes alone, or a pin.
+
+    Wanted are the errors that the task bounds, the keys of `Task.tolerances`.
+    """
+    r = craft.radius
+    if "attitude" in wanted:
+        # A little larger, so that no surface of the craft lies in one of its ghost.
+        hull = hull_parts(craft, _GHOST, 1.04, one_colour=True) if "position" in wanted else []
+        ghost = [part._replace(name=f"ghost {part.name}") for part in hull]
+        return [*ghost, *triad(craft, 2.1, 0.03, _GOAL if craft.dimension == 2 else None)]
+    pin = [
+        Part("needle", frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
+        Part("head", Sphere(0.3 * r), _GOAL, RigidTransform([0.0, 0.0, 2.2 * r])),
+    ]
+    return pin if "position" in wanted else []
+
+
+def velocity_parts(goal: bool, length: float = 1.0) -> list[Part]:
+    """An arrow along x of this length in m, green for the goal's velocity, blue for one's own."""
+    colour = _GOAL if goal else _TRAIL
+    to_x = RotationMatrix.MakeYRotation(math.pi / 2.0)
+    shaft = frustum(0.025, 0.025, 0.8, length)
+    head = frustum(0.08, 0.001, 0.2, length)
+    return [
+        Part("shaft", shaft, colour, RigidTransform(to_x, [0.0, 0.0, 0.0])),
+        Part("head", head, colour, RigidTransform(to_x, [0.8 * length, 0.0, 0.0])),
+    ]
+
+
+def velocity_arrow(velocity: np.ndarray) -> tuple[RotationMatrix, float]:
+    """How to turn and scale the arrow of `velocity_parts` for a velocity in W, (3,) m/s."""
+    length = float(np.linalg.norm(velocity))
+    if length < 1e-6:
+        return RotationMatrix(), 1e-3
+    return RotationMatrix.MakeFromOneVector(velocity, 0), _SECONDS * length
+
+
+def trail_parts(way: np.ndarray) -> Iterator[tuple[int, Part]]:
+    """Pieces of a path in W, (K, 3) m, each with the index at which it is complete."""
+    last = way[0]
+    for k, point in enumerate(way):
+        if np.linalg.norm(point - last) >= _STRIDE:
+            yield k, Part(f"trail {k}", *rod(last, point, 0.008, _TRAIL))
+            last = point
+
+
+def ground_parts(low: np.ndarray, high: np.ndarray, space: bool) -> list[Part]:
+    """What is around a box of W with these corners, (3,) m: a floor with lines 1 m apart; in space stars."""
+    if space:
+        return [_stars((low + high) / 2.0, STARS * float(np.linalg.norm(high - low)))]
+    (x0, y0) = np.floor(low[:2]) - 1.0
+    (x1, y1) = np.ceil(high[:2]) + 1.0
+    z = low[2]
+    ends = [((x, y0, z), (x, y1, z)) for x in np.arange(x0, x1 + 0.5)]
+    ends += [((x0, y, z), (x1, y, z)) for y in np.arange(y0, y1 + 0.5)]
+    middle = RigidTransform([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z - 0.05])
+    lines = [
+        Part(f"line {k}", *rod(np.array(a), np.array(b), 0.006, _GRID))
+        for k, (a, b) in enumerate(ends)
+    ]
+    return [Part("floor", Box(x1 - x0, y1 - y0, 0.1), _FLOOR, middle), *lines]
+
+
+def shadow_part(craft: Spacecraft) -> Part:
+    """A disc on the floor below the spacecraft."""
+    return Part("shadow", Cylinder(0.95 * craft.radius, 0.004), _SHADOW, RigidTransform())
+
+
+def _stars(middle: np.ndarray, distance: float) -> Part:
+    """Points of light in all directions, as one mesh of tetrahedra; always the same ones."""
+    random = np.random.default_rng(0)
+    ways = random.normal(size=(700, 3))
+    sizes = distance * random.uniform(6e-4, 2.2e-3, 700)
+    corners = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / math.sqrt(3.0)
+    places = distance * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    points = (places[:, None] + sizes[:, None, None] * corners).reshape(-1, 3)
+    faces = [
+        (k + a, k + b, k + c)
+        for k in range(0, len(points), 4)
+        for a, b, c in ((0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2))
+    ]
+    return Part(
+        "stars", mesh(points.tolist(), faces, 1.0), Rgba(1.0, 1.0, 1.0), RigidTransform(middle)
+    )
+
+
+def _poses(states: Any) -> list[RigidTransform]:
+    """Poses in W of planar or spatial states whose fields are arrays (K,)."""
+    return [
+        RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), p)
+        for R, p in zip(rotations(states), columns(states.p), strict=True)
+    ]

@@ -1,0 +1,263 @@
+"""A comparison in numbers: rows for the page, the terminal and the JSON file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, astuple
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.compare.bounds import Event
+from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
+from rans.files import environment
+from rans.optimal.trajectory.objectives import MaximumReward
+from rans.show.tables import front_tables
+
+Scores = dict[str, Estimate]
+"""By heading, unit included."""
+
+RETURN = "return, % of relaxed optimum"
+"""Heading of the share of what is possible in the task's own reward."""
+
+DIFFERENCES: dict[str, Callable[[Entry], np.ndarray]] = {
+    "settling time, s": lambda entry: entry.settling,
+    "arrival, s": lambda entry: entry.arrival,
+    "thrust-time to arrive, N s": lambda entry: entry.arrival_thrust,
+    "thrust-time of the episode, N s": lambda entry: entry.thrust,
+    "return": lambda entry: entry.returns,
+}
+"""What is compared start by start."""
+
+
+def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
+    """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
+    found = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
+    for name in ("settling time, s", "arrival, s", "thrust-time to arrive, N s"):
+        found[name] = bootstrap.median(DIFFERENCES[name](entry))
+    found["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
+    found["failed, %"] = share(entry.flight.failed()).scaled(100.0)
+    found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
+    for name, error in entry.errors.items():
+        factor, unit = DISPLAY[name]
+        found[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
+    if optimum is not None:
+        known = np.isfinite(optimum)
+        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
+        found[RETURN] = ratio.scaled(100.0)
+    middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
+    return found | {"latency, ms": Estimate(*middle)}
+
+
+def scoreboard(comparison: Comparison) -> dict[str, Scores]:
+    """The scores of every contestant over all starts."""
+    bootstrap = Bootstrap(comparison.contest.episodes)
+    optimum = best_returns(comparison)
+    return {entry.name: scores(entry, bootstrap, optimum) for entry in comparison.entries}
+
+
+def best_returns(comparison: Comparison) -> np.ndarray | None:
+    """Returns of the relaxed reward optimum, (N,), NaN where none was found; None if nowhere."""
+    for rows in comparison.relaxed.values():
+        totals = np.array([row.total for row in rows])
+        if isinstance(rows[0].objective, MaximumReward) and np.isfinite(totals).any():
+            return totals
+    return None
+
+
+def differences(comparison: Comparison) -> dict[str, Scores]:
+    """Median over starts of everybody's score less that of the first contestant from the same start."""
+    first = comparison.entries[0]
+    bootstrap = Bootstrap(comparison.contest.episodes)
+    return {
+        entry.name: {
+            name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()
+        }
+        for entry in comparison.entries[1:]
+    }
+
+
+def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
+    """Scores over certified bounds, by event and contestant, of the certified starts; 1 cannot be beaten.
+
+    Every score is divided by the bound of its own event. A flight counts at a horizon if it is in the goal
+    set at that time, and is infinite if not: the bound is for exactly that. Starts whose bound is infinite
+    (nobody can be there) or 0 are left out.
+    """
+    events = comparison.events() if comparison.certified_starts() else []
+    return {event.text: _ratios(comparison, event) for event in events}
+
+
+def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
+    lower, upper = comparison.bounds(event)
+    possible = np.isfinite(lower.values) & (lower.values > 0)
+    starts = np.array(comparison.certified_starts())[possible]
+    lower = lower[possible]
+    found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
+    best = upper[possible].over(lower)
+    return found | ({"best found": best} if np.isfinite(best).any() else {})
+
+
+def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
+    """A row per event: median multiples of its bound, and from how many starts somebody was there.
+
+    The contestants are those of `gap_names`, in their order.
+    """
+    return [
+        [event, *(_middle(found.get(name)) for name in gap_names(gaps))]
+        for event, found in gaps.items()
+    ]
+
+
+def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
+    """Whose multiples these are."""
+    return list(dict.fromkeys(name for found in gaps.values() for name in found))
+
+
+def _middle(ratios: np.ndarray | None) -> str | None:
+    if ratios is None or not ratios.size:
+        return None
+    return f"{figure(float(np.median(ratios)))} ({np.isfinite(ratios).sum()} of {len(ratios)})"
+
+
+def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
+    """What the optimiser found, by objective, for a table."""
+    rows = []
+    for name, found in comparison.relaxed.items():
+        solved = [one for one in found if one.solved]
+        middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
+        worst = max((one.replay_error for one in solved), default=None)
+        rows.append(
+            [name, f"{len(solved)} of {len(found)}", *middle, worst, _median(solved, "seconds")]
+        )
+    return rows
+
+
+def _median(rows: list[Relaxed], key: str) -> float | None:
+    values = [value for value in (getattr(row, key) for row in rows) if not math.isnan(value)]
+    return float(np.median(values)) if values else None
+
+
+def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
+    """For `rans.files.write_json`."""
+    board = scoreboard(comparison)
+    found = outcome(comparison, board)
+    return (
+        found
+        if not comparison.entries
+        else found
+        | {
+            "text": text,
+            "engine": comparison.contest.engine,
+            "estimates": _estimates(board),
+            "differences_from_first": _estimates(differences(comparison)),
+            "contestants": {
+                e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
+                for e in comparison.entries
+            },
+            "certified": {
+                "starts": comparison.certified_starts(),
+                "horizons": comparison.horizons(),
+                "events": {event.text: event._asdict() for event in comparison.events()},
+                "gaps": {
+                    question: {name: ratios.tolist() for name, ratios in found.items()}
+                    for question, found in gaps(comparison).items()
+                },
+            },
+            "front": front_tables.to_json(comparison.front) if comparison.front else None,
+            "per_start": {
+                "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
+                "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
+                "relaxed": {
+                    name: [_relaxed_row(row) for row in rows]
+                    for name, rows in comparison.relaxed.items()
+                },
+                "certified": [asdict(one) for one in comparison.certified],
+            },
+            "environment": environment(),
+        }
+    )
+
+
+def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
+    """What `rans.show.pages.report.comparison_section` reads: who got there, and what went wrong."""
+    rows = [*_summary(comparison, board), *_bound_summary(comparison)]
+    return {
+        "title": comparison.contest.title(),
+        "summary": rows,
+        "notes": comparison.notes,
+        "failures": comparison.failures,
+    }
+
+
+def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...]]]:
+    return {
+        name: {key: astuple(estimate) for key, estimate in row.items()}
+        for name, row in table.items()
+    }
+
+
+def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
+    """A row per contestant."""
+    for entry in comparison.entries:
+        count = len(entry.settling)
+        row = board[entry.name]
+        yield {
+            "contestant": entry.name,
+            "kind": "controller",
+            "starts": count,
+            "flown": count,
+            "settled": int(np.isfinite(entry.settling).sum()),
+            "median_settling_time": row["settling time, s"].value,
+            "mean_impulse": row["thrust-time of the episode, N s"].value,
+            "return_percent": row[RETURN].value if RETURN in row else None,
+        }
+
+
+def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    for name, rows in comparison.relaxed.items():
+        solved = [row for row in rows if row.solved]
+        yield {
+            "contestant": f"{name} (relaxed)",
+            "kind": "bound",
+            "starts": len(rows),
+            "flown": len(solved),
+            "settled": sum(math.isfinite(row.settling) for row in solved),
+            "median_settling_time": _median(solved, "settling"),
+            "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None,
+        }
+
+
+def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
+    for k, failed in enumerate(entry.flight.failed()):
+        yield {
+            "start": k,
+            "failed": bool(failed),
+            "settling_time": float(entry.settling[k]),
+            "arrival": float(entry.arrival[k]),
+            "thrust_to_arrive": float(entry.arrival_thrust[k]),
+            "thrust": float(entry.thrust[k]),
+            "return": float(entry.returns[k]),
+            "errors": {name: float(error[k]) for name, error in entry.errors.items()},
+        }
+
+
+def _relaxed_row(row: Relaxed) -> dict[str, Any]:
+    return {
+        key: getattr(row, key)
+        for key in (
+            "start",
+            "status",
+            "arrival",
+            "settling",
+            "thrust",
+            "total",
+            "replay_error",
+            "seconds",
+        )
+    }

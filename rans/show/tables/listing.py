@@ -1,0 +1,202 @@
+"""What spacecraft, tasks and conditions are made of, as tables for terminals, notebooks and programs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from rans.display import default, meanings
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.tasks import Task, observation_columns
+from rans.tasks.base import UNITS
+from rans.tasks.derived import PLACES, dimensions, example_state
+from rans.tasks.formula import OPEN, reward_formulas
+from rans.tasks.sight import Dimension
+from rans.terminal import table
+
+_USUAL = Timing()
+
+
+class Listing(NamedTuple):
+    """A table of texts."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    note: str = ""
+
+    def to_json(self) -> list[dict[str, str]]:
+        """A mapping a row, by the columns' names."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
+
+    def table(self) -> Any:
+        """For a terminal."""
+        return table(self.title, self.columns, self.rows, self.note)
+
+
+def spacecraft_listing(craft: Spacecraft) -> Listing:
+    """Masses and shape."""
+    moments = "\n".join(vector(row, 4) for row in craft.inertia)
+    return Listing(
+        craft.name,
+        ("property", "value"),
+        [
+            ("moves in", space(craft)),
+            ("mass", f"{craft.mass:g} kg"),
+            ("inertia about the centre of mass, kg m²", moments),
+            ("centre of mass, m", vector(craft.centre_of_mass[: craft.dimension], 4)),
+            ("outer radius", f"{craft.radius:g} m"),
+            ("thrust sharing", craft.thrust_sharing),
+            ("actuators", craft.actuators.kind),
+            *_further(craft),
+        ],
+    )
+
+
+def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
+    """Rows of what only some craft have: throttle levels, propellant, reaction wheels."""
+    actuators = craft.actuators
+    if (actuators.low, actuators.high) != (0.0, 1.0) or getattr(actuators, "always_lit", False):
+        yield "a thruster's command", actuators.allowed
+    if (tank := craft.propellant) is not None:
+        yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
+    for i, wheel in enumerate(craft.wheels):
+        yield (
+            f"wheel {i}",
+            f"about {vector(wheel.axis, 4)}, {wheel.max_torque:g} N m, {wheel.max_momentum:g} N m s, "
+            f"{wheel.inertia:g} kg m²",
+        )
+
+
+def thruster_listing(craft: Spacecraft) -> Listing:
+    """A row a thruster, its torque about the centre of mass."""
+    axes = craft.dimension
+    return Listing(
+        "Thrusters",
+        ("thruster", "position, m", "direction", "force, N", "torque, N m"),
+        [
+            (
+                str(i),
+                *(vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])),
+            )
+            for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))
+        ],
+    )
+
+
+def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
+    """Reward, ends, settings and observation; of a multi-task the rewards of what it draws from."""
+    parts = {name: part for name, part in task.parts().items() if type(part) is not type(task)}
+    works = dimensions(task)
+    for name, part in (parts or {"": task}).items():
+        yield _reward(part, name, works[0])
+    if not parts:
+        yield _ends(task)
+    yield settings_listing(task, prefix)
+    for dimension in works:
+        yield Listing(
+            f"Observation {PLACES[dimension]}",
+            ("column", "what", "unit", "frame"),
+            [
+                (str(index), *column)
+                for index, column in enumerate(observation_columns(task, dimension))
+            ],
+        )
+
+
+def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
+    quantities = task.errors(*example_state(task, dimension))
+    errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in quantities)
+    return Listing(
+        f"Reward of a step{f' of {name}' if name else ''}, the sum of",
+        ("term", "value"),
+        [*reward_formulas(task, dimension).items()] or [_UNREAD],
+        f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
+    )
+
+
+_UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
+
+
+def _ends(task: Task) -> Listing:
+    near = ", ".join(
+        f"{name} {value:.4g} {UNITS.get(name, '')}".rstrip()
+        for name, value in task.tolerances().items()
+    )
+    failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
+    seconds = _USUAL.episode_steps * _USUAL.control_period
+    return Listing(
+        "An episode",
+        ("ends", "when"),
+        [
+            (
+                "truncated",
+                f"{_USUAL.episode_steps} control periods of {_USUAL.control_period:g} s are over, "
+                f"{seconds:g} s",
+            ),
+            ("terminated, failed", " ".join(failing)),
+            ("as a success", f"truncated with errors within {near}"),
+        ],
+    )
+
+
+def settings_listing(given: Any, prefix: str = "", title: str = "Settings") -> Listing:
+    """A row a field; with the prefix by which ``rans train --set`` knows it."""
+    told = meanings(type(given))
+    return Listing(
+        title,
+        ("key", "value", "meaning"),
+        [
+            (prefix + one.name, setting(getattr(given, one.name)), told.get(one.name, ""))
+            for one in dataclasses.fields(given)
+        ],
+    )
+
+
+def conditions_listing(conditions: Conditions) -> Listing:
+    """What is not the default."""
+    return Listing(
+        conditions.description or "Conditions",
+        ("what", "range"),
+        list(_changed(conditions)) or [("nothing", "a perfect world")],
+    )
+
+
+def _changed(given: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    for one in dataclasses.fields(given):
+        value = getattr(given, one.name)
+        if dataclasses.is_dataclass(value):
+            yield from _changed(value, f"{prefix}{one.name}.")
+        elif one.name == "others":
+            yield from ((f"others.{k}", str(other)) for k, other in enumerate(value))
+        elif value != default(one) and one.name != "description":
+            ranged = isinstance(value, tuple) and all(isinstance(x, float) for x in value)
+            yield (
+                prefix + one.name,
+                (" to " if ranged else ", ").join(
+                    map(setting, value if isinstance(value, tuple) else (value,))
+                ),
+            )
+
+
+def setting(value: object) -> str:
+    """A value of a setting as text."""
+    if dataclasses.is_dataclass(value):
+        return "its defaults"
+    if isinstance(value, tuple):
+        return ", ".join(map(setting, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def space(craft: Spacecraft) -> str:
+    """Where it moves."""
+    return "plane, 3DoF" if craft.dimension == 2 else "space, 6DoF"
+
+
+def vector(numbers: Iterable[float], digits: int = 3) -> str:
+    """Numbers side by side."""
+    # Rounding first and adding zero turns -0 and rounding errors into 0.
+    return " ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)

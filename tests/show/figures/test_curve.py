@@ -1,0 +1,28 @@
+"""The learning curve by another process, or by this one where that fails."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from rans.show.figures import curve as module
+from rans.show.figures.curve import curve, drawn_beside
+
+ROWS = [
+    {"steps": 100 * k, "seconds": 0.1 * k, "success": 0.2 * k, "return/pose": 3.0 * k}
+    for k in range(1, 5)
+]
+
+
+@pytest.mark.parametrize("dies", [False, True])
+def test_another_process_draws_the_same(monkeypatch: pytest.MonkeyPatch, dies: bool) -> None:
+    expected = curve(ROWS)
+    monkeypatch.delitem(sys.modules, "matplotlib")
+    if dies:
+        monkeypatch.setattr(module, "_draw", print)
+    with drawn_beside() as draw:
+        found = draw(ROWS)
+    # Matplotlib names what is clipped anew in every process.
+    assert "success while training (0.4 s in all)" in found
+    assert len(found) == len(expected)

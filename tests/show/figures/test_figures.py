@@ -1,0 +1,280 @@
+from __future__ import annotations
+
+import base64
+import io
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from itertools import count, pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from matplotlib import legend
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from rans.flight import Flight, fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+from rans.show.figures.figures import (
+    episode_figure,
+    evaluation_figure,
+    learning_curve,
+    save_flight_figures,
+)
+from rans.show.figures.panels import RED
+from rans.show.figures.svg import data_uri, svg
+from rans.tasks import GoToPose
+from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
+
+ROWS = [
+    {
+        "steps": 1000 * k,
+        "seconds": 0.5 * k,
+        "success": k / 10,
+        "return/position": 2.0 * k,
+        "return/attitude": 3.0 * k,
+    }
+    for k in range(11)
+]
+
+
+def panel(figure: Figure, letter: str) -> Axes:
+    return next(
+        axes for axes in figure.axes if axes.get_title(loc="left").startswith(f"({letter})")
+    )
+
+
+def line(axes: Axes, label: str) -> np.ndarray:
+    found = next(x for x in axes.get_lines() if x.get_label() == label)
+    return np.asarray(found.get_xydata())
+
+
+def spatial_flight() -> Flight:
+    craft = load_spacecraft("free-flyer")
+    task = GoToPose(spawn_distance=(3.0, 4.0))
+
+    class Shut:
+        """Opens nothing."""
+
+        name = "shut"
+
+        def reset(self, count: int) -> None: ...
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return np.zeros((len(observation), 16))
+
+    return fly(craft, task, Shut(), scenarios(task, craft, 0, 5), Timing(episode_steps=10))
+
+
+def test_evaluation_figure_has_the_papers_eight_panels() -> None:
+    figure = evaluation_figure(two_episodes())
+    assert len(figure.axes) == 8
+    assert {axes.get_title(loc="left")[:3] for axes in figure.axes} == {
+        f"({x})" for x in "abcdefgh"
+    }
+
+
+def test_every_axis_has_its_unit() -> None:
+    for figure in (evaluation_figure(two_episodes()), episode_figure(two_episodes())):
+        labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
+        unitless = {label for label in labels if ", " not in label}
+        # An index, a ratio, a sum of reward terms, and the axis shared with the panel below.
+        assert unitless <= {"thruster", "error / tolerance", "reward per step", ""}
+
+
+def test_summaries_show_mean_best_and_worst() -> None:
+    figure = evaluation_figure(two_episodes())
+    distance = panel(figure, "c")
+    # Means over time: the first episode's 1 m start makes it the worst.
+    assert line(distance, "worst episode")[0].tolist() == [0.0, 100.0]
+    np.testing.assert_allclose(line(distance, "best episode")[-1], [5.0, 6.0])
+    np.testing.assert_allclose(line(distance, "mean")[0], [0.0, 52.0])
+    # In the reward panel best means most: the second episode never strays far.
+    rewards = panel(figure, "h")
+    assert line(rewards, "best episode")[0, 1] > line(rewards, "worst episode")[0, 1]
+    np.testing.assert_allclose(line(panel(figure, "d"), "mean")[:, 1], 0.1)
+
+
+def test_activations_are_seconds_an_episode() -> None:
+    """The first thruster of the first episode is open for four periods of half a second, no other ever."""
+    axes = panel(evaluation_figure(two_episodes()), "a")
+    red = [x for x in axes.get_lines() if x.get_markerfacecolor() == RED]
+    heights = [np.asarray(x.get_ydata())[0] for x in red]
+    assert heights == pytest.approx([1.0] + [0.0] * 7)  # means of 2 s and 0 s
+    assert axes.get_ylabel() == "open time an episode, s"
+    texts = axes.get_legend()
+    assert texts is not None
+    assert [text.get_text() for text in texts.get_texts()] == [
+        "middle half (whiskers 5 to 95 %)",
+        "median",
+        "mean",
+    ]
+
+
+def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
+    """At most 100 cm and 10 degrees, where 5 cm and 5 degrees count as reached."""
+    figure = evaluation_figure(two_episodes())
+    for letter, most in (("b", 100.0), ("f", 10.0)):
+        axes = panel(figure, letter)
+        [drawn] = (x for x in axes.collections if isinstance(x, LineCollection))
+        assert max(segment[:, 1].max() for segment in drawn.get_segments()) == pytest.approx(most)
+        assert line(axes, "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
+    assert line(panel(figure, "c"), "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
+
+
+def test_errors_of_an_episode_are_multiples_of_their_tolerances() -> None:
+    """1 m is 20 times 5 cm, 10 degrees are twice 5 degrees."""
+    axes = panel(episode_figure(two_episodes()), "b")
+    assert line(axes, "position (tolerance 5 cm)")[0] == pytest.approx([0.0, 20.0])
+    assert line(axes, "attitude (tolerance 5 deg)")[0] == pytest.approx([0.0, 2.0])
+    assert line(axes, "position (tolerance 5 cm)")[-1] == pytest.approx([5.0, 0.08])
+
+
+def test_open_thrusters_stand_in_their_rows_and_times() -> None:
+    (image,) = panel(episode_figure(two_episodes()), "c").get_images()
+    shown = np.asarray(image.get_array())
+    assert np.argwhere(shown).tolist() == [[0, k] for k in range(4)]
+    assert list(image.get_extent()) == [
+        0.0,
+        5.0,
+        7.5,
+        -0.5,
+    ]  # five seconds; the first thruster is on top
+
+
+def test_every_episode_is_drawn_and_rasterised() -> None:
+    figure = evaluation_figure(many_episodes(50))
+    for letter in "bef":
+        lines = next(x for x in panel(figure, letter).collections if isinstance(x, LineCollection))
+        assert len(lines.get_segments()) == 50
+        assert lines.get_rasterized()
+
+
+def test_a_thousand_episodes_stay_small() -> None:
+    text = svg(evaluation_figure(many_episodes(1024)))
+    ET.fromstring(text)
+    assert len(text) < 1.5e6  # a report holds two figures of flights and must stay below 3 MB
+
+
+def test_tasks_with_other_errors() -> None:
+    task = TrackNothing()
+    figure = evaluation_figure(
+        flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), spin=0.5, task=task)
+    )
+    assert panel(figure, "b").get_ylabel() == "velocity error, cm/s"
+    assert panel(figure, "f").get_ylabel() == "spin error, deg/s"
+
+
+def test_errors_of_zero_have_a_place_on_a_logarithmic_axis() -> None:
+    """Warnings are errors here, and Matplotlib warns of an axis on which nothing can be drawn."""
+    figure = evaluation_figure(
+        flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), task=TrackNothing())
+    )
+    axes = panel(figure, "f")
+    [lines] = (drawn for drawn in axes.collections if isinstance(drawn, LineCollection))
+    assert {y for segment in lines.get_segments() for y in segment[:, 1]} == {axes.get_ylim()[0]}
+    assert panel(figure, "e").get_xlabel() == "x, m"
+
+
+def test_a_task_with_one_error_leaves_two_panels_empty() -> None:
+    class PositionOnly(GoToPose):
+        """Go to a place in any attitude."""
+
+        def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+            return {"position": super().errors(state, goal)["position"]}
+
+        def tolerances(self) -> dict[str, float]:
+            return {"position": 0.05}
+
+        def reward(self, transition: Any) -> dict[str, Any]:
+            return {"position": -self.errors(transition.state, transition.goal)["position"]}
+
+    flight = flight_of(np.ones((6, 2)), 0.0, task=PositionOnly())
+    assert sum(not axes.axison for axes in evaluation_figure(flight).axes) == 2
+    svg(episode_figure(flight))
+
+
+def test_spatial_flights_can_be_drawn() -> None:
+    flight = spatial_flight()
+    svg(evaluation_figure(flight))
+    path = episode_figure(flight, 3).axes[0]
+    assert path.name == "3d"
+    assert cast(Any, path).get_zlabel() == "z, m"
+
+
+def test_episode_figure_draws_that_episode() -> None:
+    figure = episode_figure(two_episodes(), 1)
+    path = panel(figure, "a").get_lines()[1].get_xydata()
+    np.testing.assert_allclose(
+        np.asarray(path)[-1], [-0.06, 0.0], atol=1e-12
+    )  # the goal is the origin
+    assert not np.asarray(panel(figure, "c").get_images()[0].get_array()).any()  # it fired nothing
+
+
+def test_equal_figures_give_equal_bytes() -> None:
+    assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
+
+
+def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
+    monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))
+    figure = evaluation_figure(two_episodes())
+    with pytest.warns(UserWarning, match="Creating legend"):
+        figure.savefig(io.BytesIO(), format="svg")
+    svg(figure)
+
+
+def test_learning_curve() -> None:
+    success, returns = learning_curve(ROWS).axes
+    np.testing.assert_allclose(success.get_lines()[0].get_xydata()[-1], [10_000, 100.0])  # type: ignore[index]
+    assert {x.get_label() for x in returns.get_lines()} == {"position", "attitude"}
+    assert "5 s" in success.get_title(loc="left")
+
+
+def test_a_learning_curve_on_a_telephone() -> None:
+    """The legend hides no curve, and numbers below the curves do not touch."""
+    figure = learning_curve([row | {"steps": 30_000 * row["steps"]} for row in ROWS])
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        if beside := axes.get_legend():
+            assert beside.get_window_extent().x0 >= axes.bbox.x1
+        numbers = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
+        inside = sorted(
+            (box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1
+        )
+        assert len(inside) >= 3
+        assert all(left[1] + 4.0 < right[0] for left, right in pairwise(inside))
+
+
+def test_learning_curve_draws_what_is_there() -> None:
+    rows = [{"steps": 1}, {"steps": 2, "success": 0.5}, {"loss": 1.0}]
+    success, returns = learning_curve(rows).axes
+    assert np.asarray(success.get_lines()[0].get_xydata()).tolist() == [[2.0, 50.0]]
+    assert not returns.get_lines()
+    svg(learning_curve([]))
+
+
+def test_data_uri_holds_the_picture() -> None:
+    kind, _, data = data_uri("<svg/>").partition(",")
+    assert (kind, base64.b64decode(data)) == ("data:image/svg+xml;base64", b"<svg/>")
+    assert data_uri(b"\x89PNG").startswith("data:image/png;base64,")
+
+
+def test_figures_are_saved(tmp_path: Path) -> None:
+    save_flight_figures(two_episodes(), tmp_path, "-paper")
+    files = sorted(tmp_path.iterdir())
+    assert [file.name for file in files] == ["episode-paper.svg", "evaluation-paper.svg"]
+    for file in files:
+        ET.parse(file)
+
+
+def test_no_window_system_is_touched() -> None:
+    code = "import sys, rans.show.figures.figures; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

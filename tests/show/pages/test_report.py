@@ -1,0 +1,439 @@
+from __future__ import annotations
+
+import io
+import json
+import os
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from rans.errors import ConfigError
+from rans.evaluation.measure.aggregate import measure
+from rans.show.pages.page import Finding, Page, Section, Table
+from rans.show.pages.report import (
+    SOLVED_SHARE,
+    assurance_section,
+    comparison_section,
+    evaluation_section,
+    report_from_run,
+    validation_section,
+)
+from tests.show.figures.test_figures import ROWS
+from tests.support.evaluation_flights import two_episodes
+
+CHECK = {
+    "name": "force",
+    "value": 1e-16,
+    "tolerance": 1e-12,
+    "unit": "N",
+    "reason": "Rounding.",
+    "passed": True,
+}
+LATE = CHECK | {"name": "rollout", "value": 2e-3, "tolerance": 1e-9, "unit": "m", "passed": False}
+
+NEVER = {"failures": 0, "flights": 2000, "rate": 0.0, "at least": 0.0, "at most": 0.0023}
+SELDOM = {"failures": 17, "flights": 2000, "rate": 0.0085, "at least": 0.0044, "at most": 0.0146}
+ASSURANCE = {
+    "about": {"agent": "agent", "confidence": 0.99, "below": None, "looks": [[2000, 0.01, 0.01]]},
+    "decision": "open",
+    "command": "rans assure agent --conditions lab",
+    "bounds": {"any": SELDOM, "NOT_FINITE": NEVER, "LEFT": SELDOM},
+}
+
+
+class Read(HTMLParser):
+    """What a page says and what it loads."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.text: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for key, value in attrs if key in ("src", "href")]
+
+    def handle_data(self, data: str) -> None:
+        if data.strip():
+            self.text.append(data.strip())
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run folder that holds everything."""
+    flight = two_episodes()
+    for name in ("evaluation.svg", "episode.svg"):
+        (tmp_path / name).write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+    contents: dict[str, Any] = {
+        "config.json": {
+            "seed": 3,
+            "timing": {"control_period": 0.2, "substeps": None},
+            "about": {
+                "command": "rans train go-to-pose",
+                "environment": {"rans": "0.1.0", "revision": "abc1234"},
+            },
+        },
+        "validation.json": {"title": "Dynamics", "checks": [CHECK, LATE]},
+        "evaluation.json": {"agent": measure(flight).to_json()},
+        "compare.json": {
+            "title": "1 start",
+            "failures": [],
+            "summary": [
+                {
+                    "contestant": "agent",
+                    "starts": 1,
+                    "flown": 1,
+                    "settled": 1,
+                    "median_settling_time": 6.5,
+                    "mean_impulse": 20.0,
+                }
+            ],
+        },
+        "stress.json": {
+            "title": "agent, 4 episodes",
+            "failures": [],
+            "worlds": {
+                "lab": {
+                    "size": None,
+                    "contestants": {"agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}},
+                },
+                "latency-0.1": {"size": 0.1, "contestants": {"agent": {"held": {}}}},
+            },
+        },
+        "assurance-lab.json": ASSURANCE,
+    }
+    for name, content in contents.items():
+        (tmp_path / name).write_text(json.dumps(content))
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, ROWS)) + '\n{"steps": 12')
+    return tmp_path
+
+
+def test_report_from_run_holds_everything(run: Path) -> None:
+    page = Read(report_from_run(run).html())
+    headings = [
+        "Evaluation",
+        "Comparison",
+        "Stress",
+        "Assurance lab",
+        "Training",
+        "Validation",
+        "Configuration",
+    ]
+    assert [
+        text for text in page.text if text in headings
+    ] == headings * 2  # in the links and above
+    for text in (
+        "rans train go-to-pose",
+        "rans 0.1.0, revision abc1234",
+        "timing.control_period",
+        "2.45 cm",
+        "compare.html",
+        "stress.html",
+        "50.0% (15.0% to 85.0%)",
+        "10,000",
+        "5.0 s",
+        "100.0%",
+        "at most (99 %)",
+        "left the tolerances in the last fifth",
+        "0.0146",
+    ):
+        assert text in page.text
+    assert page.tags.count("img") == 4  # two panels of the learning curve, two of the flight
+    assert (
+        page.tags.count("details") == 2
+    )  # validation and configuration are there for those who ask
+    made = page.text.index("How it was made")
+    assert (
+        page.text.index("FAIL") < page.text.index("2.45 cm") < page.text.index("tolerance") < made
+    )
+
+
+def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
+    html = report_from_run(run).html()
+    page = Read(html)
+    assert page.links
+    assert all(
+        link.startswith(("data:", "#")) or link in ("compare.html", "stress.html")
+        for link in page.links
+    )
+    assert not {"script", "link", "iframe"} & set(page.tags)
+    assert "url(" not in html
+    assert "@import" not in html
+    assert len(html) < 3e6
+
+
+def test_how_it_was_made_is_on_top(run: Path) -> None:
+    assert report_from_run(run).header == {
+        "command": "rans train go-to-pose",
+        "seed": "3",
+        "environment": "rans 0.1.0, revision abc1234",
+    }
+    (run / "config.json").unlink()
+    assert report_from_run(run).header == {}
+    checked = {"checks": [CHECK], "environment": {"drake": "1.51.1"}, "settings": {"seed": 3}}
+    (run / "validation.json").write_text(json.dumps(checked))
+    assert report_from_run(run).header == {"environment": "drake 1.51.1"}
+
+
+def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
+    """Its metrics.jsonl holds rows of all members: no curve of one agent."""
+    members = [
+        {
+            "member": k,
+            "seed": k,
+            "learning_rate": 1e-3 * k,
+            "solved": k == 1,
+            "diverged": False,
+            "steps": 1000 * (k + 1),
+            "success": 0.5 * (k + 1),
+        }
+        for k in range(2)
+    ]
+    (tmp_path / "sweep.json").write_text(json.dumps({"best": 1, "members": members}))
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, members)))
+    (page,) = report_from_run(tmp_path).sections
+    (table,) = page.tables
+    assert list(table.columns) == ["member", "seed", "learning_rate", "solved", "steps", "success"]
+    assert table.rows[1] == [1, 1, 1e-3, True, "2,000", "100.0%"]
+    assert page.findings[0].text == "1 of 2 members solved the task; the best is member 1."
+
+
+def test_failures_come_first(run: Path) -> None:
+    text = Read(report_from_run(run).html()).text
+    marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
+    assert text[3] == "Something has failed."
+    assert marks == ["FAIL", "FAIL", "note", "note", "note"]
+    assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        "validation.json",
+        "metrics.jsonl",
+        "evaluation.json",
+        "compare.json",
+        "stress.json",
+        "assurance-lab.json",
+    ],
+)
+def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
+    for file in run.iterdir():
+        if file.name != kept:
+            file.unlink()
+    page = Read(report_from_run(run).html())
+    assert page.tags.count("section") == 1
+
+
+@pytest.mark.parametrize(
+    ("share", "passed"),
+    [(100.0, True), (SOLVED_SHARE, True), (SOLVED_SHARE - 0.01, False), (0.0, False)],
+)
+def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> None:
+    measured = measure(two_episodes())
+    rows = tuple(
+        replace(row, value=share) if row.name == "solved" else row for row in measured.rows
+    )
+    (finding,) = evaluation_section([replace(measured, rows=rows)]).findings
+    assert finding.passed is passed
+
+
+def test_no_results_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(ConfigError, match="holds no results"):
+        report_from_run(tmp_path)
+    with pytest.raises(ConfigError, match="holds no results"):
+        report_from_run(tmp_path / "nowhere")
+
+
+def test_a_damaged_file_is_named(run: Path) -> None:
+    (run / "compare.json").write_text('{"starts": [')
+    with pytest.raises(ConfigError, match=r"compare\.json"):
+        report_from_run(run)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "config.json",
+        "validation.json",
+        "evaluation.json",
+        "compare.json",
+        "stress.json",
+        "assurance-lab.json",
+    ],
+)
+@pytest.mark.parametrize(
+    "content",
+    ["[3]", "3", '"text"', '{"rows": 3, "checks": 3, "summary": 3, "controller": 3, "about": 3}'],
+)
+def test_other_content_is_named(run: Path, name: str, content: str) -> None:
+    """Valid JSON that is not what RANS writes there: an error that names the file, or nothing to show."""
+    (run / name).write_text(content)
+    try:
+        report_from_run(run)
+    except ConfigError as error:
+        assert name in str(error)  # noqa: PT017 - either way is right, a traceback is not
+
+
+def test_summary_tells_the_essence(run: Path) -> None:
+    console = Console(width=120, file=io.StringIO())
+    console.print(report_from_run(run).summary())
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    parts = [
+        "Evaluation",
+        "50 %",
+        "2.45 cm",
+        "Comparison",
+        "agent",
+        "settles from 1 of 1 start, 6.50 s (median)",
+        "Assurance lab",
+        "17 of 2,000",
+        "0.0146",
+        "Training",
+        "10,000",
+        "5.0 s",
+        "100.0%",
+        "Validation",
+        "1 of 2",
+    ]
+    places = [text.find(part) for part in parts]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_text_is_escaped() -> None:
+    table = Table(("<b>",), [("<script>alert(1)</script>",)], "<i>")
+    page = Read(Page("a < b", [Section("<h1>", "<img src=x>", [table])]).html())
+    assert not {"script", "b", "i", "img"} & set(page.tags)
+    assert "<script>alert(1)</script>" in page.text
+
+
+def test_cells() -> None:
+    row = (1.23456e-7, float("inf"), None, True, False, 12, "text")
+    page = Read(Page("cells", [Section("one", tables=[Table("abcdefg", [row])])]).html())
+    assert page.text[-8:-1] == ["1.235e-07", "never", "–", "pass", "FAIL", "12", "text"]  # noqa: RUF001
+
+
+def test_verdict() -> None:
+    notes = Section("notes", findings=[Finding("noted")])
+    good = Section("good", findings=[Finding("fine", True)])
+    bad = Section("bad", findings=[Finding("broken", False)])
+    assert Page("x", [notes, good]).passed
+    report = Page("x", [notes, good, bad])
+    assert not report.passed
+    assert [finding.text for finding in report.findings] == ["broken", "fine", "noted"]
+
+
+def test_validation_findings() -> None:
+    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [
+        False,
+        None,
+    ]
+    assert [f.passed for f in validation_section({"checks": [CHECK]}).findings] == [True]
+    # A value that is not finite comes as null.
+    broken = LATE | {"value": None}
+    assert validation_section({"checks": [broken]}).findings[0].text.startswith("rollout: –")  # noqa: RUF001
+
+
+def test_half_solved_is_a_failure() -> None:
+    (finding,) = evaluation_section([measure(two_episodes())]).findings
+    assert finding.passed is False
+    assert "2 episodes" in finding.text
+    assert "50.0 % solved" in finding.text
+
+
+def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
+    agent = {
+        "contestant": "agent",
+        "starts": 4,
+        "flown": 4,
+        "settled": 2,
+        "median_settling_time": None,
+        "mean_impulse": 12.0,
+    }
+    bound = agent | {"contestant": "least time", "flown": 3}
+    section = comparison_section(
+        {"title": "4 starts", "summary": [agent, bound], "failures": ["One lost."]}
+    )
+    assert section.text == "4 starts."
+    assert [(finding.text, finding.passed) for finding in section.findings] == [
+        ("One lost.", False),
+        ("agent settles from 2 of 4 starts, 12.00 N s of thrust (mean).", None),
+        (
+            "least time settles from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none "
+            "from 1.",
+            None,
+        ),
+    ]
+    assert [name for name, _ in section.summary] == ["agent", "least time"]
+
+
+def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None:
+    """It links the page that signs it, where that is beside it; one that was interrupted decides nothing."""
+    file = tmp_path / "assurance.json"
+    about = ASSURANCE["about"]
+    wanted = ASSURANCE | {"about": about | {"below": 0.02}, "decision": "below"}
+    section = assurance_section(file, wanted)
+    (tmp_path / "assurance.html").touch()
+    assert (section.title, section.link, assurance_section(file, wanted).link) == (
+        "Assurance",
+        "",
+        "assurance.html",
+    )
+    for decision, flights, passed, said in (
+        (
+            "below",
+            1000,
+            True,
+            "Shown: the probability of failure is below 0.02. 17 of 2,000 flights",
+        ),
+        ("above", 1000, False, "Refuted: the probability of failure is above 0.02. 17 of"),
+        (
+            "open",
+            2000,
+            False,
+            "Not decided: whether the probability of failure is below 0.02. 17 of",
+        ),
+        ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided"),
+    ):
+        looks = {"looks": [[flights, 0.01, 0.01]]}
+        (told,) = assurance_section(
+            file, wanted | {"about": wanted["about"] | looks, "decision": decision}
+        ).findings
+        assert told.passed is passed
+        assert told.text.startswith(said)
+
+
+def test_a_failed_write_keeps_the_old_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def full_disk(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    with pytest.raises(ConfigError, match=r"cannot write .*report\.html.*no space left"):
+        Page("new", []).write(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
+    assert path.read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    "picture", ["no picture", '<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>']
+)
+def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None:
+    """Or one that brings a script along."""
+    (run / "episode.svg").write_text(picture)
+    with pytest.raises(
+        ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "
+    ):
+        report_from_run(run)

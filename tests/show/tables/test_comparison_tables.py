@@ -1,0 +1,196 @@
+"""What a comparison's tables, page and files say, of flights whose every figure is worked out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Comparison
+from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
+from rans.show.pages.comparison_page import page
+from rans.show.tables.comparison_tables import RETURN, gaps, relaxed_rows, scoreboard, to_json
+from tests.support.evaluation_flights import flight_of
+
+NOBODY: Any = None
+"""Whoever flew: the flights are there already."""
+
+
+def entry() -> Entry:
+    """Three episodes of ten steps of 0.5 s: at the goal from 1 s on, from 2 s on, and lost beyond 8 m.
+
+    The first opens one thruster of 1 N for 2 s, the second for 1 s, the third never.
+    """
+    distance = np.full((11, 3), 0.01)
+    distance[:2, 0] = distance[:4, 1] = 1.0
+    distance[:, 2] = 9.0
+    commands = np.zeros((10, 3, 8))
+    commands[:4, 0, 0] = commands[:2, 1, 0] = 1.0
+    contestant = Contestant("agent", NOBODY, "observation", "none")
+    return Entry(contestant, flight_of(distance, 0.0, commands), np.arange(101) * 1e-3)
+
+
+def comparison(**changes: Any) -> Comparison:
+    flown = entry()
+    contest = Contest(flown.flight.craft, flown.flight.task, flown.flight.timing, 1, 3)
+    return Comparison(contest, [flown], **changes)
+
+
+def certified(best: float) -> list[Bound]:
+    """Every question about the first two starts: the bound, and twice as much found."""
+    horizons = comparison().horizons()
+    settling = [Bound(k, None, best / 2, best / 2, kind="settling") for k in (0, 1)]
+    return settling + [
+        Bound(k, horizon, best, best, 2 * best) for k in (0, 1) for horizon in (None, *horizons)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("settled, %", 200 / 3),
+        ("settling time, s", 2.0),
+        ("arrival, s", 2.0),
+        ("failed, %", 100 / 3),
+        ("thrust-time to arrive, N s", 1.0),  # 1, 1 and never: the middle one
+        ("thrust-time of the episode, N s", 1.0),  # of 2, 1 and 0
+        ("duty, %", 100 * 6 / 240),
+        ("position error, cm", 902 / 3),
+        ("latency, ms", 50.0),
+    ],
+)
+def test_scores_by_hand(key: str, value: float) -> None:
+    assert scoreboard(comparison())["agent"][key].value == pytest.approx(value)
+
+
+def test_the_mean_of_thrust_is_no_median() -> None:
+    found = comparison()
+    found.entries[0].flight.commands[:, 2, 0] = 1.0  # 5 N s: 2, 1 and 5 have a mean of 2.67
+    board = scoreboard(found)["agent"]
+    assert board["thrust-time of the episode, N s"].value == pytest.approx(8 / 3)
+
+
+def test_latency_is_with_the_middle_90_percent() -> None:
+    found = scoreboard(comparison())["agent"]["latency, ms"]
+    assert (found.value, found.low, found.high) == pytest.approx((50.0, 5.0, 95.0))
+
+
+def test_gaps_leave_out_what_has_no_bound() -> None:
+    """Arrived after 1 and 2 s where nobody can before 0.5 s; a bound of 0 says nothing about thrust."""
+    bounds = [
+        replace(b, hull=0.0, lower=0.0) if b.horizon and b.start else b for b in certified(0.5)
+    ]
+    found = gaps(comparison(certified=bounds))
+    assert found["time of arrival"]["agent"].tolist() == [2.0, 4.0]
+    assert found["time of arrival"]["best found"].tolist() == [2.0, 2.0]
+    assert found["time of settling"]["agent"].tolist() == [4.0, 8.0]  # of a bound of 0.25 s
+    assert "best found" not in found["time of settling"]
+    assert all(
+        len(ratios["agent"]) == 1 for question, ratios in found.items() if "thrust" in question
+    )
+
+
+def test_the_return_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1, 3 and 4 of at most 1, 6 and 13 are 8 of 20; the mean of 100, 50 and 31 % would be 60 %."""
+    monkeypatch.setattr(Entry, "returns", np.array([1.0, 3.0, 4.0]))
+    rows = [
+        Relaxed(MaximumReward(), k, "solved", True, 0.1, 4.0, 3.0, 7.0, total, 1e-4)
+        for k, total in enumerate((1.0, 6.0, 13.0))
+    ]
+    found = comparison(relaxed={"return": rows})
+    assert scoreboard(found)["agent"][RETURN].value == pytest.approx(40.0)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
+    """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
+    bounds = [
+        replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)
+    ]
+    rows = tables_of(page(comparison(certified=bounds)))["Median multiple of the bound"]
+    assert rows[0][:2] == ["time of arrival", "3 (2 of 2)"]
+
+
+def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
+    return {
+        table.caption: [list(row) for row in table.rows]
+        for s in shown.sections
+        for table in s.tables
+    }
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("best", "passed", "proven"), [(0.5, True, "0 of 2"), (3.0, False, "0 of 2")]
+)
+def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, proven: str) -> None:
+    shown = page(comparison(certified=certified(best)))
+    told = {finding.text: finding.passed for finding in shown.findings}
+    assert told["No flight beats a certified bound."] is passed
+    assert shown.passed is passed
+    rows = tables_of(shown)["The bounds (s and N s)"]
+    assert rows[0] == ["time of arrival", best, 2 * best, proven]
+    assert rows[1] == ["time of settling", best / 2, None, None]
+    assert "agent settles from 2 of 3 starts, 2.00 s (median), 1.00 N s of thrust (mean)." in told
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_closed_gap_is_proven_optimal() -> None:
+    bounds = [replace(b, upper=b.best) if b.start else b for b in certified(0.5)]
+    assert (
+        tables_of(page(comparison(certified=bounds)))["The bounds (s and N s)"][0][-1] == "1 of 2"
+    )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_median_and_the_slowest_start_are_drawn() -> None:
+    shown = page(comparison())
+    (paths,) = (section for section in shown.sections if section.title == "Paths")
+    assert [picture.caption for picture in paths.pictures] == ["Start 1.", "Start 2."]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_the_optimiser_found_by_hand() -> None:
+    """Medians of what was solved, and the largest error."""
+    one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
+    rows = [
+        one,
+        replace(one, start=1, arrival=6.0, thrust=9.0, replay_error=3e-4, seconds=0.3),
+        replace(one, start=2, solved=False),
+    ]
+    found = comparison(relaxed={"least time": rows})
+    assert relaxed_rows(found) == [
+        ["least time", "2 of 3", 5.0, 3.0, 8.0, 30.0, 3e-4, pytest.approx(0.2)]
+    ]
+    table = page(found).sections[-1].tables[0]
+    assert list(table.columns) == [
+        "objective",
+        "solved",
+        "arrival, s",
+        "settling, s",
+        "thrust-time, N s",
+        "return",
+        "largest replay error, m",
+        "solve time, s",
+    ]
+    bound = to_json(found, "")["summary"][-1]
+    assert (
+        bound["flown"],
+        bound["settled"],
+        bound["median_settling_time"],
+        bound["mean_impulse"],
+    ) == (2, 2, 3.0, 8.0)
+
+
+def test_the_file_says_who_settled() -> None:
+    """Settled is not arrived: a flight that leaves again has arrived."""
+    found = comparison()
+    found.entries[0].flight.states.p.x[-1, 1] -= 1.0
+    row = to_json(found, "text")["summary"][0]
+    assert (row["settled"], row["starts"], row["mean_impulse"]) == (1, 3, pytest.approx(1.0))
+    assert RETURN not in to_json(found, "")["estimates"]["agent"]

@@ -1,0 +1,95 @@
+"""Checks fail when they should, and reports say so."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from validation.study.checks import Check, Curve, Skipped, Study
+
+
+def check(value: float) -> Check:
+    return Check("way flown", value, 1e-3, "m", "A millimetre is what a ruler shows.")
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-3, -1e-3])
+def test_within_the_tolerance_passes(value: float) -> None:
+    assert check(value).passed
+
+
+@pytest.mark.parametrize("value", [1.001e-3, -1.001e-3, math.nan, math.inf, -math.inf])
+def test_beyond_the_tolerance_or_undefined_fails(value: float) -> None:
+    assert not check(value).passed
+
+
+def test_a_report_passes_only_if_all_of_at_least_one_check_do() -> None:
+    assert Study("one", (check(0.0),)).passed
+    assert not Study("two", (check(0.0), check(1.0))).passed
+    assert not Study("none", ()).passed
+
+
+def test_report_as_json_holds_everything_and_no_nan(tmp_path) -> None:
+    file = tmp_path / "new" / "report.json"
+    Study("mixed", (check(5e-4), check(math.nan)), {"seed": 3}).write(file)
+    read = json.loads(file.read_text("utf-8"), parse_constant=pytest.fail)
+    assert read["title"] == "mixed"
+    assert not read["passed"]
+    assert read["settings"] == {"seed": 3}
+    assert [c["passed"] for c in read["checks"]] == [True, False]
+    assert [c["value"] for c in read["checks"]] == [5e-4, "nan"]
+    assert read["checks"][0]["reason"] == "A millimetre is what a ruler shows."
+    assert {"drake", "torch", "numpy", "python", "processor", "cores"} <= read["environment"].keys()
+
+
+def test_table_shows_every_check_and_its_verdict() -> None:
+    console = Console(width=100, record=True, quiet=True)
+    console.quiet = False
+    with console.capture() as capture:
+        console.print(Study("mixed", (check(5e-4), check(2.0))).table())
+    lines = [line for line in capture.get().splitlines() if "way flown" in line]
+    assert ["pass" in line for line in lines] == [True, False]
+    assert ["FAIL" in line for line in lines] == [False, True]
+    assert "5.0e-04" in lines[0]
+    assert "1.0e-03" in lines[0]
+
+
+def test_report_as_json_says_what_was_not_run_and_holds_the_points_of_figures() -> None:
+    found = Study(
+        "some",
+        (check(0.0),),
+        {},
+        (Skipped("kernel", "No compiler."), Skipped("graph", "No GPU.")),
+        (Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0)),),
+    ).to_json()
+    assert found["skipped"] == [
+        {"name": "kernel", "reason": "No compiler."},
+        {"name": "graph", "reason": "No GPU."},
+    ]
+    assert found["curves"] == [
+        {"figure": "figure", "name": "ours", "x": (1.0, 2.0), "y": (3.0, 4.0)}
+    ]
+    assert found["checks"] == [
+        {
+            "name": "way flown",
+            "value": 0.0,
+            "tolerance": 1e-3,
+            "unit": "m",
+            "reason": "A millimetre is what a ruler shows.",
+            "worst": "",
+            "layer": "",
+            "passed": True,
+        }
+    ]
+
+
+def test_table_says_what_was_not_run() -> None:
+    console = Console(width=100)
+    with console.capture() as capture:
+        console.print(
+            Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),)).table()
+        )
+    (line,) = (line for line in capture.get().splitlines() if "kernel" in line)
+    assert "not run" in line

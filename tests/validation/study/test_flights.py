@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from validation.study import flights
+from validation.study.checks import Check
+
+
+def test_long_ways_loosen_in_proportion() -> None:
+    """25 m is two and a half times 10 m; in space a thousand times as much is allowed as in the plane."""
+    plane = PlanarState(Vec2(25.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    space = SpatialState(
+        Vec3(0.0, 0.0, -25.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+    )
+    assert flights._agreement(plane) == pytest.approx(2.5e-9)
+    assert flights._agreement(space) == pytest.approx(2.5e-6)
+
+
+def test_drakes_own_error_is_found_by_halving_its_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A judge whose error is its step's length, in x: 0.01 m against 0.005 m, which is too much."""
+
+    def judged(*arguments: Any) -> PlanarState:
+        x = np.zeros((6, 1))
+        return PlanarState(Vec2(x + arguments[-1], x), Heading(x), Vec2(x, x), x)
+
+    monkeypatch.setattr(flights, "Timing", lambda: Timing(episode_steps=5))
+    monkeypatch.setattr(flights, "drake_states", judged)
+    checks = [
+        c
+        for c in flights.flight_checks(load_spacecraft("floating-platform"), 1, 1)
+        if isinstance(c, Check)
+    ]
+    own = next(c for c in checks if c.name == "Drake's own error: position")
+    assert own.value == pytest.approx(0.005)
+    assert not own.passed

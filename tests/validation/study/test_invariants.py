@@ -1,0 +1,122 @@
+"""Every invariant finds an error that breaks it, planted in the motion it looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans.model.dynamics
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
+from tests.support.crafts import nasty_planar, nasty_spatial
+from validation.study import invariants
+from validation.study.invariants import (
+    _angular_momentum,
+    _energy,
+    _power,
+    _rotation_energy,
+    invariant_checks,
+)
+
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
+Motion = Callable[..., Any]
+
+
+def later(change: Callable[[Any], Any]) -> Motion:
+    """The true motion, and then a change to the state."""
+    return lambda *arguments: change(advance(*arguments))
+
+
+def spun(state: Any, factor: float) -> Any:
+    return replace(
+        state, w=state.w * factor if isinstance(state, PlanarState) else state.w.scale(factor)
+    )
+
+
+def moved(vector: Any) -> Any:
+    """By a nanometre, or by so much a second, along every axis of W."""
+    return vector + type(vector)(*(1e-9 for _ in vector.columns()))
+
+
+def pushed(change: Callable[[Any], Any]) -> Motion:
+    """The true motion under another force."""
+    return lambda state, applied, *rest: advance(
+        state, replace(applied, force=change(applied.force)), *rest
+    )
+
+
+def coarse(state: Any, applied: Any, body: Any, duration: float, steps: int = 1) -> Any:
+    return advance(state, applied, body, duration, steps, 2)
+
+
+def failed(craft: Spacecraft) -> list[str]:
+    """Eight steps a period instead of validation's 32: as good for four gentle states, and quicker."""
+    return [
+        c.name for c in invariant_checks(craft, 1, 4, {2: 1, 3: 8}[craft.dimension]) if not c.passed
+    ]
+
+
+@pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
+def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
+    assert failed(craft) == []
+
+
+@pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("motion", "name"),
+    [
+        # 2e-13 a period is within the bound once, and five times beyond it after 25 periods.
+        (later(lambda x: replace(x, v=x.v.scale(1 + 2e-13))), "coasting: velocity"),
+        (later(lambda x: spun(x, 1 + 2e-9)), "coasting: angular momentum"),
+        (later(lambda x: spun(x, 1 + 2e-9)), "coasting: energy"),
+        (pushed(lambda f: f.scale(1 + 1e-6)), "work less energy gained"),
+        (pushed(lambda f: f.scale(1.0 + 1e-9 * f.norm())), "superposition of forces"),
+        (later(lambda x: replace(x, v=moved(x.v))), "world turned: velocity"),
+        (later(lambda x: replace(x, p=moved(x.p))), "world turned: position"),
+    ],
+    ids=["drag", "momentum", "energy", "work", "superposition", "wind", "drift"],
+)
+def test_every_invariant_finds_what_breaks_it(
+    craft: Spacecraft, motion: Motion, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(invariants, "advance", motion)
+    assert name in failed(craft)
+
+
+def test_a_step_in_the_plane_that_is_not_exact_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(invariants, "advance", coarse)
+    assert "one substep against eight" in failed(PLANE)
+
+
+@pytest.mark.parametrize("nodes", [1, 2])
+def test_a_lower_order_in_space_is_found(nodes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two and four instead of six."""
+    rules = rans.model.dynamics.RULES
+    monkeypatch.setitem(rules, rans.model.dynamics._SPATIAL_NODES, rules[nodes])
+    assert "order of integration short of 6" in failed(SPACE)
+
+
+def test_energies_momentum_and_power_by_hand() -> None:
+    """2 kg at (1, 2, 0) m/s, 2, 4 and 6 kg m^2 at (1, 2, 3) rad/s, turned by 90 degrees about z."""
+    half = np.sqrt(0.5)
+    state = SpatialState(
+        Vec3(0.0, 0.0, 0.0), Quat(half, 0.0, 0.0, half), Vec3(1.0, 2.0, 0.0), Vec3(1.0, 2.0, 3.0)
+    )
+    body = Body(2.0, (2.0, 0.0, 0.0, 4.0, 0.0, 6.0))
+    assert _rotation_energy(state, body) == pytest.approx((2 + 16 + 54) / 2)
+    assert _energy(state, body) == pytest.approx(36 + (1 + 4))
+    assert _angular_momentum(state, body) == pytest.approx([-8.0, 2.0, 18.0])
+    # The force (3, 0, 0) in B points along y in W, where the speed is 2 m/s.
+    assert _power(state, Wrench(Vec3(3.0, 0.0, 0.0), Vec3(0.0, 5.0, 1.0))) == pytest.approx(
+        3 * 2 + 5 * 2 + 3
+    )
+    flat = PlanarState(Vec2(0.0, 0.0), Heading(np.pi / 2), Vec2(1.0, 2.0), 3.0)
+    assert _power(flat, Wrench(Vec2(3.0, 0.0), 5.0)) == pytest.approx(3 * 2 + 5 * 3)
+    assert _energy(flat, Body(2.0, (4.0,))) == pytest.approx(5 + 18)

@@ -1,0 +1,1 @@
+"""Campaigns whose figures the documents print: each writes a file in docs/validation."""

@@ -1,0 +1,231 @@
+"""Do exported agents command what agents here do? Each form of `rans export` against the agent itself.
+
+``python -m validation.records.exports`` writes every shipped agent in every form, asks it 100,000 observations,
+half of them seen on flights and half drawn within the ranges of its contract, prints the table and writes JSON.
+Memories are those of the agent itself, so that every observation is a test of its own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tyro.conf import Positional
+
+from rans.deploy.contract import observed
+from rans.deploy.export import Form, write_agent
+from rans.episode import Setup
+from rans.fast.learn.distributions import OnOff
+from rans.fast.learn.network import Network
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.saved import SavedPolicy, read_policy
+from rans.files import environment, write_json
+from rans.pretrained import pretrained_folder, pretrained_names
+from rans.terminal import Terminal, table
+
+Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Of observations (N, width) and memories (N, m): commands (N, thrusters) and the next memories."""
+
+DUTY_TOLERANCE = 1e-4
+MEMORY_TOLERANCE = 1e-4
+"""A hundred times what float32 loses in other orders of sums, for numbers of the order of one."""
+TIE = 1e-4
+"""Log-odds in float64 below which rounding in float32 may choose either way."""
+_DRAWN_SEED = 11
+
+
+class Unequal(NamedTuple):
+    """How an export's answers to N observations differ from the agent's."""
+
+    commands: int
+    """Observations with another command."""
+    beyond: int
+    """Those of them that no rounding explains: no choice was closer than `TIE`."""
+    memory: float
+    """Largest difference of what is remembered."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One form of one agent."""
+
+    agent: str
+    form: str
+    observations: int
+    unequal: int
+    beyond_rounding: int
+    memory: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether it commands what the agent does."""
+        return self.beyond_rounding == 0 and self.memory <= MEMORY_TOLERANCE
+
+
+def numpy_answer(folder: Path) -> Answer:
+    """What agent.py answers."""
+    spec = importlib.util.spec_from_file_location("exported_agent", folder / "agent.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    tables = module.Agent().tables
+    return lambda observation, memory: module.answer(tables, observation, memory)
+
+
+def onnx_answer(folder: Path) -> Answer:
+    """What agent.onnx answers on one thread; ImportError without onnxruntime."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(
+        str(folder / "agent.onnx"), options, ["CPUExecutionProvider"]
+    )
+    remembers = len(session.get_inputs()) == 2
+
+    def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        given = {"observation": observation} | ({"memory": memory} if remembers else {})
+        found: list[Any] = list(session.run(None, given))
+        return found[0], found[1] if remembers else memory
+
+    return answer
+
+
+def sb3_answer(folder: Path) -> Answer:
+    """What policy.zip answers in Stable-Baselines3."""
+    from stable_baselines3 import PPO
+
+    policy = PPO.load(folder / "policy.zip", device="cpu").policy
+
+    def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        command, after = policy.predict(
+            observation, (memory,) if memory.size else None, deterministic=True
+        )
+        return command, after[0] if after else memory
+
+    return answer
+
+
+ANSWERS: dict[Form, Callable[[Path], Answer]] = {
+    "sb3": sb3_answer,
+    "onnx": onnx_answer,
+    "numpy": numpy_answer,
+}
+
+
+def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
+    """Batches of observations: those of flights, then as many drawn within their ranges.
+
+    A batch is one step of all episodes, so that memories go on from one to the next.
+    """
+    steps = min(setup.timing.episode_steps, 125)
+    seen = observed(network, setup, count=max(1, count // (2 * steps)))
+    yield from seen
+    random = np.random.default_rng(_DRAWN_SEED)
+    for _ in seen:
+        yield random.uniform(seen.min(axis=(0, 1)), seen.max(axis=(0, 1)), seen.shape[1:]).astype(
+            np.float32
+        )
+
+
+@torch.no_grad()
+def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Unequal:
+    """An export's answers beside the agent's, batch after batch."""
+    exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
+    memory = network.blank(len(batches[0]))
+    commands = 0
+    beyond = 0
+    furthest = 0.0
+    slack = DUTY_TOLERANCE if network.architecture.continuous else 0.0
+    for batch in batches:
+        rows = torch.from_numpy(batch)
+        output, columns = network.shown(rows, memory)
+        command = output.policy.mode()
+        given = np.zeros((len(batch), 0), np.float32) if memory is None else memory.numpy()
+        told, after = answer(batch, given)
+        different = (np.abs(told - command.numpy()) > slack).any(axis=1)
+        if different.any():
+            closest = exact.shown(rows, None if memory is None else memory.double())[0].policy
+            near = (
+                closest.logit.abs().amin(dim=1).numpy() < TIE
+                if isinstance(closest, OnOff)
+                else False
+            )
+            commands = commands + int(different.sum())
+            beyond = beyond + int((different & ~near).sum())
+        memory = network.remember(columns, memory, command, output)
+        if memory is not None:
+            furthest = max(
+                furthest, float(np.abs(after - memory.numpy())[~different].max(initial=0.0))
+            )
+    return Unequal(commands, beyond, furthest)
+
+
+def rows(name: str, count: int) -> Iterator[Row]:
+    """A shipped agent in every form."""
+    run = RunFolder(pretrained_folder(name))
+    config = run.config()
+    craft = run.spacecraft()
+    saved: SavedPolicy = read_policy(run.agent_file)
+    batches = list(asked(saved.network, Setup(craft, config.settings, config.timing), count))
+    for form in ANSWERS:
+        with tempfile.TemporaryDirectory() as folder:
+            write_agent(Path(folder), form, saved, config.ppo, name)
+            found = unequal(saved.network, batches, ANSWERS[form](Path(folder)))
+        yield Row(name, form, sum(map(len, batches)), *found)
+
+
+@dataclass(frozen=True)
+class Exports:
+    """Compare exported agents with the agents themselves."""
+
+    agents: Positional[tuple[str, ...]] = ()
+    """Names of shipped agents; none: all of them."""
+    count: int = 100_000
+    """Observations for each."""
+    output: Path = Path("docs/validation/exports.json")
+    """Where the table goes."""
+
+    def run(self) -> int:
+        """Print the table; 0 if every export commands what its agent does."""
+        torch.set_num_threads(1)
+        found = [
+            row for name in self.agents or pretrained_names() for row in rows(name, self.count)
+        ]
+        headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
+        Terminal(room=110).print(
+            table(
+                "Exports",
+                headings,
+                (
+                    (
+                        row.agent,
+                        row.form,
+                        f"{row.observations:,}",
+                        str(row.unequal),
+                        str(row.beyond_rounding),
+                        f"{row.memory:.1e}",
+                    )
+                    for row in found
+                ),
+            )
+        )
+        write_json(
+            self.output, {"environment": environment(), "rows": [asdict(row) for row in found]}
+        )
+        return 0 if all(row.passed for row in found) else 1
+
+
+if __name__ == "__main__":
+    import sys
+
+    import tyro
+
+    sys.exit(tyro.cli(Exports).run())

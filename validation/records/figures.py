@@ -1,0 +1,111 @@
+"""Tables of documents, from the files in docs/validation that their figures come from.
+
+``python -m validation.records.figures`` writes all of them again; tests/test_figures.py compares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks import settled_gate_entry
+from rans.files import read_json
+from rans.model.spacecraft_file import spacecraft_names
+from validation.markdown import Table
+from validation.records import agents, assurances, faults, rest, robustness
+
+
+def stress(docs: Path) -> Table:
+    """The README's table of robustness: what each holds in worlds without a size, in %."""
+    found = read_json(docs / "validation" / "stress.json")
+    names = [one["spec"].removeprefix("pretrained:") for one in found["contestants"].values()]
+    rows = [
+        (world["effect"], *map(_held, world["contestants"].values()))
+        for world in found["worlds"].values()
+        if world["size"] is None
+    ]
+    return Table("../README.md", "rans stress", ("held, %", *names), rows, "")
+
+
+def _held(told: dict[str, Any]) -> str:
+    return f"{100.0 * told['held']['value']:.1f}"
+
+
+def validations(docs: Path) -> Table:
+    """The first table of validation.md: how many checks of every spacecraft passed."""
+    rows = []
+    for name, found in _studies(docs).items():
+        passed = sum(check["passed"] for check in found["checks"])
+        rows.append(
+            (
+                name,
+                f"`rans validate --spacecraft {name} --output FOLDER`",
+                f"{passed} of {len(found['checks'])}",
+                f"{found['settings']['seconds']:.0f} s",
+                f"[{name}.json](validation/{name}.json)",
+            )
+        )
+    return Table(
+        "validation.md",
+        "rans validate",
+        ("spacecraft", "command", "checks", "time", "numbers"),
+        rows,
+        "",
+    )
+
+
+def values(docs: Path) -> Table:
+    """The second: the largest difference that every check has found."""
+    found = {
+        name: {check["name"]: check for check in study["checks"]}
+        for name, study in _studies(docs).items()
+    }
+    rows = []
+    for name in dict.fromkeys(name for checks in found.values() for name in checks):
+        same = [checks.get(name) for checks in found.values()]
+        tolerances = dict.fromkeys(f"{one['tolerance']:.0e}" for one in same if one)
+        unit = next(one["unit"] for one in same if one)
+        rows.append(
+            (
+                name,
+                unit,
+                "/".join(tolerances),
+                *(f"{one['value']:.0e}" if one else "" for one in same),
+            )
+        )
+    return Table(
+        "validation.md", "rans validate, values", ("check", "unit", "tolerance", *found), rows, ""
+    )
+
+
+def _studies(docs: Path) -> dict[str, Any]:
+    files = {name: docs / "validation" / f"{name}.json" for name in spacecraft_names()}
+    return {name: read_json(file) for name, file in files.items() if file.exists()}
+
+
+TABLES: dict[str, Callable[[Path], Table]] = {
+    "agents": agents.in_document,
+    "rest": rest.in_document,
+    "assurances": assurances.in_document,
+    "robustness": robustness.in_document,
+    "faults": faults.in_document,
+    "stress": stress,
+    "settled gate": settled_gate_entry.in_document,
+    "validations": validations,
+    "values": values,
+}
+"""By what measured it."""
+
+
+def main() -> int:
+    """Write every table."""
+    for make in TABLES.values():
+        make(Path("docs")).write(Path("docs"))
+    return 0
+
+
+if __name__ == "__main__":
+    from validation.command import ended
+
+    raise SystemExit(ended("python -m validation.records.figures", main))

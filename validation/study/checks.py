@@ -1,0 +1,121 @@
+"""Checks and the studies they make up."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from rans.errors import counted
+from rans.files import environment, write_json
+from rans.terminal import verdict
+
+
+@dataclass(frozen=True)
+class Check:
+    """One measured value against the bound it must keep."""
+
+    name: str
+    """What was measured."""
+    value: float
+    """The measured value; smaller is better, its sign does not count."""
+    tolerance: float
+    """Largest value that passes."""
+    unit: str
+    """Of value and tolerance; "-" for none."""
+    reason: str
+    """Why the tolerance is what it is, as one sentence."""
+    worst: str = ""
+    """Where the value was found, among the many that were looked at."""
+    layer: str = ""
+    """Part of the study it belongs to, see `validation.study.study`."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the bound is kept; a NaN keeps none."""
+        return abs(self.value) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """What could not be checked here."""
+
+    name: str
+    """What was not measured."""
+    reason: str
+    """Why, as one sentence."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Measured points behind a figure of the report."""
+
+    figure: str
+    """Name of the figure, see `validation.study.page`."""
+    name: str
+    """What was measured, for the legend."""
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Study:
+    """The checks of one study."""
+
+    title: str
+    """What was studied, on what."""
+    checks: tuple[Check, ...]
+    """In the order of the table."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """What a reader needs to repeat the study: seed, counts, times."""
+    skipped: tuple[Skipped, ...] = ()
+    """What could not be checked."""
+    curves: tuple[Curve, ...] = ()
+    """Behind the figures."""
+
+    def __repr__(self) -> str:
+        passed = sum(check.passed for check in self.checks)
+        return f"<{self.title}: {passed} of {counted(len(self.checks), 'check')} passed>"
+
+    @property
+    def passed(self) -> bool:
+        """Whether there is a check and every one passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    def table(self) -> Table:
+        """The checks for the terminal."""
+        table = Table(title=self.title, title_justify="left")
+        table.add_column("check", no_wrap=True)
+        for heading in ("value", "tolerance"):
+            table.add_column(heading, justify="right")
+        table.add_column("unit")
+        table.add_column("verdict")
+        for check in self.checks:
+            numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
+            table.add_row(check.name, *numbers, check.unit, verdict(check.passed))
+        for skipped in self.skipped:
+            table.add_row(skipped.name, "", "", "", Text("not run", "yellow"))
+        return table
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
+        return {
+            "title": self.title,
+            "passed": self.passed,
+            "settings": self.settings,
+            "environment": environment(),
+            "checks": [asdict(check) | {"passed": check.passed} for check in self.checks],
+            "skipped": [asdict(skipped) for skipped in self.skipped],
+            "curves": [asdict(curve) for curve in self.curves],
+        }
+
+    def write(self, file: Path) -> None:
+        """Write the study as a JSON file, its folder made where missing.
+
+        Raises:
+            ConfigError: the disk refused.
+        """
+        write_json(file, self.to_json())

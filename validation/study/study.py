@@ -1,0 +1,160 @@
+"""May I trust what the fast engine computes about this spacecraft? The study behind ``rans validate``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+from rans.errors import ConfigError, brief, meant
+from rans.model.spacecraft import Spacecraft
+from rans.progress import Stages, unseen_stages
+from rans.randomization.conditions import Conditions
+from validation.study.checks import Check, Curve, Skipped, Study
+from validation.study.closed_loop import closed_loop_checks
+from validation.study.conditions import condition_checks
+from validation.study.discretisation import discretisation_checks, order_curves
+from validation.study.draws import draw_checks
+from validation.study.dynamics import (
+    VALIDATION_SUBSTEPS,
+    acceleration_checks,
+    disturbance_checks,
+    mass_checks,
+    period_checks,
+    thruster_checks,
+    wrench_checks,
+)
+from validation.study.engines import compiled_checks, engine_checks, graph_checks
+from validation.study.flights import bang_bang_checks, flight_checks, optimal_checks
+from validation.study.invariants import invariant_checks
+from validation.study.onsets import onset_checks
+from validation.study.oracles import oracle_checks
+from validation.study.readings import reading_checks
+from validation.study.tasks import task_checks
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What is studied, and how much of it."""
+
+    craft: Spacecraft
+    seed: int
+    """Of every random state and command."""
+    states: int
+    """Random states of a layer that looks at single moments or periods."""
+    flights: int
+    """Flights of 25 s of a layer that looks at these."""
+    conditions: Conditions | None = None
+    """Under which flights are checked too."""
+
+
+Layer = Callable[[Scope], Iterable[Check | Skipped | Curve]]
+
+LAYERS: dict[str, Layer] = {
+    "thrusters": lambda s: thruster_checks(s.craft),
+    "commands": lambda s: wrench_checks(s.craft, s.seed, s.states),
+    "mass": lambda s: mass_checks(s.craft),
+    "accelerations": lambda s: acceleration_checks(s.craft, s.seed, s.states),
+    "period": lambda s: period_checks(s.craft, s.seed, s.states),
+    "disturbances": lambda s: disturbance_checks(s.craft, s.seed, s.states),
+    "invariants": lambda s: invariant_checks(
+        s.craft, s.seed, s.states, VALIDATION_SUBSTEPS[s.craft.dimension]
+    ),
+    "oracles": lambda s: oracle_checks(s.craft, s.seed, s.states),
+    "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
+    "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
+    "engine": lambda s: engine_checks(s.craft, s.seed, s.flights),
+    "draws": lambda s: draw_checks(s.craft, s.seed),
+    "readings": lambda s: reading_checks(s.craft, s.seed),
+    "onsets": lambda s: onset_checks(s.craft, s.seed),
+    "tasks": lambda s: task_checks(s.craft),
+    "conditions": lambda s: (
+        ()
+        if s.conditions is None
+        else condition_checks(s.craft, s.conditions, s.seed, s.flights // 8)
+    ),
+}
+"""Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
+look."""
+
+FULL_LAYERS: dict[str, Layer] = LAYERS | {
+    "optimal": lambda s: optimal_checks(s.craft, s.seed),
+    "closed-loop": lambda s: closed_loop_checks(s.craft, s.seed, 2 * s.flights),
+    "compiled": lambda s: compiled_checks(s.craft, s.seed, s.flights),
+    "cuda": lambda s: graph_checks(s.craft, s.seed, s.flights),
+    "order": lambda s: order_curves(s.craft, s.seed, s.states),
+    "step": lambda s: discretisation_checks(s.craft, s.seed, s.flights),
+}
+"""With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""
+
+
+def study(
+    craft: Spacecraft,
+    seed: int = 0,
+    quick: bool = False,
+    layer: str | None = None,
+    stages: Stages = unseen_stages,
+    conditions: Conditions | None = None,
+) -> Study:
+    """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
+
+    Args:
+        craft: planar or spatial.
+        seed: of every random state and command.
+        quick: fewer states and flights, and the quick layers only.
+        layer: the only layer to look at.
+        stages: reports progress; every layer is a stage of one unit.
+        conditions: under which flights are checked too, effect by effect.
+
+    Raises:
+        ConfigError: Drake refuses the spacecraft's mass properties, its valves cannot do what the conditions
+            ask for, or there is no such layer.
+    """
+    started = time.perf_counter()
+    if conditions is not None:
+        conditions.check_valves(craft)
+    scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)), conditions)
+    layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS, conditions)
+    found: list[Check | Skipped | Curve] = []
+    seconds: dict[str, float] = {}
+    for name, look in layers.items():
+        progress = stages(name, 1)
+        begun = time.perf_counter()
+        found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
+        seconds[name] = round(time.perf_counter() - begun, 2)
+        progress(1)
+    settings = {
+        "spacecraft": craft.name,
+        "seed": seed,
+        "quick": quick,
+        "states": scope.states,
+        "flights": scope.flights,
+        "seconds": round(time.perf_counter() - started, 2),
+        "layers": seconds,
+    }
+    return Study(
+        f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
+        tuple(x for x in found if isinstance(x, Check)),
+        settings,
+        tuple(x for x in found if isinstance(x, Skipped)),
+        tuple(x for x in found if isinstance(x, Curve)),
+    )
+
+
+def _chosen(
+    layer: str | None, layers: dict[str, Layer], conditions: Conditions | None
+) -> dict[str, Layer]:
+    if conditions is None:
+        layers = {name: look for name, look in layers.items() if name != "conditions"}
+        if layer == "conditions":
+            raise ConfigError(
+                "the layer conditions needs some to fly under, as in --conditions lab."
+            )
+    if layer is None:
+        return layers
+    if layer not in layers:
+        raise ConfigError(
+            f"there is no layer named {brief(layer)}{meant(layer, layers)}; known are "
+            f"{', '.join(layers)}."
+        )
+    return {layer: layers[layer]}
