@@ -39,6 +39,8 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Avoid,
+    DockPort,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
@@ -111,6 +113,8 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Avoid",
+    "DockPort",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",

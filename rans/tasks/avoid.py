@@ -23,7 +23,7 @@ _MOST_ZONES = 16
 class Avoid(GoToPose):
     """Go to a pose and stay there without entering a keep-out zone on the way.
 
-    >>> rans.tasks.Avoid(zone_speed=(0.0, 0.0)).zones
+    >>> rans.Avoid(zone_speed=(0.0, 0.0)).zones
     3
 
     Goal, start and success are those of `GoToPose`, with starts far enough away for zones between. Every zone

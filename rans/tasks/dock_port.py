@@ -22,7 +22,8 @@ from rans.tasks.sight import Entry, InformationInW, Spin, Turn, VectorInW
 class DockPort(SingleTask):
     """Dock at a port: arrive slowly, aligned and turning with it, inside its approach cone.
 
-    >>> rans.tasks.DockPort(port_rate=(0.0, 0.0)).scenery
+    >>> rans.DockPort(port_rate=(0.0, 0.0)).tolerances()["position"]
+    0.02
 
     The target's centre is the origin of W, where it turns at a constant rate: in the plane either way, in
     space about any axis. The goal is the docked state, at `standoff` from the target's centre, with the
