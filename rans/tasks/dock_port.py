@@ -65,10 +65,12 @@ class DockPort(SingleTask):
     spin_tolerance: float = math.radians(9.0)
     """Spin relative to the port that counts as docked, rad/s. One pulse of 0.2 s of the floating platform
     changes its spin by 17.4 degrees/s: every rate is within half of that of one that it reaches."""
-    approach_weight: float = 0.5
-    """Weight of the rewards that are felt from afar."""
+    approach_weight: float = 1.5
+    """Weight of nearness that is felt from afar."""
     approach_scale: float = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
+    turn_weight: float = 0.5
+    """Weight of an attitude reward that is felt from afar."""
     turn_scale: float = 1.0
     """Attitude error at which the turn reward has fallen to 1/e, rad."""
     position_scale: float = 0.25
@@ -81,8 +83,8 @@ class DockPort(SingleTask):
     """Error at which the velocity part of that has fallen to 1/e, m/s."""
     spin_scale: float = 0.2
     """Error at which the spin part of that has fallen to 1/e, rad/s."""
-    done_weight: float = 200.0
-    """Reward for docking, once: more than waiting at the port earns."""
+    done_weight: float = 400.0
+    """Reward for docking, once: more than waiting at the port earns, 5 a step, discounted by 0.985."""
     violation_weight: float = 20.0
     """Reward lost once when the cone is left or the target touched, which ends the episode."""
     fail_distance: float = 8.0
@@ -159,7 +161,7 @@ class DockPort(SingleTask):
             "position": near,
             "attitude": nearness(angle, self.attitude_scale),
             "approach": nearness(distance, self.approach_scale) * self.approach_weight,
-            "turn": nearness(angle, self.turn_scale) * self.approach_weight,
+            "turn": nearness(angle, self.turn_scale) * self.turn_weight,
         }
         if is_used(self.soft_weight):
             matched = nearness(rush, self.velocity_scale) + nearness(twist, self.spin_scale)

@@ -109,7 +109,7 @@ def test_contact_between_two_commands(speed: float, docked: bool) -> None:
     outcome = step(world, world.begin(start, goal), SHUT)
     assert bool(outcome.done) is docked
     assert bool(outcome.success) is docked
-    assert float(outcome.terms["done"]) == (200.0 if docked else 0.0)
+    assert float(outcome.terms["done"]) == (400.0 if docked else 0.0)
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])

@@ -89,7 +89,12 @@ def training(
     craft = load_spacecraft(spacecraft)
     TASKS.vouch_for(task)  # typed or given as an object: what is trained with it can be opened here
     return TrainConfig(
-        task, settings, spacecraft, preset(task, craft.dimension, device), device=device
+        task,
+        settings,
+        spacecraft,
+        preset(task, craft.dimension, device),
+        timing=settings.timing,
+        device=device,
     )
 
 
