@@ -17,9 +17,8 @@ from stopwatch import options, say, steps_per_second
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import SOLVED_IN_A_ROW
+from rans.fast.learn.member import SOLVED_IN_A_ROW, architecture_of
 from rans.fast.learn.recipes import preset
 from rans.fast.learn.selection import Selection
 from rans.fast.policy import network_of, policy_kwargs
@@ -93,7 +92,7 @@ def _model(settings: PPOSettings, device: str) -> PPO:
     return PPO(
         ActorCriticPolicy,
         env,
-        policy_kwargs=policy_kwargs(Architecture.of(engine, settings)),
+        policy_kwargs=policy_kwargs(architecture_of(engine, settings)),
         seed=0,
         device=device,
         **{name: getattr(settings, name) for name in names},

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from rans.deploy.program import Program, Step
-from rans.fast.learn.architecture import Architecture
 from rans.files import replace_file, write_text
+from rans.policy.architecture import Architecture
 
 _PRINTED: dict[str, str] = {
     "Add": "{0} + {1}",

@@ -12,11 +12,11 @@ from torch import Tensor
 
 from rans.effectors.commands import is_identity
 from rans.errors import ConfigError
-from rans.fast.learn.architecture import EXTRACTOR, Architecture
-from rans.fast.learn.network import Network
-from rans.fast.symmetry import AIM, Symmetries
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import Symbol, ordered
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.network import Network
+from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.sight import Columns, Layout
 
 _LOWERED = {

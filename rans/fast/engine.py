@@ -16,11 +16,11 @@ from torch import Tensor
 from rans.effectors.commands import check, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, checked, counted
+from rans.fast.compiled_step import stepping
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
 from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, stepped, write
-from rans.fast.straight_step import stepping
+from rans.fast.step_kernel import Kernel
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.fields import leaves, map_leaves
@@ -189,7 +189,10 @@ class Engine:
         begun = world.begin(
             *world.scenario(now.clock, self._draws), now.clock, self._draws, now.body
         )
-        write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
+        write(
+            leaves(now),
+            leaves(begun if now.parameters is not None else replace(begun, parameters=None)),
+        )
         return self.observe()
 
     def stagger(self, *generators: torch.Generator) -> None:

@@ -9,20 +9,20 @@ from contextlib import closing
 import numpy as np
 import torch
 
+from rans.compile.cpu.flights import CpuFlights
+from rans.compile.cuda.flight import FlightKernel, Products
+from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief
-from rans.fast.cpu_flights import CpuFlights
-from rans.fast.flight_statistics import FlightStatistics
-from rans.fast.kernels.flight import FlightKernel, Products
-from rans.fast.kernels.flight_program import trace_flight
-from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
+from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
+from rans.policy.network import Network
 from rans.processes import Workers, processors
 from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator

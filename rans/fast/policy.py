@@ -21,12 +21,12 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
-from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.distributions import Duty
-from rans.fast.learn.network import Network, Output
 from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.heads import Duty
+from rans.policy.network import Network, Output
 from rans.tasks.sight import Layout
 
 _SHARED = (

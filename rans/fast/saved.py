@@ -20,14 +20,14 @@ from torch import Tensor
 
 from rans.errors import ConfigError, RansError
 from rans.fast.archives import content, opened
-from rans.fast.filters import Filters
-from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.network import Network
 from rans.fast.packed import pack, unpack
 from rans.fast.pickled import foul, refuse
-from rans.fast.symmetry import Symmetries
 from rans.files import first_line, plain, read_bytes, regular
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.filter_bank import Filters
+from rans.policy.network import Network
+from rans.policy.symmetry import Symmetries
 from rans.structure import structure
 from rans.tasks.sight import Block, Entry, Layout
 

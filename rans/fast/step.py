@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Command, Episode, Outcome, World, restart, step
+from rans.episode import Episode, Seen, World, step_and_restart
 from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
-from rans.model.fields import Field, leaves, map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.timing import Timing
 from rans.tasks.base import goal_after
@@ -49,36 +49,6 @@ class Step(NamedTuple):
     def success(self) -> Tensor:
         """(N,) bool: the episode ended as a success: won, or within the tolerances when time was up."""
         return self.reached & (self.terminated | self.truncated)
-
-
-class Seen(NamedTuple):
-    """One step of fields, in whatever library."""
-
-    after: Episode
-    """The episode to act in next."""
-    outcome: Outcome
-    """Of the one that acted."""
-    observation: tuple[Field, ...]
-    """Of the episode to act in next."""
-    final_observation: tuple[Field, ...]
-    """Of the state arrived in."""
-
-
-def step_and_restart(
-    world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
-) -> Seen:
-    """`rans.episode.step` and, where an episode ended, `rans.episode.restart`.
-
-    What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
-    begins none as long as none ended.
-    """
-    remembers = episode.case is not None
-    outcome = step(world, world.recalled(episode, draws), command, draws)
-    begins = not plain or bool(outcome.ended.any())
-    after = restart(world, outcome, draws) if begins else outcome.episode
-    seen = world.observe(after, draws)
-    final = world.observe(outcome.episode, draws)
-    return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
 
 
 def stepped(
@@ -205,16 +175,17 @@ class Backend:
         new = world.begin(start, goal, clock, draws, body)
         anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
         moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
-        case = None
-        if remember and new.case is not None:
-            case = replace(
-                map_leaves(buffer, new.case, new.case), number=self.put(zeros, torch.int32)
+        parameters = None
+        if remember and new.parameters is not None:
+            parameters = replace(
+                map_leaves(buffer, new.parameters, new.parameters),
+                number=self.put(zeros, torch.int32),
             )
         return replace(
             new,
             state=map_leaves(buffer, new.state),
             goal=map_leaves(buffer, goal, moved),
-            case=case,
+            parameters=parameters,
             past=map_leaves(buffer, new.past),
             reading=map_leaves(buffer, new.reading),
             commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
@@ -279,7 +250,7 @@ def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
 def varying(episode: Episode, like: Episode) -> list[Tensor]:
     """What `begin_as` takes of N others' episodes: all that varies in those like these, each (N,)."""
     zero = leaves(episode.state)[0] * 0.0
-    told = replace(episode, case=episode.case if like.case is not None else None)
+    told = replace(episode, parameters=episode.parameters if like.parameters is not None else None)
     return [
         torch.as_tensor(x + zero if isinstance(x, int | float) else x)
         for x, own in zip(_own(told), _own(like), strict=True)

@@ -1,7 +1,7 @@
 """Symbols: fields that write down what is done to them.
 
 Running `rans.episode.step` on symbols gives its operations as a graph, every one of them
-once, with constants folded: the straight-line program that `rans.fast.kernels.source` prints.
+once, with constants folded: the straight-line program that `rans.compile.cuda.source` prints.
 """
 
 from __future__ import annotations

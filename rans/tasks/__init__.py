@@ -13,10 +13,12 @@ from rans.registry import Registry
 from rans.tasks.avoid import Avoid
 from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
+from rans.tasks.dock import Dock
 from rans.tasks.dock_port import DockPort
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
@@ -88,6 +90,8 @@ TASKS = Registry(
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
         "avoid": "rans.tasks:Avoid",
         "dock-port": "rans.tasks:DockPort",
+        "dock": "rans.tasks:Dock",
+        "land": "rans.tasks:Land",
     },
     _checked,
 )
@@ -145,9 +149,11 @@ __all__ = [
     "TASKS",
     "Avoid",
     "DockPort",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "MultiTask",
     "SingleTask",
     "Task",

@@ -20,9 +20,8 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import impulses, samples
 from rans.fast.flights import Flights
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.network import Network
+from rans.fast.learn.member import architecture_of
 from rans.fast.saved import SavedPolicy
 from rans.flight import Setup, fly
 from rans.model.accuracy import chosen
@@ -30,6 +29,7 @@ from rans.model.actuators import Propellant
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
 from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
@@ -150,7 +150,7 @@ def untrained(request: Any) -> tuple[Spacecraft, Network]:
 def untrained_policy(craft: Spacecraft) -> Network:
     """A policy with random weights that asks for a good deal."""
     engine = rans.Engine(craft, task_of(craft), 8)
-    given = Architecture.of(engine, PPOSettings(layers=(16, 16)))
+    given = architecture_of(engine, PPOSettings(layers=(16, 16)))
     tensors, _ = given.initial(3, 0.5)
     tensors["action_net.weight"] = tensors["action_net.weight"] * 60.0
     return Network(given, tensors)
@@ -257,7 +257,7 @@ def test_optimal_control_keeps_to_throttle_levels() -> None:
 
 
 def test_a_policy_without_wheels_has_no_view_to_turn() -> None:
-    from rans.fast.symmetry import symmetries
+    from rans.policy.symmetry import symmetries
 
     assert symmetries(replace(WHEELED, wheels=())) is not None
     assert symmetries(WHEELED) is None

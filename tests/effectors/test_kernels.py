@@ -11,15 +11,15 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
-from rans.fast.learn.network import Network
 from rans.flight import Setup
 from rans.model.accuracy import chosen
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.tasks import load_task
+from tests.compile.cuda.conftest import on_host  # noqa: F401  (a fixture)
 from tests.effectors.test_everywhere import BOTH, task_of, untrained_policy
-from tests.fast.kernels.conftest import on_host  # noqa: F401  (a fixture)
 from tests.support.effector_crafts import CUBESAT, LANDER, commands
 from tests.support.host_flight import HostFlights
 from tests.support.host_kernels import needs_compiler

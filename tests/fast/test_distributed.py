@@ -21,15 +21,14 @@ from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import begin, statistics
-from rans.fast.learn.network import Network
+from rans.fast.learn.member import architecture_of, begin, statistics
 from rans.fast.learn.ppo import PPOLearner, act
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.tasks import TASKS
 from tests.cli.test_train import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
@@ -101,7 +100,7 @@ def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
     craft = load_spacecraft("floating-platform")
     task = TASKS["go-to-pose"]()
     engine = Engine(craft, task, 1)
-    given = Architecture.of(engine, PPOSettings(layers=(8,)))
+    given = architecture_of(engine, PPOSettings(layers=(8,)))
     campaign = Campaign(plan(0.9, 12, None), 5)
     campaign.fly(
         Network(given, given.initial(0, 0.5)[0]),

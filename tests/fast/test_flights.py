@@ -15,19 +15,19 @@ import pytest
 import torch
 
 from rans import processes
+from rans.compile.cpu.flights import CpuFlights
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
-from rans.fast.cpu_flights import CpuFlights
-from rans.fast.filters import Filters
-from rans.fast.flight_statistics import QUANTITIES, FlightStatistics
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
+from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
+from rans.policy.filter_bank import Filters
 from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.engines import FLYER, PLATFORM, both_crafts

@@ -23,11 +23,11 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.fast import archives, packed, saved
-from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
 from rans.fast.saved import AGENT, SavedPolicy, is_agent, packed_actor, read_policy
+from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from tests.support.strangers import older, rewritten, trapped, trapped_weights
 

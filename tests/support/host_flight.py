@@ -9,9 +9,9 @@ from typing import Any
 
 import torch
 
+from rans.compile.cuda.flight import FlightKernel
 from rans.episode import World
-from rans.fast.kernels.flight import FlightKernel
-from rans.fast.learn.network import Network
+from rans.policy.network import Network
 from tests.support.host_kernels import COMPILER
 
 _RUN = """

@@ -6,8 +6,8 @@ import subprocess
 from ctypes import CDLL, c_void_p
 from pathlib import Path
 
-from rans.fast.kernels.update import UpdateKernel
-from rans.fast.kernels.update_design import WARPS
+from rans.compile.cuda.update_design import WARPS
+from rans.fast.learn.fused_gradient import UpdateKernel
 from rans.fast.learn.ppo import PPOLearner
 from tests.support.host_kernels import COMPILER
 

@@ -8,11 +8,11 @@ from typing import Any
 import torch
 
 from rans.episode import Setup
-from rans.fast.learn.architecture import Architecture
-from rans.fast.learn.network import Network
-from rans.fast.symmetry import symmetries
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
+from rans.policy.symmetry import symmetries
 from rans.randomization.conditions import Conditions
 from rans.tasks import GoToPose
 from rans.tasks.base import Task

@@ -17,15 +17,15 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
-from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
 from rans.model.actuators import Throttle
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
 from tests.support.crafts import random_states

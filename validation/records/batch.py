@@ -17,8 +17,8 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
-from rans.fast.learn.network import Network
 from rans.files import environment, write_json
+from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.verdict import FlightAccumulator, last_fifth
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rans.episode import Setup, World, step
-from rans.fast.filters import Filters
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.policy.filter_bank import Filters
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from rans.tasks.base import observation

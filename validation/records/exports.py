@@ -21,11 +21,11 @@ from tyro.conf import Positional
 from rans.deploy.contract import observed
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
-from rans.fast.learn.distributions import OnOff
-from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import SavedPolicy, read_policy
 from rans.files import environment, write_json
+from rans.policy.heads import OnOff
+from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.terminal import Terminal, table
 

@@ -18,7 +18,6 @@ from tyro.conf import Positional
 
 from rans.episode import Episode, Setup, World
 from rans.evaluation.compare.bounds import Amounts, Event
-from rans.fast.learn.network import Network
 from rans.files import read_json
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
@@ -26,6 +25,7 @@ from rans.optimal.certificate.certificate import Effort, Problem, least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
+from rans.policy.network import Network
 from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
@@ -97,7 +97,7 @@ def met(
     task = setup.task
     own = draws(seed, episodes)
     world = World(Setup(setup.craft, task, setup.timing, Conditions(faults=faults).or_none))
-    case = world.recalled(Episode(None, None), own).case
+    case = world.recalled(Episode(None, None), own).parameters
     health = [Health.sound(setup.craft)] * episodes
     if case is not None:
         left = [

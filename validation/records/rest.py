@@ -20,9 +20,9 @@ from tyro.conf import Positional
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.flights import Flights
-from rans.fast.learn.network import Network
 from rans.files import read_json
 from rans.model.spacecraft import Spacecraft
+from rans.policy.network import Network
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, table

@@ -20,9 +20,9 @@ from rans.evaluation.fly.controllers import controller
 from rans.evaluation.measure.metrics import settling_times, solved
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
-from rans.fast.learn.network import Network
 from rans.files import number, read_json
 from rans.flight import fly
+from rans.policy.network import Network
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,

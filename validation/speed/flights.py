@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import torch
 
+from rans.compile.cuda.flight import Products
 from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
-from rans.fast.kernels.flight import Products
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.network import Network
+from rans.fast.learn.member import architecture_of
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.tasks import GoToPose
 from validation.speed.measurement import Clock, Measurement
 
@@ -37,7 +37,7 @@ def flight_rates(craft: Spacecraft, count: int, clock: Clock) -> Iterator[Measur
     products: tuple[Products, ...] = ("bf16", "bf16x3", "bf16x6") if clock.on_gpu else ("bf16x3",)
     for units in _UNITS[craft.dimension]:
         settings = PPOSettings(layers=(units, units), zoom=16.0)
-        given = Architecture.of(Engine(craft, _TASK, 1), settings)
+        given = architecture_of(Engine(craft, _TASK, 1), settings)
         network = Network.stacked(
             given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32
         )

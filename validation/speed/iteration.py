@@ -14,8 +14,8 @@ from unittest import mock
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.kernels.update import Gradients
 from rans.fast.learn.config import TrainConfig
+from rans.fast.learn.fused_gradient import Gradients
 from rans.fast.learn.member import begin
 from rans.fast.learn.recipes import RECIPES, recipe
 from validation.speed.measurement import Clock

@@ -20,10 +20,10 @@ from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin
-from rans.fast.learn.network import Network
 from rans.fast.saved import SavedPolicy
 from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
+from rans.policy.network import Network
 from rans.tasks import Task
 from validation.records.exports import ANSWERS
 from validation.speed.measurement import Measurement

@@ -1,6 +1,6 @@
 """What one step of one environment must read, write and compute, counted from the engine itself.
 
-The engine's step is run on symbols (`rans.fast.kernels.program.trace`), which write down what is done to
+The engine's step is run on symbols (`rans.compile.step_program.trace`), which write down what is done to
 them: every operation once, constants folded. What only the few episodes that end in a step need (their
 start, their goal, the final observation) is not counted: with one end in 125 or 52 it is one or two bytes
 a step.
@@ -15,8 +15,8 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import groupby
 
+from rans.compile.step_program import Program, Store, trace
 from rans.fast.engine import Engine
-from rans.fast.kernels.program import Program, Store, trace
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol, ordered

@@ -16,8 +16,8 @@ from torch import Tensor
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR
-from rans.fast.learn.network import Network
+from rans.policy.architecture import ACTIVATIONS, EXTRACTOR
+from rans.policy.network import Network
 from rans.terminal import Terminal, table
 
 AGENTS = ("go-to-pose-2d", "go-to-pose-3d", "go-to-position-3d", "multi-task-2d")

@@ -24,7 +24,7 @@ PARTS = (
     ("import Gymnasium and NumPy", "gymnasium/__init__.py:<module>"),
     ("read the command", "rans/cli/__init__.py:_parse"),
     ("look for a GPU", "torch/cuda/__init__.py:is_available"),
-    ("compile kernels", "rans/fast/kernels/launch.py:compiled"),
+    ("compile kernels", "rans/compile/cuda/launch.py:compiled"),
     ("load and record kernels, or compile: warm-up", "rans/fast/learn/trainer.py:_warm_up"),
     ("judge agents", "rans/fast/learn/trainer.py:_report"),
     ("train", "rans/fast/learn/trainer.py:_iterate"),

@@ -18,11 +18,11 @@ from scipy.special import ndtr
 
 from rans.episode import Setup, World
 from rans.fast.flights import BATCH, Flights
-from rans.fast.learn.network import Network
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
 from rans.model.fields import Field, floor, where
 from rans.model.random import Draws, Random
+from rans.policy.network import Network
 from rans.processes import processors
 from rans.randomization.conditions import bounds
 from rans.randomization.sensors import PER_STEP

@@ -12,13 +12,13 @@ import torch
 from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import Task
@@ -87,6 +87,12 @@ class LoadedRun(NamedTuple):
             if conditions is None
             else self._replace(conditions=load_conditions(conditions).or_none)
         )
+
+
+def run_of(given: object) -> LoadedRun | None:
+    """The run that an object is, or has as its ``run``, as `rans.Agent` and `Lookahead` do; otherwise None."""
+    found = given if isinstance(given, LoadedRun) else getattr(given, "run", None)
+    return found if isinstance(found, LoadedRun) else None
 
 
 def load_agent(path: Path) -> LoadedRun:

@@ -1,4 +1,4 @@
-"""Metrics of very many flights, of which only `rans.fast.flight_statistics.FlightStatistics` is kept."""
+"""Metrics of very many flights, of which only `rans.flight_statistics.FlightStatistics` is kept."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 from rans.episode import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
 from rans.evaluation.measure.statistics import NORMAL_95
-from rans.fast.flight_statistics import FlightStatistics, Sums
+from rans.flight_statistics import FlightStatistics, Sums
 from rans.verdict import Failure
 
 

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rans.fast.distributed import Processes
 from rans.fast.learn.graph import fused
-from rans.fast.learn.network import Network
+from rans.policy.network import Network
 
 _KEEP = 0.9
 _KEEP_SQUARE = 0.999

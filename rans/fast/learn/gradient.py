@@ -23,10 +23,10 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, GradientSettings, PPOSettings
-from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.actuators import Throttle
 from rans.model.fields import map_leaves
+from rans.policy.network import Network
 
 
 class GradientLearner:
@@ -206,7 +206,7 @@ class GradientLearner:
                 )
                 found.append(torch.stack((loss.detach(), norm)))
         for network in (self.network, self.critic):
-            network.update_statistics(batch.seen, self.processes)
+            network.update_statistics(batch.seen, self.processes.pooled, self.processes.size)
         self._move_target()
         value_loss, norm = torch.stack(found).mean(dim=0)
         return value_loss, norm

@@ -11,8 +11,8 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Rollout
+from rans.policy.network import Network
 
 
 class Learner(Protocol):

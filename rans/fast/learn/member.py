@@ -10,16 +10,55 @@ from typing import Any, get_args, overload
 import torch
 from torch import Tensor
 
+from rans.compile.preprocess import compiled_preprocessor
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
-from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import PPOLearner
+from rans.policy.architecture import Architecture
+from rans.policy.filter_bank import Filters
+from rans.policy.network import Network
+from rans.policy.preprocess import TorchPreprocessor
+from rans.policy.symmetry import symmetries
+from rans.tasks.derived import example
 
 SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
+
+
+def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
+    """The architecture that these settings ask for, for the task and spacecraft of an engine."""
+    craft = engine.craft
+    has_history = settings.memory in ("history", "commands")
+    return Architecture(
+        layout=engine.layout,
+        thrusters=len(craft.commands),
+        layers=tuple(settings.layers),
+        activation=settings.activation,
+        zoom=settings.zoom,
+        symmetries=symmetries(craft) if settings.symmetric else None,
+        bf16=settings.matmul == "bf16",
+        continuous=craft.is_continuous,
+        history=settings.history if has_history else 0,
+        commands_only=settings.memory == "commands",
+        averages=tuple(settings.averages) if has_history else (),
+        filters=Filters.of(
+            craft,
+            engine.task,
+            engine.timing.control_period,
+            settings.filters,
+            settings.filtered_steady,
+            settings.filtered_response,
+            settings.filtered_gate,
+        )
+        if settings.filters
+        else None,
+        units=settings.recurrent_units if settings.memory == "recurrent" else 0,
+        privileged=engine.known.width if settings.privileged_critic else 0,
+        nominal=engine.known.nominal if settings.privileged_critic else (),
+        bounds=example(engine.task, craft.dimension).bounds(),
+    )
 
 
 @overload
@@ -52,13 +91,14 @@ def begin(
     plain = engine.plain if plain is None else plain
     for one in settings:
         check_sizes(engine, one, len(settings))
-    given = Architecture.of(engine, settings[0])
+    given = architecture_of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
         *(given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)),
         strict=True,
     )
-    network = Network.stacked(given, tables, engine.device, engine.dtype, plain)
+    preprocessor = TorchPreprocessor if plain else compiled_preprocessor
+    network = Network.stacked(given, tables, engine.device, engine.dtype, preprocessor)
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])

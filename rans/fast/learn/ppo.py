@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.kernels.update import ByHand, Gradients
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
+from rans.fast.learn.fused_gradient import ByHand, Gradients
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
+from rans.policy.network import Network
 
 MIN_LEARNING_RATE = 1e-5
 """Lower bound of the adapted step size, unless training slows down below it."""
@@ -220,7 +220,7 @@ class PPOLearner:
         found = torch.stack(
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
-        self.network.update_statistics(batch.seen, self.processes)
+        self.network.update_statistics(batch.seen, self.processes.pooled, self.processes.size)
         said = self.processes.average(torch.cat((found, self.rollout.said()), dim=1))
         self._adapt(said[:, STATISTICS.index("approx_kl")])
         first, rest = said.tensor_split([len(STATISTICS)], dim=1)

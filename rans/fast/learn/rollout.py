@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.learn.network import Network
 from rans.fast.step import Step
+from rans.policy.network import Network
 
 
 class Slot(NamedTuple):

@@ -11,11 +11,11 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.network import Network
 from rans.fast.step import field_dtype
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.scenario import SELECTION_SEED
 from rans.tasks import Task

@@ -15,14 +15,14 @@ import torch
 from rans.errors import ConfigError, WorkerLost, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
-from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import Coefficients, TrainConfig, from_table, to_table
-from rans.fast.learn.member import Member, check_sizes
+from rans.fast.learn.member import Member, architecture_of, check_sizes
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.fast.policy import write_policy
 from rans.files import LOCK, Lock, inside, read_json, write_json
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.policy.architecture import Architecture
 from rans.structure import entries
 from rans.tasks import TASKS
 
@@ -232,7 +232,7 @@ def check(config: TrainConfig) -> Architecture:
         load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing
     )
     check_sizes(engine, config.ppo, 1)
-    return Architecture.of(engine, config.ppo)
+    return architecture_of(engine, config.ppo)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item]]:

@@ -16,8 +16,8 @@ from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import solved
-from rans.fast.flight_statistics import FlightStatistics
 from rans.flight import Flight
+from rans.flight_statistics import FlightStatistics
 from rans.verdict import Failure
 from tests.support.policies import idle
 

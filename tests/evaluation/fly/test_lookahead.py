@@ -17,10 +17,10 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.knob import HeldKnob
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
-from rans.fast.learn.network import Network
 from rans.flight import Flight, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced
 from rans.tasks.goal_set import arrived

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from rans.episode import Setup
 from rans.evaluation.measure.aggregate import Metrics
 from rans.evaluation.measure.many import measure_many
-from rans.fast.flight_statistics import FlightStatistics, Sums
+from rans.flight_statistics import FlightStatistics, Sums
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose

@@ -7,9 +7,9 @@ from torch import Tensor
 
 from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
-from rans.fast.learn.architecture import Architecture
-from rans.fast.learn.network import Network
 from rans.fast.learn.policy_file import moments, remember
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from rans.evaluation.fly.agent import Agent
-from rans.fast.learn.network import Network
 from rans.fast.learn.selection import EPISODES, Selection
 from rans.flight import Flight, fly
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.scenario import SELECTION_SEED, scenarios
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.support.engines import FLYER, PLATFORM, SHORT, both_crafts

@@ -14,7 +14,7 @@ from validation.records.time_optimal import time_optimal
 
 
 def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
-    """Straight to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
+    """CompiledProgram to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
     _, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "paper")
     found = time_optimal(craft, task.for_evaluation(), timing, EVALUATION_SEED, 2, workers=1)
     fastest = math.sqrt(4 * 3.0 * craft.mass / (2 * math.sqrt(2)))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from rans.fast.kernels.update import UpdateProducts
+from rans.fast.learn.fused_gradient import UpdateProducts
 from rans.fast.learn.recipes import recipe
 from validation.speed import iteration as module
 from validation.speed.iteration import Iteration, iteration, table

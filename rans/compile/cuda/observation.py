@@ -1,0 +1,83 @@
+"""What every spacecraft observes now as one kernel: torch takes a thousand under conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from rans.compile.cuda.source import THREADS, Lines, Real, indented
+from rans.compile.step_program import Input, on_symbols
+from rans.episode import Episode, World
+from rans.model.random import Draws
+from rans.model.trace import Symbol, ordered
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The columns of an observation, and what they are made of."""
+
+    columns: tuple[Symbol, ...]
+    inputs: tuple[Input, ...]
+    """Of the episodes and of the task's settings."""
+
+    @classmethod
+    def of(cls, world: World, episode: Episode, dtype: Any) -> Observation:
+        """Observe on symbols, as `rans.compile.step_program.trace` steps."""
+        world, now, memory, settings = on_symbols(world, episode)
+        low, high, first, stride = (
+            Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
+        )
+        draws = Draws(low, high, first, stride, dtype)
+        columns = tuple(map(Symbol.constant, world.observe(world.recalled(now, draws), draws)))
+        needed = set(ordered(columns))
+        return cls(
+            columns, tuple(given for given in (*memory, *settings) if given.symbol in needed)
+        )
+
+    def source(self, real: Real, members: bool) -> str:
+        """CUDA C++ of a kernel ``observe``.
+
+        Its arguments are the seed's low and high word, one for each spacecraft where there are ``members``,
+        the columns, the inputs; the number of spacecraft and of those of a member, the rank of this process
+        and the number of processes.
+        """
+        arguments = (
+            "const int* low_at",
+            "const int* high_at",
+            "real* columns",
+            *(f"const {given.type}* {given.symbol.value}_at" for given in self.inputs),
+            "const int count",
+            "const int each",
+            "const int rank",
+            "const int processes",
+        )
+        return "\n".join(
+            (
+                f"typedef {real} real;",
+                files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
+                f'extern "C" __global__ void __launch_bounds__({THREADS}) observe(',
+                f"    {', '.join(arguments)}) {{",
+                *indented(self._body(members)),
+                "}\n",
+            )
+        )
+
+    def _body(self, members: bool) -> Iterator[str]:
+        lines = Lines()
+        seeds = "[i]" if members else "[0]"
+        yield "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;"
+        yield "if (i >= count) return;"
+        yield "const int first = int(i) % each * processes + rank, stride = each * processes;"
+        yield from (f"const int {word} = {word}_at{seeds};" for word in ("low", "high"))
+        yield from (
+            f"const {given.symbol.kind} {given.symbol.value} = {given.symbol.value}_at"
+            f"{'[i]' if given.each else '[0]'};"
+            for given in self.inputs
+        )
+        yield from lines.values(self.columns)
+        yield from (
+            f"columns[size_t({row}) * count + i] = {lines.operand(column)};"
+            for row, column in enumerate(self.columns)
+        )

@@ -1,0 +1,272 @@
+"""What a network sees of observations, as two straight-line programs instead of hundreds of operations.
+
+On a GPU they are a kernel each; where functions are compiled they are part of what torch's compiler fuses,
+and nobody asks for these. On a CPU NumPy runs them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.compile.cuda.launch import CudaError, Function
+from rans.compile.cuda.opaque import opaque
+from rans.compile.cuda.source import Lines, indented
+from rans.compile.flight_program import side, viewed
+from rans.model.trace import UNTRACEABLE, Symbol
+from rans.policy.architecture import Architecture
+from rans.policy.preprocess import Preprocessor, TorchPreprocessor
+from rans.policy.symmetry import Symmetries
+
+if TYPE_CHECKING:
+    from rans.compile.cpu.actor_critic import CpuActorCritic
+    from rans.compile.cpu.program import CompiledProgram, Memory
+
+_THREADS = 128
+"""Of a block."""
+RowProgram = Callable[[Sequence[Symbol]], tuple[list[Symbol], Symbol]]
+"""Numbers and a whole number of the columns of one row."""
+_REALS = {torch.float32: "float", torch.float64: "double"}
+
+
+def compiled_preprocessor(
+    given: Architecture, views: Symmetries | None, like: Tensor
+) -> Preprocessor:
+    """Of a network with tensors like this one: by programs, where they gain something.
+
+    In double precision on a CPU, which is for comparisons, that is nowhere.
+    """
+    plain = TorchPreprocessor(given, views)
+    if like.is_cuda:
+        return CudaPreprocessor(given, plain, like.device, like.dtype)
+    return CpuPreprocessor(given, plain) if like.is_cpu and like.dtype == torch.float32 else plain
+
+
+def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
+    """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
+    layout = given.layout
+
+    def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+
+    def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        blocks = given.filtered(columns)
+        way = layout.body.ahead(blocks[0][1])
+        if given.symmetries is None or way is None:
+            return [x for _, block in blocks for x in block], Symbol.constant(0)
+        which, turn, hand = side(given.symmetries, way)
+        return [x for shown, block in blocks for x in viewed(shown, block, turn, hand)], which
+
+    def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        return list(map(Symbol.constant, given.expected(row))), Symbol.constant(0)
+
+    width = given.seen + given.filtering
+    programs = [(turned, layout.width), (seen, width)]
+    return [*programs, (expected, width + given.thrusters)] if given.filters else programs
+
+
+class CpuPreprocessor(Preprocessor):
+    """By NumPy, in single precision; not for two threads at once."""
+
+    _MOST = 4096
+    """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
+
+    def __init__(self, given: Architecture, plain: TorchPreprocessor) -> None:
+        self._given = given
+        self._plain = plain
+        self._answers: tuple[Tensor, CpuActorCritic | None] | None = None
+
+    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
+        """A copy has memory of its own."""
+        return CpuPreprocessor, (self._given, self._plain)
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Preprocessor`."""
+        return (
+            self._rows(0, observation)[0]
+            if self._works(observation)
+            else self._plain.in_body(observation)
+        )
+
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Preprocessor`."""
+        return self._rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+
+    def expected(self, rows: Tensor) -> Tensor:
+        """See `Preprocessor`."""
+        return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
+
+    def whole(
+        self, observation: Tensor, tensors: Mapping[str, Tensor]
+    ) -> tuple[Tensor, Tensor] | None:
+        """See `Preprocessor`."""
+        weight = tensors["value_net.weight"]
+        if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
+            return None
+        if self._answers is None or self._answers[0] is not weight:
+            self._answers = weight, self._answering(tensors)
+        return self._answers[1] and self._answers[1](observation)
+
+    def _answering(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
+        from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
+
+        given = self._given
+        with contextlib.suppress(*UNTRACEABLE):
+            return (
+                None
+                if given.memory or given.privileged or given.continuous
+                else CpuActorCritic(given, tensors)
+            )
+        return None
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and len(rows) <= self._MOST and self._programs is not None
+
+    @cached_property
+    def _programs(self) -> list[CompiledProgram] | None:
+        from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
+
+        made = []
+        with contextlib.suppress(*UNTRACEABLE):
+            for program, width in row_programs(self._given):
+                columns = [Symbol.input(f"column_{i}") for i in range(width)]
+                found, which = program(columns)
+                made.append(CompiledProgram(columns, [*found, which]))
+            return made
+        return None
+
+    @cached_property
+    def _memory(self) -> dict[tuple[int, int], Memory]:
+        return {}
+
+    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        assert self._programs is not None
+        if (memory := self._memory.get((number, len(rows)))) is None:
+            self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
+        memory.give(rows.numpy().T)
+        *found, which = memory.run(0)
+        side = torch.from_numpy(np.broadcast_to(which, len(rows)).astype(np.int64))
+        return torch.from_numpy(np.stack(found)).T, side
+
+
+class CudaPreprocessor(Preprocessor):
+    """By a kernel each on a CUDA device, compiled when they are first asked for.
+
+    Torch's compiler takes minutes over filters: to it, these kernels are one operation.
+    """
+
+    def __init__(
+        self,
+        given: Architecture,
+        plain: TorchPreprocessor,
+        device: torch.device,
+        dtype: torch.dtype,
+    ) -> None:
+        self._given = given
+        self._plain = plain
+        self._device = device
+        self._real = _REALS[dtype]
+        self._opaque = opaque(self) if given.filters and self._functions is not None else None
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Preprocessor`."""
+        return (
+            self.rows(0, observation)[0]
+            if self._works(observation)
+            else self._plain.in_body(observation)
+        )
+
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Preprocessor`."""
+        if self._opaque is not None:
+            return self._opaque(1, rows)
+        return self.rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+
+    def expected(self, rows: Tensor) -> Tensor:
+        """See `Preprocessor`."""
+        return self._plain.expected(rows) if self._opaque is None else self._opaque(2, rows)[0]
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and self._functions is not None
+
+    @cached_property
+    def _functions(self) -> Sequence[Function] | None:
+        """None without a compiler, or with a layout that does more than arithmetic on fields."""
+        try:
+            with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
+                capability = torch.cuda.get_device_capability()
+                return [Function(text, "rows", capability) for text in self.sources()]
+        except (OSError, CudaError, *UNTRACEABLE):
+            return None
+
+    def sources(self) -> list[str]:
+        """CUDA C++ of the programs."""
+        return [source(program, width, self._real) for program, width in row_programs(self._given)]
+
+    def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """For what the program of this number finds of rows."""
+        given = self._given
+        found = rows.new_empty(len(rows), (given.seen, given.shown, given.filtering)[number])
+        return found, rows.new_empty(len(rows), dtype=torch.int64)
+
+    def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """What it finds: numbers, row by row, and a whole number of each."""
+        found, which = self.room(number, rows)
+        self._launch(
+            number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()]
+        )
+        return found, which
+
+    def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
+        assert self._functions is not None
+        with torch.cuda.device(self._device):
+            stream = torch.cuda.current_stream().cuda_stream
+            self._functions[number].launch(
+                -(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers
+            )
+
+
+def source(program: RowProgram, width: int, real: str) -> str:
+    """CUDA C++ of a kernel ``rows``: numbers and a whole number of each row of so many columns.
+
+    Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
+    and how far it is in memory to the next row and to the next column.
+    """
+    given = [Symbol.input(f"column_{i}") for i in range(width)]
+    lines = Lines()
+    found, which = program(given)
+    text = [
+        "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
+        "if (i >= count) return;",
+        *(
+            f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"
+            for k, s in enumerate(given)
+        ),
+    ]
+    text += lines.values([*found, which])
+    text += [
+        f"found[size_t(i) * {len(found)} + {k}] = {lines.operand(s)};" for k, s in enumerate(found)
+    ]
+    return "\n".join(
+        (
+            f"typedef {real} real;",
+            files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
+            f'extern "C" __global__ void __launch_bounds__({_THREADS}) rows(',
+            "    const real* from, real* found, long long* which,",
+            "    const int count, const int row, const int column) {",
+            *indented([*text, f"which[i] = {lines.operand(which)};"]),
+            "}\n",
+        )
+    )
+
+
+def _may(rows: Tensor) -> bool:
+    """Whether nobody looks on: torch's compiler, which makes better kernels, or gradients."""
+    return not (torch.compiler.is_compiling() or rows.requires_grad)

@@ -1,0 +1,213 @@
+"""One step of an engine as a straight-line program, and what else is stored where an episode ends."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+from rans.episode import Episode, World, step_and_restart
+from rans.model.fields import map_leaves
+from rans.model.random import Draws
+from rans.model.trace import Symbol, ordered, substituted
+from rans.tasks.rewards import paid
+from rans.tasks.settings import map_settings
+
+Type = Literal["real", "float", "double", "int", "signed char"]
+_TYPES: dict[str, Type] = {
+    "int32": "int",
+    "int8": "signed char",
+    "float32": "float",
+    "float64": "double",
+}
+
+
+@dataclass(frozen=True)
+class Input:
+    """A number that a step reads."""
+
+    symbol: Symbol
+    type: Type
+    """In memory; an int has 32 bits."""
+    source: Any
+    """The array it lies in: one number for each spacecraft, or one for all."""
+
+    @property
+    def each(self) -> bool:
+        """Whether every spacecraft has its own."""
+        return len(self.source.shape) == 1
+
+
+@dataclass(frozen=True)
+class Store:
+    """A number for each spacecraft that a step leaves behind."""
+
+    array: Literal["memory", "reals", "flags", "final"]
+    """"final": final observations, stored row by row, because few spacecraft write theirs."""
+    row: int
+    value: Symbol
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
+
+    Reals are the columns of an observation, then the terms of the reward, then their sum.
+    """
+
+    width: int
+    terms: int
+
+    FLAGS = ("terminated", "truncated", "reached")
+    PIECE = 8
+    """Final observations fill multiples of so many numbers: memory is written 32 bytes at a time."""
+
+    @property
+    def reals(self) -> int:
+        """Number of rows."""
+        return self.width + self.terms + 1
+
+    @property
+    def final_width(self) -> int:
+        """Of a row of final observations, whose last numbers mean nothing."""
+        return -(-self.width // self.PIECE) * self.PIECE
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a step computes from symbols.
+
+    They are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
+    episodes' numbers "first" and "stride" (`rans.episode.restart`). Starts and goals are drawn
+    for every spacecraft, and chosen where an episode ended; the kernel draws only in warps that need one.
+    """
+
+    memory: tuple[Input, ...]
+    """Of the episodes."""
+    settings: tuple[Input, ...]
+    """Of the task's, those that lie in memory: they may change, or differ."""
+    ended: Symbol
+    """Where an episode ends."""
+    always: tuple[Store, ...]
+    """What to store everywhere."""
+    at_end: tuple[Store, ...]
+    """What else to store where an episode ended."""
+    shape: Shape
+
+    def going(self) -> list[Store]:
+        """What is stored where no episode ends, with no more than that needs."""
+        return _given(self.always, self.ended, value=False)
+
+    @cached_property
+    def operations(self) -> int:
+        """Of a step in which no episode ends."""
+        return sum(
+            bool(s.args) for s in ordered([self.ended, *(store.value for store in self.going())])
+        )
+
+    def rare(self) -> set[Symbol]:
+        """What only an episode's end needs, and no choice by it enters: draws and final observations."""
+        everything = list(
+            ordered([self.ended, *(store.value for store in (*self.always, *self.at_end))])
+        )
+        often = {self.ended, *(store.value for store in self.always)}
+        chosen = set[Symbol]()
+        for symbol in reversed(everything):
+            if symbol in often:
+                often.update(symbol.args[2:] if self._chooses(symbol) else symbol.args)
+        for symbol in everything:
+            if self._chooses(symbol) or not chosen.isdisjoint(symbol.args):
+                chosen.add(symbol)
+        return {s for s in everything if s.operation != "constant"} - often - chosen
+
+    def _chooses(self, symbol: Symbol) -> bool:
+        return symbol.operation == "where" and symbol.args[0] is self.ended
+
+
+def trace(world: World, episode: Episode, dtype: Any) -> Program:
+    """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
+    world, inputs, memory, settings = on_symbols(world, episode)
+    command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
+    low, high, first, stride = (
+        Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
+    )
+    seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
+    outcome = seen.outcome
+    ended = seen.outcome.ended
+    terms, reward = paid(outcome.terms, outcome.terminated)
+    stores = [
+        *_rows("memory", seen.after.memory()),
+        *_rows("reals", (*seen.observation, *terms.values(), reward)),
+        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
+    ]
+    # A store of what is in memory already is left out, where an episode goes on or everywhere.
+    always = list[Store]()
+    at_end = [*_rows("final", seen.final_observation)]
+    for store, going, begun in zip(
+        stores, *(_given(stores, ended, x) for x in (False, True)), strict=True
+    ):
+        known = memory[store.row].symbol if store.array == "memory" else None
+        if going.value is not known:
+            always.append(store)
+        elif begun.value is not known:
+            at_end.append(begun)
+    return Program(
+        memory,
+        settings,
+        ended,
+        tuple(always),
+        tuple(at_end),
+        Shape(len(seen.observation), len(outcome.terms)),
+    )
+
+
+def on_symbols(
+    world: World, episode: Episode
+) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
+    """World and episode with symbols for what lies in memory: the episode's, and the task's settings."""
+    settings: list[Input] = []
+    setup = world.setup._replace(task=_with_symbols(world.task, settings))
+    world = dataclasses.replace(world, setup=setup)
+    memory, inputs = _remembered(episode)
+    return world, inputs, memory, tuple(settings)
+
+
+def _rows(array: Any, values: Any) -> Iterator[Store]:
+    return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values))
+
+
+def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
+    """The episode's arrays, and the episode with symbols in their place."""
+    types: list[Type] = [
+        _TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()
+    ]
+    memory = tuple(
+        Input(
+            Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"),
+            kind,
+            array,
+        )
+        for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True))
+    )
+    symbols = iter(given.symbol for given in memory)
+    return memory, map_leaves(lambda x: x if isinstance(x, int | float) else next(symbols), episode)
+
+
+def _with_symbols(settings: Any, found: list[Input]) -> Any:
+    """A task with symbols for its numbers in memory, which are added to those found."""
+
+    def symbol(_: str, value: Any) -> Any:
+        if isinstance(value, int | float):
+            return value
+        found.append(Input(Symbol.input(f"setting_{len(found)}"), "real", value))
+        return found[-1].symbol
+
+    return map_settings(symbol, settings)
+
+
+def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:
+    """The stores where a condition is known."""
+    values = substituted([store.value for store in stores], {condition: Symbol.constant(value)})
+    return [dataclasses.replace(s, value=new) for s, new in zip(stores, values, strict=True)]

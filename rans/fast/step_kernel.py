@@ -1,0 +1,179 @@
+"""The generated kernel as the step of an engine."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rans.compile.cuda.launch import CudaError, Function
+from rans.compile.cuda.observation import Observation
+from rans.compile.cuda.source import THREADS, source
+from rans.compile.step_program import Shape, trace
+from rans.episode import Episode, World
+from rans.fast.distributed import Processes
+from rans.fast.step import Step
+from rans.model.random import Draws
+from rans.model.trace import UNTRACEABLE
+
+_C_TYPES: dict[torch.dtype, Any] = {
+    torch.uint8: "unsigned char",
+    torch.float32: "float",
+    torch.float64: "double",
+}
+MANY = 2**18
+"""From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
+LONG = 950
+"""A step of so many operations is not bound by memory: two in a thread only crowd its registers and the
+instruction caches (docs/decisions/013-conditions.md)."""
+
+
+class Kernel:
+    """One kernel that steps N spacecraft, compiled for each type of action when it first meets it.
+
+    It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
+    memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
+    TypeError where the task does more than arithmetic on fields, or a curriculum's numbers lie elsewhere or
+    are of another dtype.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        episode: Episode,
+        draws: Draws,
+        processes: Processes,
+        dtype: torch.dtype,
+        members: int = 1,
+    ) -> None:
+        self._program = trace(world, episode, dtype)
+        self._observation = Observation.of(world, episode, dtype)
+        self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
+        self._seed = (draws.low, draws.high)
+        self._members = members
+        self._thrusters = len(world.craft.commands)
+        self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
+        many = self._count >= MANY and self._count % 2 == 0
+        self._together = 2 if many and self._program.operations < LONG else 1
+        for (
+            given
+        ) in self._program.settings:  # read as they lie in memory, so that nothing converts them
+            if (given.source.dtype, given.source.device) != (self._real, self._device):
+                raise TypeError(
+                    f"settings that move must be {self._real} on {self._device}, got "
+                    f"{given.source.dtype} on {given.source.device}."
+                )
+        self._numbers = (
+            self._count,
+            self._count // members,
+            processes.rank,
+            processes.size,
+            self._blocks_ahead(),
+        )
+        self._functions: dict[torch.dtype | None, Function] = {}
+
+    @classmethod
+    def made(cls, *given: Any) -> Kernel | None:
+        """A kernel that is compiled for reals already; None with a warning where there can be none."""
+        try:
+            kernel = cls(*given)
+            kernel.function(kernel._real)
+        # No compiler, or a task that does more than arithmetic on fields.
+        except (OSError, CudaError, *UNTRACEABLE) as error:
+            warnings.warn(
+                f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3
+            )
+            return None
+        return kernel
+
+    def source(self, action: torch.dtype | None) -> str:
+        """The kernel's text for actions that are bytes or reals; None: of an observation's."""
+        if action is None:
+            return self._observation.source(_C_TYPES[self._real], self._members > 1)
+        return source(
+            self._program,
+            self._thrusters,
+            _C_TYPES[action],
+            _C_TYPES[self._real],
+            self._together,
+            self._members > 1,
+        )
+
+    def function(self, action: torch.dtype | None) -> Function:
+        """The compiled kernel of such a `source`; errors are those of `Function`."""
+        if action not in self._functions:
+            with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
+                capability = torch.cuda.get_device_capability()
+                name = "step" if action else "observe"
+                self._functions[action] = Function(self.source(action), name, capability)
+        return self._functions[action]
+
+    def __call__(self, action: Tensor) -> Step:
+        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
+        action = self._readable(action)
+        count = self._count
+        shape = self._program.shape
+        reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
+        final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
+        flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
+        tensors = (action, *self._seed, reals, final, flags, *self._inputs)
+        self._launch(
+            action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together
+        )
+        terms = shape.width + shape.terms
+        terminated, truncated, reached = flags
+        return Step(
+            observation=reals[: shape.width].T,
+            reward=reals[terms],
+            terminated=terminated,
+            truncated=truncated,
+            final_observation=final[:, : shape.width],
+            reached=reached,
+            terms=reals[shape.width : terms],
+        )
+
+    def observe(self) -> Tensor:
+        """The current observation, (N, width), see `rans.fast.engine.Engine.observe`."""
+        given = self._observation
+        found = torch.empty(
+            (len(given.columns), self._count), dtype=self._real, device=self._device
+        )
+        tensors = (*self._seed, found, *(each.source for each in given.inputs))
+        self._launch(None, [tensor.data_ptr() for tensor in tensors], self._numbers[:-1], 1)
+        return found.T
+
+    def _blocks_ahead(self) -> int:
+        """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
+
+        More of it is thrown out before it is read, less comes too late (docs/speed.md).
+        """
+        if self._device.type != "cuda":
+            return 0
+        bytes_read = self._thrusters + sum(
+            given.source.element_size() for given in self._program.memory
+        )
+        cache = torch.cuda.get_device_properties(self._device).L2_cache_size
+        return cache // (12 * THREADS * self._together * bytes_read)
+
+    def _launch(
+        self,
+        action: torch.dtype | None,
+        pointers: list[int],
+        numbers: tuple[int, ...],
+        together: int,
+    ) -> None:
+        with torch.cuda.device(self._device):
+            stream = torch.cuda.current_stream().cuda_stream
+            blocks = -(-numbers[0] // (THREADS * together))
+            self.function(action).launch(blocks, THREADS, stream, pointers, numbers)
+
+    def _readable(self, action: Tensor) -> Tensor:
+        """Bytes or reals in rows that start at multiples of what is read at once."""
+        if action.dtype == torch.bool:
+            action = action.view(torch.uint8)
+        if action.dtype not in _C_TYPES:
+            action = action.to(self._real if action.is_floating_point() else torch.uint8)
+        action = action.to(self._device).contiguous()
+        return action if action.data_ptr() % 16 == 0 else action.clone()

@@ -1,0 +1,279 @@
+"""What a network is made of, and the weights it begins with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from rans.errors import ConfigError
+from rans.model.fields import Field
+from rans.policy import measurement_gate as screen
+from rans.policy.filter_bank import Filters
+from rans.policy.kalman_filter import Filter
+from rans.policy.symmetry import Symmetries
+from rans.tasks.sight import Columns, Layout
+
+ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
+EXTRACTOR = "features_extractor."
+"""Where SB3's policies have everything before the two heads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Architecture:
+    """What gives the weights of a network their meaning."""
+
+    layout: Layout
+    """Which columns of an observation are what."""
+    thrusters: int
+    """Outputs: one for each command of the craft, 0 to 1 (`rans.effectors.commands.of_outputs`)."""
+    layers: tuple[int, ...] = (64, 64)
+    """Units of each hidden layer."""
+    activation: str = "tanh"
+    """Key of `ACTIVATIONS`."""
+    zoom: float = 0.0
+    """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
+    see as a metre (decision 008). 0: no second look."""
+    symmetries: Symmetries | None = None
+    """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
+    (decision 009)."""
+    bf16: bool = False
+    """Whether on a GPU the hidden layers' products are of bfloat16."""
+    continuous: bool = False
+    """Whether commands are duties in [0, 1] instead of on and off."""
+    history: int = 0
+    """How many last columns and commands the network is shown."""
+    commands_only: bool = False
+    """Whether those are commands without the columns that they answered."""
+    averages: tuple[float, ...] = ()
+    """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
+    filters: Filters | None = None
+    """Besides, what each of a bank of Kalman filters makes of the columns (decision 024)."""
+    units: int = 0
+    """Of a recurrent core after the trunk; 0: none."""
+    privileged: int = 0
+    """Numbers that only the critic, which then has a trunk of its own, is given."""
+    nominal: tuple[float, ...] = ()
+    """Those of the spacecraft as designed, for where it is given none; older files have ones instead."""
+    clip: float = 10.0
+    """Bound of a normalised column."""
+    bounds: tuple[float, ...] = ()
+    """Of the columns' absolute values, for whoever asks for a space; without them, those of float32."""
+
+    def check_width(self, who: str, observation: np.ndarray) -> None:
+        """Refuse (`ConfigError`) observations (..., width) of another width than the network's."""
+        width = self.layout.width
+        given = np.shape(observation)
+        if given[-1:] != (width,):
+            shown = given[-1] if given else "one"
+            raise ConfigError(
+                f"{who} observes {width} numbers, but was shown {shown}: it was trained "
+                "for another task or for the other dimension."
+            )
+
+    @property
+    def seen(self) -> int:
+        """Columns in the body frame."""
+        return self.layout.body.width
+
+    @property
+    def memory(self) -> int:
+        """Numbers that the network remembers of a spacecraft from step to step."""
+        return self.units or self.rows + self.filtering
+
+    @property
+    def rows(self) -> int:
+        """Those of them that are a history."""
+        return self.recalled * self.row
+
+    @property
+    def answered(self) -> int:
+        """Columns in a row of a history, before the command that answered them."""
+        return 0 if self.commands_only else self.seen
+
+    @property
+    def row(self) -> int:
+        """Numbers in a row of a history."""
+        return self.answered + self.thrusters
+
+    @property
+    def filtering(self) -> int:
+        """Those of them that filters remember, which come last."""
+        filters = sum(one.width(self.layout.body) for one in self._bank)
+        return filters + (screen.Memory.width(self.layout.body) if self._gated else 0)
+
+    @property
+    def _gated(self) -> bool:
+        """Whether missed and wild readings are replaced, see `rans.policy.measurement_gate`."""
+        return self.filters is not None and self.filters.gate > 0
+
+    @property
+    def _bank(self) -> tuple[Filter, ...]:
+        return self.filters.each if self.filters else ()
+
+    @property
+    def told(self) -> tuple[int, ...]:
+        """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
+        return 0, *(one.told for one in self._bank)
+
+    @property
+    def shown(self) -> int:
+        """Columns and numbers told that are seen at once."""
+        return len(self.told) * self.seen + sum(self.told)
+
+    @property
+    def inputs(self) -> int:
+        """Numbers that the trunk is given."""
+        return len(self.told) * self.seen * (2 if self.zoom else 1) + sum(self.told) + self.rows
+
+    @property
+    def recalled(self) -> int:
+        """How many columns and commands, averages or of a moment, a network with a history is shown."""
+        return self.history + len(self.averages)
+
+    @property
+    def features(self) -> int:
+        """Width of what actor and critic are heads on."""
+        return self.units or self.layers[-1]
+
+    def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
+        """Columns in B as they count, and what each filter makes of them, with their layouts.
+
+        Args:
+            row: columns of a reading in B, then what filters remember.
+        """
+        body = self.layout.body
+        read = row[: self.seen]
+        memory = row[self.seen :]
+        screened = self._screened(read, memory).columns
+        return [
+            (body, screened),
+            *(
+                (one.shown(body), one.estimate(body, screened, mine))
+                for one, mine in self._remembering(memory)
+            ),
+        ]
+
+    def expected(self, row: Columns) -> list[Field]:
+        """What filters remember from now on.
+
+        Args:
+            row: columns of a reading in B, what filters remember, and the command that was given.
+        """
+        body = self.layout.body
+        read, memory, command = (
+            row[a:b] for a, b in pairwise((0, self.seen, self.seen + self.filtering, None))
+        )
+        found = self._screened(read, memory)
+        remembered = list(self._remembering(memory))
+        after = [
+            x for one, mine in remembered for x in one.expected(body, found.columns, mine, command)
+        ]
+        if not self._gated:
+            return after
+        one, mine = remembered[-1]
+        next_one = one.moved_on(body, found.columns, mine, command, found.noisy)
+        return after + self._screen(memory).after(read, found, next_one, command)
+
+    def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
+        """Each filter with what it remembers."""
+        ends = accumulate((one.width(self.layout.body) for one in self._bank), initial=0)
+        return ((one, memory[a:b]) for one, (a, b) in zip(self._bank, pairwise(ends), strict=True))
+
+    def _screened(self, read: Columns, memory: Columns) -> screen.Screened:
+        """A reading as it counts: by the last filter, which knows most of how the craft moves."""
+        if self.filters is None or not self._gated:
+            return screen.Screened(list(read), [], 0.0)
+        body = self.layout.body
+        one, mine = list(self._remembering(memory))[-1]
+        begins = one.begins(body, mine)
+        return screen.screened(body, read, self._screen(memory), one, self.filters.gate, begins)
+
+    def _screen(self, memory: Columns) -> screen.Memory:
+        """What the screen remembers, which is last in the memory."""
+        body = self.layout.body
+        return screen.Memory.of(body, memory[-screen.Memory.width(body) :])
+
+    def modules(self) -> dict[str, nn.Module]:
+        """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
+        made: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
+        if self.units:
+            made["core"] = nn.GRUCell(self.layers[-1], self.units)
+        if self.privileged:
+            made["critic"] = self._layers(
+                self.inputs + self.privileged, (*self.layers[:-1], self.features)
+            )
+        return made
+
+    def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
+        return nn.Sequential(
+            *(
+                module
+                for i, o in pairwise((width, *layers))
+                for module in (nn.Linear(i, o), ACTIVATIONS[self.activation]())
+            )
+        )
+
+    def statistics(self) -> dict[str, Tensor]:
+        """Those of observations before any was made."""
+        return {
+            "mean": torch.zeros(self.seen),
+            "variance": torch.ones(self.seen),
+            "count": torch.zeros(()),
+        }
+
+    def _parts(self) -> dict[str, nn.Module]:
+        """Everything that is learnt, by how its names begin, in the order of SB3."""
+        rows = self.thrusters if self.continuous else 2 * self.thrusters
+        return {
+            EXTRACTOR: nn.ModuleDict(self.modules()),
+            "action_net.": nn.Linear(self.features, rows),
+            "value_net.": nn.Linear(self.features, 1),
+        }
+
+    def shapes(self) -> dict[str, torch.Size]:
+        """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
+        with torch.device("meta"):
+            found = {"log_std": torch.Size((self.thrusters,))} if self.continuous else {}
+            for prefix, part in self._parts().items():
+                found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
+            return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
+
+    def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
+        """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
+
+        They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
+        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
+        left as they were. See `expect_duty` for the duty. Gaussians begin with SB3's standard deviation of 1,
+        so that most valves are tried open or shut: with 0.37 some seeds learnt to turn and never to move.
+        """
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            parts = self._parts()
+            for part, gain in zip(parts.values(), (math.sqrt(2), 0.01, 1.0), strict=True):
+                for layer in part.modules():
+                    if isinstance(layer, nn.Linear):
+                        nn.init.orthogonal_(layer.weight, gain)
+                        nn.init.zeros_(layer.bias)
+            generator = torch.Generator()
+            generator.set_state(torch.get_rng_state())
+        tensors = {"log_std": torch.zeros(self.thrusters)} if self.continuous else {}
+        for prefix, part in parts.items():
+            tensors |= {prefix + name: value for name, value in part.state_dict().items()}
+        expect_duty(tensors, duty)
+        return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator
+
+
+@torch.no_grad()
+def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
+    """Let untrained weights open each thruster with this probability, or for this share of the period."""
+    bias = tensors["action_net.bias"]
+    if "log_std" in tensors:
+        bias.fill_(duty)
+    else:
+        bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))

@@ -1,0 +1,129 @@
+"""What networks remember from step to step: a history, what filters expect, or a recurrent state.
+
+A history (N, m) has rows of columns in the body frame and the command they were answered with, or of commands
+alone: first exponential moving averages of all of them, then the last ones, the oldest first. What filters
+remember stands behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from rans.policy.architecture import Architecture
+from rans.policy.preprocess import MakePreprocessor
+from rans.policy.symmetry import Symmetries
+from rans.tasks.sight import Layout
+
+if TYPE_CHECKING:
+    from rans.policy.network import Output
+
+
+class Remembering:
+    """What a network remembers of N spacecraft, as it saw them.
+
+    Args:
+        architecture: of the network.
+        like: a tensor of its device and dtype.
+        preprocessor: makes what computes columns, such as `rans.policy.preprocess.TorchPreprocessor`.
+    """
+
+    def __init__(
+        self, architecture: Architecture, like: Tensor, preprocessor: MakePreprocessor
+    ) -> None:
+        self.architecture = architecture
+        self._like = like
+        kept = like.new_tensor(architecture.averages)
+        views = architecture.symmetries
+        self._kept = kept.repeat_interleave(architecture.row)
+        self._views = None if views is None else views.tensors_like(like)
+        self._preprocessor = preprocessor(architecture, self._views, like)
+
+    def blank(self, count: int) -> Tensor | None:
+        """The memory (N, m) of N spacecraft whose episodes begin; None for a network that has none."""
+        width = self.architecture.memory
+        return self._like.new_zeros(count, width) if width else None
+
+    def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
+        """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
+        given = self.architecture
+        if given.filters is None:
+            return memory, None
+        if memory is None:
+            memory = self._like.new_zeros(count, given.memory)
+        history, filters = memory.tensor_split([given.rows], dim=1)
+        return history if given.recalled else None, filters
+
+    def remember(
+        self, columns: Tensor, memory: Tensor | None, command: Tensor, output: Output
+    ) -> Tensor | None:
+        """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
+        if memory is None or self.architecture.units:
+            return memory if memory is None else output.core
+        history, filters = self._parted(memory, len(columns))
+        kept = []
+        if history is not None:
+            answered = columns[:, : self.architecture.answered]
+            kept.append(continued(history, torch.cat((answered, command), dim=1), self._kept))
+        if filters is not None:
+            kept.append(self._preprocessor.expected(torch.cat((columns, filters, command), dim=1)))
+        return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
+
+
+def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:
+    """A history after a new row (N, k); ``kept``, (averages k,), is the share that each average keeps."""
+    averages, moments = history.tensor_split([len(kept)], dim=1)
+    if len(kept):
+        averages = torch.lerp(newest.repeat(1, len(kept) // newest.shape[1]), averages, kept)
+    if not moments.shape[1]:
+        return averages
+    return torch.cat((averages, moments[:, newest.shape[1] :], newest), dim=1)
+
+
+def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which: Tensor) -> Tensor:
+    """A history of so many rows from the sides (N,) of the spacecraft that ``which`` names.
+
+    The layout is of the columns in a row; commands alone have none.
+    """
+    each = which.repeat_interleave(rows)
+    told = history.reshape(len(each), -1)
+    then, told = told.tensor_split([told.shape[1] - views.place.shape[1]], dim=1)
+    if then.shape[1]:
+        then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
+    told = torch.empty_like(told).scatter(1, views.place[each], told)
+    return torch.cat((then, told), dim=1).reshape(len(history), -1)
+
+
+def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:
+    """What a function makes of each of so many rows that stand side by side, (..., n, count k)."""
+    rows = function(x.unflatten(-1, (count, -1)).flatten(-3, -2))
+    return rows.unflatten(-2, (-1, count)).flatten(-2)
+
+
+def recurrent(
+    inputs: Tensor,
+    state: Tensor,
+    going_on: Sequence[Tensor] | None,
+    recalled: Callable[[Tensor], Tensor],
+) -> Tensor:
+    """The states (..., T, n, units) of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
+
+    Args:
+        inputs: (..., T, n, 3 units), what a linear layer makes of each step's features.
+        state: (..., n, units) before the first step.
+        going_on: of each step, (..., n, 1), zero where an episode began with it; None: nowhere.
+        recalled: a linear layer from states to 3 units.
+    """
+    states: list[Tensor] = []  # not `list[Tensor]()`, which the compiler of torch 2.11 cannot read
+    for t in range(inputs.shape[-3]):
+        if going_on is not None and t > 0:
+            state = state * going_on[t]
+        reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
+        old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
+        update = torch.sigmoid(update + old_update)
+        fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
+        states.append(state := fresh + update * (state - fresh))
+    return torch.stack(states, dim=-3)

@@ -1,0 +1,322 @@
+"""The actor-critics of K members as one network: every weight and statistic is stacked to (K, ...)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rans.policy.architecture import ACTIVATIONS, EXTRACTOR, Architecture
+from rans.policy.heads import Duty, OnOff
+from rans.policy.memory import Remembering, by_row, recurrent, viewed
+from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
+
+Pooled = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+"""Variance and mean of several processes' values, from those of one."""
+
+
+def _of_this_process(variance: Tensor, mean: Tensor) -> tuple[Tensor, Tensor]:
+    return variance, mean
+
+
+class Output(NamedTuple):
+    """What a network says about N observations."""
+
+    policy: OnOff | Duty
+    value: Tensor
+    """(N,)."""
+    core: Tensor
+    """(N, features) that the heads saw: what a recurrent network remembers."""
+
+
+class Network(Remembering):
+    """K actor-critics with the same architecture; rows belong to the members in equal, contiguous parts.
+
+    Weights and statistics, ``tensors`` by their names in SB3's policy, are (K, ...), but for one member
+    without that axis: a product of two matrices is faster than a batch of one.
+    """
+
+    def __init__(
+        self,
+        architecture: Architecture,
+        tensors: Mapping[str, Tensor],
+        members: int = 1,
+        preprocessor: MakePreprocessor = TorchPreprocessor,
+    ) -> None:
+        self.architecture = architecture
+        self.members = members
+        self.tensors = dict[str, Tensor]()
+        self._activation = ACTIVATIONS[architecture.activation]()
+        self.adopt(tensors)
+        self._nominal = self._mean.new_tensor(
+            architecture.nominal or (1.0,) * architecture.privileged
+        )
+        super().__init__(architecture, self._mean, preprocessor)
+
+    def adopt(self, tensors: Mapping[str, Tensor]) -> None:
+        """Use these tensors from now on, in the place of those of the same names."""
+        self.tensors |= tensors
+        self._mean, self._variance, self._count = (
+            self.tensors[EXTRACTOR + name] for name in self.architecture.statistics()
+        )
+        self._trunk, self._critic = list(self._chain("trunk")), list(self._chain("critic"))
+
+    @classmethod
+    def stacked(
+        cls,
+        architecture: Architecture,
+        tables: Sequence[Mapping[str, Tensor]],
+        device: torch.device,
+        dtype: torch.dtype,
+        preprocessor: MakePreprocessor = TorchPreprocessor,
+    ) -> Network:
+        """A copy of K members' weights and statistics."""
+        lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
+        return cls(
+            architecture,
+            {
+                name: lead([table[name].detach().to(device, dtype) for table in tables])
+                for name in tables[0]
+            },
+            len(tables),
+            preprocessor,
+        )
+
+    def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
+        return (
+            self._layer(key.removesuffix(".weight"))
+            for key in self.tensors
+            if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight")
+        )
+
+    def _layer(self, name: str) -> tuple[Tensor, Tensor]:
+        return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
+
+    @property
+    def learnt(self) -> list[str]:
+        """Names of what gradients change, in the order of SB3's policy."""
+        statistics = {EXTRACTOR + name for name in self.architecture.statistics()}
+        return [name for name in self.tensors if name not in statistics]
+
+    def evaluate(
+        self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
+    ) -> Output:
+        """What every member says about its own rows of observations (N, width), as `shown`."""
+        return self.shown(observation, memory, privileged)[0]
+
+    def shown(
+        self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
+    ) -> tuple[Output, Tensor]:
+        """What every member says about its rows (N, width) of observations, and what to `remember` of them.
+
+        Memories are as from `blank`; what the critic is told, (N, p), is by default of a nominal craft.
+        """
+        if (whole := self._preprocessor.whole(observation, self.tensors)) is not None:
+            return Output(
+                OnOff(whole[0]), *whole[::-1]
+            ), observation  # nothing of which is remembered
+        columns = self.in_body(observation)
+        seen, recalled, place = self.look(columns, memory)
+        output = self.evaluate_seen(seen, recalled, privileged)
+        return output if place is None else output._replace(
+            policy=output.policy.placed(place)
+        ), columns
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """The columns (N, k) of observations (N, width) in the body frame."""
+        return self._preprocessor.in_body(observation.to(self._mean.dtype))
+
+    def look(
+        self, columns: Tensor, memory: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """Columns (N, k) in the body frame and the memory from the side of the craft that has the goal ahead.
+
+        The columns seen, (N, `Architecture.shown`), are those given and those of every filter; the memory is
+        without the filters'. Also where each thruster is in that view, (N, thrusters), without symmetry None.
+        They do not depend on weights, so one look serves an update.
+        """
+        given = self.architecture
+        views = self._views
+        history, filters = self._parted(memory, len(columns))
+        rows = columns if filters is None else torch.cat((columns, filters), dim=1)
+        if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
+            return rows if filters is None else self._preprocessor.seen(rows)[0], history, None
+        seen, which = self._preprocessor.seen(rows)
+        place = views.place[which]
+        if history is None or not given.recalled:
+            return seen, history, place
+        return seen, viewed(history, given.recalled, given.layout.body, views, which), place
+
+    def evaluate_seen(
+        self,
+        seen: Tensor,
+        memory: Tensor | None = None,
+        privileged: Tensor | None = None,
+        going_on: Tensor | None = None,
+    ) -> Output:
+        """The same of columns (N, k) that `look` returned; thrusters are in the order of that view.
+
+        A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
+        sees T steps one after the other; of its memories those of the first step count.
+        """
+        return self._heads(*self.features(seen, memory, privileged, going_on))
+
+    def features(
+        self,
+        seen: Tensor,
+        memory: Tensor | None = None,
+        privileged: Tensor | None = None,
+        going_on: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
+        given = self.architecture
+        x = self.inputs(seen, memory)
+        features = self._through(self._trunk, x)
+        if given.units and memory is not None:
+            features = self._core(features, memory, going_on)
+        if not given.privileged:
+            return features, features
+        known = self._nominal.expand(len(seen), -1) if privileged is None else privileged
+        return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
+
+    def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
+        """What the trunk is given of columns (N, k) and a history (N, m), by member."""
+        given = self.architecture
+        rows = self._rows(seen)
+        looks = (
+            rows.split([given.seen + told for told in given.told], dim=-1) if given.filters else ()
+        )
+        x = torch.cat([*map(self._filtered, looks)], dim=-1) if looks else self._looks(rows)
+        if not given.recalled or memory is None:
+            return x
+        return torch.cat((x, by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
+
+    def _filtered(self, rows: Tensor) -> Tensor:
+        columns, told = rows.tensor_split([self.architecture.seen], dim=-1)
+        x = self._looks(columns)
+        clip = self.architecture.clip
+        return torch.cat((x, told.clamp(-clip, clip)), dim=-1) if told.shape[-1] else x
+
+    def _recalled(self, rows: Tensor) -> Tensor:
+        then, told = rows.tensor_split([self.architecture.answered], dim=-1)
+        return torch.cat((self._normalised(then), told), dim=-1) if then.shape[-1] else told
+
+    def _rows(self, x: Tensor) -> Tensor:
+        """(N, ...) by member: (K, N / K, ...)."""
+        return x.unflatten(0, (self.members, -1)) if self.members > 1 else x
+
+    def _flat(self, x: Tensor) -> Tensor:
+        return x.flatten(0, 1) if self.members > 1 else x
+
+    def _statistic(self, x: Tensor) -> Tensor:
+        return x[:, None] if self.members > 1 else x
+
+    def _scale(self) -> Tensor:
+        return torch.rsqrt(self._statistic(self._variance) + 1e-6)
+
+    def _normalised(self, x: Tensor) -> Tensor:
+        """With zero mean and unit variance over the columns seen in training, clipped."""
+        clip = self.architecture.clip
+        return ((x - self._statistic(self._mean)) * self._scale()).clamp(-clip, clip)
+
+    def _looks(self, seen: Tensor) -> Tensor:
+        """What the trunk is given of columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
+
+        The second look is steepest at zero: there is the goal of every column that is no cosine.
+        """
+        x = self._normalised(seen)
+        zoom = self.architecture.zoom
+        return torch.cat((x, torch.tanh(seen * (self._scale() * zoom))), dim=-1) if zoom else x
+
+    def _through(self, layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
+        dtype = x.dtype
+        bf16 = self.architecture.bf16 and x.is_cuda
+        with torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext():
+            for weight, bias in layers:
+                x = self._activation(product(x, weight, bias))
+        return x.to(dtype)
+
+    def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
+        """What the recurrent core makes of features (..., T n, i): (..., T n, units)."""
+        given, kept = (
+            [self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
+            for of in ("ih", "hh")
+        )
+        begins = None if going_on is None else [self._rows(row)[..., None] for row in going_on]
+        steps = (1 if begins is None else len(begins), -1)
+        inputs, state = (
+            rows.unflatten(-2, steps) for rows in (product(x, *given), self._rows(memory))
+        )
+        return recurrent(inputs, state.select(-3, 0), begins, lambda x: product(x, *kept)).flatten(
+            -3, -2
+        )
+
+    def _heads(self, features: Tensor, critic: Tensor) -> Output:
+        """Actor and critic, in one product where they share features.
+
+        SB3 gives each on/off thruster two logits and one distribution object; the probability of opening
+        needs only their difference, so both heads shrink to n + 1 outputs.
+        """
+        weight, bias = self._layer("action_net")
+        if not self.architecture.continuous:
+            weight = weight[..., 1::2, :] - weight[..., 0::2, :]
+            bias = bias[..., 1::2] - bias[..., 0::2]
+        worth, constant = self._layer("value_net")
+        if critic is features:
+            out = product(
+                features, torch.cat((weight, worth), dim=-2), torch.cat((bias, constant), dim=-1)
+            )
+            action = self._flat(out[..., :-1])
+            value = self._flat(out[..., -1])
+        else:
+            action = self._flat(product(features, weight, bias))
+            value = self._flat(product(critic, worth, constant)[..., 0])
+        if not self.architecture.continuous:
+            return Output(OnOff(action), value, self._flat(features))
+        spread = self.tensors["log_std"]
+        if self.members > 1:
+            spread = spread.repeat_interleave(len(action) // self.members, dim=0)
+        return Output(Duty(action, spread), value, self._flat(features))
+
+    @torch.no_grad()
+    def update_statistics(
+        self, seen: Tensor, pooled: Pooled = _of_this_process, processes: int = 1
+    ) -> None:
+        """Merge mean and variance of columns (T, N, k) into the running ones, per member.
+
+        What filters make of them, further columns, counts as they do. Of several processes, which have as
+        many columns each, ``pooled`` makes variance and mean of all from those of one.
+
+        Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for sample variances", 1979.
+        """
+        rows = seen[..., : self.architecture.seen].unflatten(1, (self.members, -1))
+        count = rows.shape[0] * rows.shape[2] * processes
+        found = torch.var_mean(rows, dim=(0, 2), correction=0)
+        variance, mean = pooled(*(x.view_as(self._mean) for x in found))
+        share = self._statistic(count / (self._count + count))
+        shift = mean - self._mean
+        self._mean += shift * share
+        self._variance += (variance - self._variance) * share + shift.square() * (
+            share * (1 - share)
+        )
+        self._count += count
+
+    def member(self, number: int) -> dict[str, Tensor]:
+        """A copy of one member's weights and statistics, on the CPU, by their names in SB3's policy."""
+        return {
+            name: (x[number] if self.members > 1 else x).detach().cpu().clone()
+            for name, x in self.tensors.items()
+        }
+
+
+def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """A linear layer: x (n, i), weight (o, i), bias (o,); or K members', each with an axis (K, ...)."""
+    if weight.dim() == 2:
+        return functional.linear(x, weight, bias)
+    # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
+    x = torch.bmm(x, weight.mT)
+    return x + bias[:, None].to(x.dtype)

@@ -1,0 +1,331 @@
+"""Parameters that an episode draws from its conditions, and their effect in each control period.
+
+All is written over fields. An effect that the conditions leave out is None: it takes no memory and no place in
+kernels. Every effect draws from a random stream of its own, so that switching one on changes no other.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+from rans.model.body import Body
+from rans.model.dynamics import Piece, Wrench, at_once
+from rans.model.fields import Field, floor, map_leaves, sin, where
+from rans.model.random import Draws, Random
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions, Range, largest
+from rans.randomization.drawn_faults import Fault, drawn_fault
+from rans.randomization.sensors import Sensors, drawn_sensors
+from rans.randomization.valves import Lag, failing, pieces
+
+
+@dataclass(frozen=True)
+class MinimumDwell:
+    """Shortest times for which an on/off valve stays open and shut."""
+
+    on: Field
+    """s."""
+    off: Field
+    """s."""
+
+    def enforced(
+        self, command: Sequence[Field], before: Sequence[Sequence[Field]], period: float
+    ) -> tuple[Field, ...]:
+        """Commands that the valves carry out: a valve that has just moved keeps its position for its dwell time.
+
+        Args:
+            command: one field per valve, 0 or 1.
+            before: the commands of earlier periods, the newest first.
+            period: control period, s.
+        """
+        result = []
+        for told, *last in zip(command, *before, strict=True):
+            opened = _age(last)
+            shut = _age([1.0 - x for x in last])
+            must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
+            # One that was shut for as long as is remembered may have been so forever.
+            must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
+            result.append(where(must_open, told * 0.0 + 1.0, where(must_shut, told * 0.0, told)))
+        return tuple(result)
+
+
+def _age(open_before: Sequence[Field]) -> Field:
+    """Number of control periods for which a valve has been open until now, as far as is remembered."""
+    still: Field = 1.0
+    age: Field = 0.0
+    for was_open in open_before:
+        still = still * was_open
+        age = age + still
+    return age
+
+
+@dataclass(frozen=True)
+class SinusoidalWrench:
+    """A sinusoidal disturbance wrench in W: amplitude times sin(rate t + phase)."""
+
+    amplitude: Wrench
+    rate: Field
+    """rad/s."""
+    phase: Field
+    """rad."""
+
+
+@dataclass(frozen=True)
+class ImpulsiveWrench:
+    """An impulsive disturbance, spread evenly over the control period that it falls in."""
+
+    step: Field
+    """Which control period, a whole number."""
+    impulse: Wrench
+    """In W, N s and N m s."""
+
+
+@dataclass(frozen=True)
+class Failing:
+    """Thrusters that fail at an instant."""
+
+    instant: Field
+    """s from the start of the control period; negative: they failed before; longer than it: not yet."""
+    body: Body
+    """Body after the failure; it differs from the sound one in gain and leak only."""
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """Body, commands and disturbances that move a spacecraft in one control period."""
+
+    body: Body
+    """Body until thrusters fail."""
+    commands: tuple[tuple[Field, ...], ...]
+    """Commands of this period and of earlier ones that late valves still carry out, the newest first."""
+    lag: Lag | None = None
+    """None: valves obey at once."""
+    disturbance: Wrench | None = None
+    """Constant in W."""
+    failing: Failing | None = None
+    """None: no thruster fails meanwhile."""
+
+    def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """Wrenches of the thrusters over the control period (s), piece by piece."""
+        if self.failing is None:
+            return self._with(self.body, craft, period)
+        sound, failed = (self._with(body, craft, period) for body in (self.body, self.failing.body))
+        return failing(sound, failed, self.failing.instant)
+
+    def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """Wrenches of thrusters whose state does not change within the period."""
+        if self.lag is None:
+            return at_once(craft, body, self.commands[0], period)
+        return pieces(craft, body, self.commands, self.lag, period)
+
+
+@dataclass(frozen=True)
+class EpisodeParameters:
+    """Parameters that one episode drew, or N episodes as fields (N,)."""
+
+    number: Field
+    """Of the episode."""
+    body: Body
+    """What flies."""
+    fault: Fault | None
+    lag: Lag | None
+    dwell: MinimumDwell | None
+    push: Wrench | None
+    """Steady, in W."""
+    swing: SinusoidalWrench | None
+    kicks: tuple[ImpulsiveWrench, ...]
+    sensors: Sensors | None
+
+    def body_at(self, time: Field) -> Body:
+        """Body at an instant, s after the start."""
+        if self.fault is None:
+            return self.body
+        failed = time >= self.fault.begins
+        choose = lambda broken, sound: where(failed, broken, sound)  # noqa: E731
+        return replace(
+            self.body,
+            gain=tuple(map(choose, self.fault.gain, self.body.gain)),
+            leak=tuple(map(choose, self.fault.leak, self.body.leak)),
+        )
+
+    def flying(self, time: Field) -> tuple[Body, Failing | None]:
+        """What flies in a control period that begins so long after the start, s; and how thrusters fail.
+
+        None: no fault begins later than at the start.
+        """
+        if self.fault is None or self.fault.latest <= 0.0:
+            return self.body_at(time), None
+        failed = replace(self.body, gain=self.fault.gain, leak=self.fault.leak)
+        return self.body, Failing(self.fault.begins - time, failed)
+
+    def strongest(self) -> Body:
+        """Body whose thrusters have the larger of their strengths before and after the fault."""
+        if self.fault is None:
+            return self.body
+        gain = (
+            where(a + b > c + d, a + b, c + d)
+            for a, b, c, d in zip(
+                self.body.gain, self.body.leak, self.fault.gain, self.fault.leak, strict=True
+            )
+        )
+        return replace(self.body, gain=tuple(gain), leak=(0.0,) * len(self.body.leak))
+
+    def disturbance(self, step: Field, period: float) -> Wrench | None:
+        """Disturbance wrench of a control period, constant in W; None: there is never any.
+
+        A sinusoidal disturbance has its value at the middle of the period.
+        """
+        parts = [] if self.push is None else [self.push]
+        if self.swing is not None:
+            s = sin(self.swing.rate * ((step + 0.5) * period) + self.swing.phase)
+            parts.append(map_leaves(lambda x: x * s, self.swing.amplitude))
+        for kick in self.kicks:
+            now = where(kick.step == step, kick.step * 0.0 + 1.0 / period, kick.step * 0.0)
+            parts.append(map_leaves(lambda x, now=now: x * now, kick.impulse))
+        return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
+
+
+def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodeParameters:
+    """Parameters of the first 1,024 episodes of so many steps under seed 0, as arrays (1024,).
+
+    Raises:
+        ConfigError: conditions are none, or not for the craft's valves.
+    """
+    if not isinstance(conditions, Conditions):
+        raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
+    conditions.check_valves(craft)
+    numbers = np.arange(1024, dtype=np.int32)
+    return draw(
+        conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64)
+    )
+
+
+_STREAMS = {
+    "body": 1,
+    "thrusters": 2,
+    "fault": 3,
+    "lag": 4,
+    "hold": 5,
+    "push": 6,
+    "swing": 7,
+    "kicks": 8,
+    "sensors": 16,
+    "mixture": 17,
+}
+"""Of 256 blocks of random numbers each; start and goal have the first, kicks have eight. A number that was
+given stays: else agents would meet other episodes under the same seed."""
+
+
+def draw(
+    conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field, draws: Draws
+) -> EpisodeParameters:
+    """Draw the parameters of an episode.
+
+    Args:
+        conditions: distributions.
+        craft: whose thrusters fail.
+        base: the body that factors apply to.
+        steps: control periods of an episode.
+        number: of the episode.
+        draws: random numbers.
+    """
+
+    def random(stream: str, k: int = 0) -> Random:
+        return draws.random(craft.dimension, number, (_STREAMS[stream] + k) * 256)
+
+    if conditions.others:
+        conditions = conditions.met(random("mixture").unit())
+    body = _body(conditions, base, random("body"), random("thrusters"))
+    pushes = conditions.disturbances
+    return EpisodeParameters(
+        number=number,
+        body=body,
+        fault=drawn_fault(conditions.faults, craft, body, random("fault")),
+        lag=_lag(conditions, random("lag")),
+        dwell=_dwell(conditions, random("hold")),
+        push=_push(pushes.force, pushes.torque, random("push")),
+        swing=_swing(conditions, random("swing")),
+        kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
+        sensors=drawn_sensors(conditions.sensors, random("sensors")),
+    )
+
+
+def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:
+    body = conditions.body
+    given = conditions.thrusters
+    mass = random.within(body.mass)
+    inertia = random.within(body.inertia)
+    pressure = random.within(given.pressure)
+    droop = random.within(given.droop or 0.0)
+    # Equal moments stay one and the same field, so that spins are known to have no gyroscopic part.
+    same = [x if isinstance(x, float) else id(x) for x in base.inertia]
+    scaled = {
+        key: x if key == 0.0 else x * inertia for key, x in zip(same, base.inertia, strict=True)
+    }
+    centre = base.centre
+    gain = base.gain
+    if largest(body.centre) > 0.0:
+        offset = random.vector(body.centre).columns()
+        centre = tuple(c + o for c, o in zip(centre, offset, strict=True))
+    if (given.thrust, given.pressure) != (1.0, 1.0):
+        gain = tuple(g * (thrusters.within(given.thrust) * pressure) for g in gain)
+    return Body(
+        base.mass * mass,
+        tuple(scaled[key] for key in same),
+        centre,
+        gain,
+        base.leak,
+        base.droop if given.droop is None else droop,
+    )
+
+
+def _lag(conditions: Conditions, random: Random) -> Lag | None:
+    given = conditions.thrusters
+    if conditions.lasting == 0.0:
+        return None
+    latency = random.within(given.latency) + random.within(given.command_delay)
+    ramps = largest(given.rise) > 0.0 or largest(given.fall or 0.0) > 0.0
+    rise = random.within(given.rise) if ramps else None
+    fall = None if given.fall is None else random.within(given.fall)
+    return Lag(latency, rise, fall, conditions.delay, conditions.lasting - conditions.delay)
+
+
+def _dwell(conditions: Conditions, random: Random) -> MinimumDwell | None:
+    on = conditions.thrusters.least_on
+    off = conditions.thrusters.least_off
+    return (
+        MinimumDwell(random.within(on), random.within(off))
+        if largest(on) > 0 or largest(off) > 0
+        else None
+    )
+
+
+def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
+    if largest(force) == 0.0 and largest(torque) == 0.0:
+        return None
+    return Wrench(random.vector(force), random.turn(torque))
+
+
+def _swing(conditions: Conditions, random: Random) -> SinusoidalWrench | None:
+    given = conditions.disturbances
+    amplitude = _push(given.slow_force, given.slow_torque, random)
+    if amplitude is None:
+        return None
+    return SinusoidalWrench(
+        amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau)
+    )
+
+
+def _kick(conditions: Conditions, steps: int, random: Random) -> ImpulsiveWrench:
+    given = conditions.disturbances
+    return ImpulsiveWrench(
+        floor(random.unit() * float(steps)),
+        Wrench(random.vector(given.kick), random.turn(given.kick_spin)),
+    )

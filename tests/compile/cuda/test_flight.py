@@ -1,0 +1,226 @@
+"""The generated flight, on a warp of a CPU, against stepping."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.compile.cuda import flight
+from rans.compile.cuda.design import Design, DoesNotFit
+from rans.compile.cuda.flight import FlightKernel
+from rans.compile.cuda.launch import CudaError
+from rans.episode import Setup
+from rans.fast.flights import Flights
+from rans.flight_statistics import QUANTITIES, FlightStatistics
+from rans.model.actuators import Throttle
+from rans.policy.filter_bank import Filters
+from rans.policy.network import Network
+from rans.tasks import TASKS
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_flight import HostFlights
+from tests.support.host_kernels import needs_compiler
+from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
+from tests.support.worlds import EFFECTS
+
+SEED = 2**40 + 5
+FIRST = 1000
+COUNT = 40
+"""Both words of the seed differ from zero, and the second warp is not full."""
+THROTTLED = replace(PLATFORM, actuators=Throttle())
+MULTI = TASKS["multi-task"]()
+
+
+def both(
+    network: Network, given: Setup, folder: Path, **how: Any
+) -> tuple[FlightStatistics, FlightStatistics]:
+    """By the kernel, and by stepping."""
+    stepped = Flights(network, given, generated=False)
+    kernel = HostFlights(stepped.world, network, folder, **how)
+    return kernel.fly(FIRST, COUNT, SEED, 1000), stepped.fly(FIRST, COUNT, SEED)
+
+
+def agree(kernel: FlightStatistics, stepped: FlightStatistics, share: float) -> None:
+    """All but one flight are judged alike, and means agree within a share of them."""
+    assert kernel.flights == stepped.flights == COUNT
+    assert (
+        len(
+            set(zip(kernel.numbers, kernel.kinds, strict=True))
+            ^ set(zip(stepped.numbers, stepped.kinds, strict=True))
+        )
+        <= 2
+    )
+    assert np.abs(kernel.settled_at - stepped.settled_at).sum() <= 2
+    for name in QUANTITIES:
+        ours = kernel.sums[name]
+        theirs = stepped.sums[name]
+        np.testing.assert_allclose(
+            [ours.mean, ours.squares], [theirs.mean, theirs.squares], rtol=share, err_msg=name
+        )
+
+
+@needs_compiler
+def test_sides_and_zoom_in_three_products(tmp_path: Path) -> None:
+    network = policy(PLATFORM, zoom=4.0)
+    kernel, stepped = both(network, setup(PLATFORM), tmp_path, products="bf16x3")
+    # Products are good to 2^-16, which changes a command in 1e5 here; of 40 flights some fail in each way.
+    agree(kernel, stepped, 2e-3)
+    assert sum(count > 0 for count in kernel.failures.values()) >= 3
+    assert 0 < kernel.unsolved < COUNT
+
+
+@needs_compiler
+def test_many_tasks_in_space_in_one_product(tmp_path: Path) -> None:
+    network = policy(FLYER, MULTI, (24,), sided=False, activation="relu")
+    kernel, stepped = both(network, setup(FLYER, MULTI), tmp_path, products="bf16")
+    # Of bfloat16 (2^-9), one command in a thousand is another.
+    agree(kernel, stepped, 0.05)
+
+
+@needs_compiler
+def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_path: Path) -> None:
+    """More inputs than are kept in registers, layers that take one tile at a time, and wind."""
+    network = policy(
+        THROTTLED, layers=(16, 272, 32), activation="elu", zoom=2.0, history=3, averages=(0.5, 0.9)
+    )
+    kernel, stepped = both(
+        network, setup(THROTTLED, conditions=EFFECTS["push"]), tmp_path, products="bf16x6"
+    )
+    # Duties are not rounded to anything: products good to 2^-24 leave 1e-5 after twelve steps.
+    agree(kernel, stepped, 1e-4)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("looked_for", "settings"),
+    [
+        ({}, {}),
+        ({"steady": (25.0, 25.0)}, {"history": 2, "zoom": 2.0}),
+        (
+            {"steady": (0.0, 25.0), "response": (0.0, 1.0)},
+            {"history": 1, "averages": (0.5,), "commands_only": True},
+        ),
+        ({"response": (2.0, 2.0), "gate": 5.0}, {}),
+    ],
+    ids=[
+        "alone",
+        "beside a history, with steady accelerations",
+        "beside commands alone, one with responses",
+        "without wild readings",
+    ],
+)
+def test_filters_in_noise(looked_for: Any, settings: Any, tmp_path: Path) -> None:
+    bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
+    network = policy(PLATFORM, filters=bank, **settings)
+    kernel, stepped = both(
+        network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path, products="bf16x6"
+    )
+    # As above, and divisions that a compiler may round differently.
+    agree(kernel, stepped, 1e-3)
+
+
+@needs_compiler
+def test_only_so_many_are_listed(tmp_path: Path) -> None:
+    network = policy(PLATFORM, layers=(16,))
+    given = setup(PLATFORM)
+    stepped = Flights(network, given, generated=False)
+    kernel = HostFlights(stepped.world, network, tmp_path, products="bf16x3")
+    everything, few = (kernel.fly(0, COUNT, SEED, listed) for listed in (1000, 5))
+    assert few.failures == everything.failures
+    assert len(everything.numbers) == everything.unsolved > len(few.numbers) == 5
+    assert set(few.numbers) < set(everything.numbers)
+
+
+def test_designs_of_shipped_sizes() -> None:
+    """What a block of an H200 has room for: 227 KiB."""
+
+    def design(layers: tuple[int, int], history: int = 0) -> Design:
+        given = policy(PLATFORM, layers=layers, zoom=16.0, history=history).architecture
+        return Design(given, 1, 232448)
+
+    small = design((64, 64))
+    large = design((256, 256))
+    wide = design((256, 256), 12)
+    assert (small.warps, small.tiles, small.kept) == (16, 2, small.places["end"])
+    # 8 warps of 32 threads share 65,536 registers, 256 each: 136 of them hold the first layer's activations.
+    assert (large.warps, large.kept) == (8, large.places["end"])
+    # 16 + 12 * 16 inputs: 208 x 256 and 256 x 256 numbers of two bytes do not fit beside the inputs.
+    assert wide.columns == 208
+    assert wide.kept < wide.places["end"]
+    assert wide.used <= 232448
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"units": 8}, "a recurrent policy"),
+        ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
+        ({"history": 4000}, "bytes for 32 flights"),
+    ],
+)
+def test_what_does_not_fit(settings: Any, message: str) -> None:
+    with pytest.raises(DoesNotFit, match=message):
+        Design(policy(PLATFORM, sided=False, **settings).architecture, 1, 232448)
+
+
+class Chip:
+    major = 9
+    minor = 0
+    shared_memory_per_block_optin = 232448
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"units": 8}, None, "their kernel has no place for a recurrent policy"),
+        ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
+        ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
+    ],
+)
+def test_flights_without_a_kernel_say_so(
+    settings: Any, error: Exception | None, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error or AssertionError
+
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda _: Chip)
+    monkeypatch.setattr(flight, "Function", fail)
+    monkeypatch.setattr(torch.cuda, "device", lambda _: torch.no_grad())
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (9, 0))
+    network = policy(PLATFORM, sided=False, **settings)
+    world = Flights(network, setup(PLATFORM), generated=False).world
+    with pytest.warns(UserWarning, match=message):
+        assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
+
+
+def test_an_old_gpu_has_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        torch.cuda, "get_device_properties", lambda _: type("Old", (Chip,), {"major": 7})
+    )
+    network = policy(PLATFORM)
+    world = Flights(network, setup(PLATFORM), generated=False).world
+    with pytest.warns(UserWarning, match=r"a GPU of capability 7\.0, where 8\.0 is needed"):
+        assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
+
+
+def test_a_task_of_tensors_is_stepped() -> None:
+    task = replace(WIDE, thrust_weight=torch.tensor(0.02))
+    network = policy(PLATFORM, task)
+    world = Flights(network, setup(PLATFORM, task), generated=False).world
+    with pytest.raises(TypeError, match="a symbol meets Tensor"):
+        FlightKernel(world, network, torch.device("cpu"), 232448, "bf16")
+
+
+@needs_compiler
+def test_a_knob_in_three_products(tmp_path: Path) -> None:
+    """It stays with its episode, and the reward's price does too."""
+    task = TASKS["go-to-pose-priced"](thrust_weight=0.5)
+    kernel, stepped = both(
+        policy(PLATFORM, task), setup(PLATFORM, task), tmp_path, products="bf16x3"
+    )
+    # Products are good to 2^-16, which changes a command in 1e5 here.
+    agree(kernel, stepped, 2e-3)

@@ -1,0 +1,319 @@
+"""The generated kernel against NumPy, which runs the equations themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.compile.cuda.launch import CudaError
+from rans.fast import step_kernel
+from rans.fast.distributed import ALONE, Processes
+from rans.fast.engine import Engine
+from rans.fast.learn.curriculum import Curriculum, Ramp
+from rans.fast.step_kernel import Kernel
+from rans.model.actuators import Pulsed, Throttle
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift, UniformGravity, step_goal
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks import TASKS, GoToPose
+from tests.support.crafts import ANY_CRAFT
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
+from tests.support.worlds import EFFECTS
+
+pytestmark = needs_compiler
+
+
+@pytest.fixture(params=[1, 2])
+def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Of few spacecraft too, a thread steps so many."""
+    monkeypatch.setattr(step_kernel, "MANY", 1 if request.param == 2 else 2**31)
+    monkeypatch.setattr(step_kernel, "LONG", 2**31)
+    return request.param
+
+
+@both_crafts
+@pytest.mark.parametrize(
+    ("task", "together"),
+    [*((task, 1) for task in ANY_CRAFT), ("multi-task", 2)],
+    indirect=["together"],
+)
+def test_every_task_steps_and_restarts_as_on_numpy(
+    on_host: Any, task: str, craft: Spacecraft, together: int
+) -> None:
+    made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    engine = on_host(*made, **how)
+    assert engine._kernel._together == together
+    assert compare(Engine(*made, **how), engine) >= 2 * 16
+
+
+@pytest.mark.parametrize("name", ["sensors", "dropout"])
+def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
+    """Of two members, in what their episodes drew, after a step."""
+    given: Any = {"seed": (SEED, 3), "dtype": torch.float64, "conditions": EFFECTS[name]}
+    ours = Engine(PLATFORM, NEAR, 16, SHORT, **given)
+    theirs = on_host(PLATFORM, NEAR, 16, SHORT, **given)
+    for engine in (ours, theirs):
+        engine.step(torch.ones(16, 8))
+    torch.testing.assert_close(
+        theirs.observe(), ours.observe(), rtol=0, atol=TOLERANCE[torch.float64]
+    )
+
+
+@both_crafts
+def test_float32_and_failures(on_host: Any, craft: Spacecraft) -> None:
+    made = (craft, NEAR, 16, SHORT)
+    ours = Engine(*made, seed=SEED)
+    theirs = on_host(*made, seed=SEED)
+    assert compare(ours, theirs, form=torch.float32) > 16
+
+
+@pytest.mark.parametrize("form", [torch.bool, torch.float64, torch.int64, torch.float16])
+def test_actions_of_any_dtype(on_host: Any, form: torch.dtype) -> None:
+    made = (PLATFORM, NEAR, 4, SHORT)
+    compare(Engine(*made), on_host(*made), 3, form)
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'free-flyer'.*cannot push and turn")
+@pytest.mark.parametrize("thrusters", [5, 6, 12])
+@pytest.mark.parametrize("form", [torch.uint8, torch.float64])
+@pytest.mark.usefixtures("together")
+def test_any_number_of_thrusters(on_host: Any, thrusters: int, form: torch.dtype) -> None:
+    """Commands are read in pieces of one to sixteen bytes."""
+    craft = replace(FLYER, thrusters=FLYER.thrusters[:thrusters], thrust_sharing="split")
+    made: Any = (craft, GoToPose(), 4, Timing(substeps=1))
+    how: Any = {"dtype": torch.float64}
+    compare(Engine(*made, **how), on_host(*made, **how), 6, form)
+
+
+def test_actions_may_lie_anywhere(on_host: Any) -> None:
+    made = (PLATFORM, NEAR, 3, SHORT)
+    action = actions(PLATFORM, 3, 1)[0].to(torch.uint8)
+    shifted = torch.zeros(25, dtype=torch.uint8)[1:].view(3, 8).copy_(action)
+    sparse = torch.zeros(3, 16, dtype=torch.uint8)[:, ::2].copy_(action)
+    seen = [on_host(*made).step(form).observation for form in (action, shifted, sparse)]
+    # A GPU reads 16 bytes at once, from where a multiple of them lies.
+    assert shifted.data_ptr() % 16 == 1
+    assert on_host(*made)._kernel._readable(shifted).data_ptr() % 16 == 0
+    assert torch.equal(seen[0], seen[1])
+    assert torch.equal(seen[0], seen[2])
+
+
+@pytest.mark.parametrize(("conditions", "together"), [(None, 2), ("lab", 1)])
+def test_a_long_step_is_one_spacecrafts(
+    on_host: Any, conditions: str | None, together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """docs/speed.md has 199 operations in a perfect world; all of `lab` is more than `LONG`."""
+    monkeypatch.setattr(step_kernel, "MANY", 1)
+    engine = on_host(PLATFORM, GoToPose(), 4, conditions=conditions)
+    episode = engine._backend.episodes(engine._world, engine.body, 4, engine._draws, remember=False)
+    kernel = step_kernel.Kernel(
+        engine._world, episode, engine._draws, engine.processes, engine.dtype
+    )
+    assert kernel._together == together
+    assert kernel._program.operations == 199 or conditions
+
+
+def test_an_odd_number_of_spacecraft_flies_one_by_one(
+    on_host: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(step_kernel, "MANY", 1)
+    made = (PLATFORM, NEAR, 15, SHORT)
+    engine = on_host(*made)
+    assert engine._kernel._together == 1
+    assert compare(Engine(*made), engine) > 15
+
+
+@pytest.mark.usefixtures("together")
+def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
+    whole = Engine(PLATFORM, NEAR, 16, SHORT)
+    part = on_host(PLATFORM, NEAR, 8, SHORT, processes=Processes(1, 2))
+    ends = 0
+    for action in actions(PLATFORM, 16, 25):
+        expected = whole.step(action)
+        found = part.step(action[1::2])
+        torch.testing.assert_close(
+            found.observation, expected.observation[1::2], rtol=0, atol=TOLERANCE[torch.float32]
+        )
+        ends += int((found.terminated | found.truncated).sum())
+    assert ends > 8
+
+
+def test_a_lost_state_earns_nothing(on_host: Any) -> None:
+    engine = on_host(PLATFORM, NEAR, 4, SHORT)
+    engine.state.p.x[1] = torch.nan
+    step = engine.step(torch.zeros(4, 8))
+    assert step.terminated.tolist() == step.reward.eq(0.0).tolist() == [False, True, False, False]
+    assert step.terms[:, 1].eq(0.0).all()
+
+
+@pytest.mark.usefixtures("together")
+def test_the_previous_command_is_remembered(on_host: Any) -> None:
+    made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
+    assert compare(Engine(*made), on_host(*made)) > 16
+
+
+@pytest.mark.usefixtures("together")
+def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
+    ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
+    ours, theirs = (Curriculum([NEAR], ramps, dtype) for dtype in (np.float32, torch.float32))
+    a = Engine(PLATFORM, ours.task, 16, SHORT)
+    b = on_host(PLATFORM, theirs.task, 16, SHORT)
+    seen = []
+    for steps in (0, 50, 100):
+        for curriculum in (ours, theirs):
+            curriculum.move_to(steps)
+        compare(a, b)
+        seen.append([engine.step(torch.ones(16, 8)).terms[-1, 0].item() for engine in (a, b)])
+    # Eight thrusters at a price on its way from 0.5 to the task's 0.02.
+    np.testing.assert_allclose(seen, [[-4.0] * 2, [-2.08] * 2, [-0.16] * 2], rtol=1e-6)
+
+
+def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
+    """The kernel is given where they lie, not what they are."""
+    task = Curriculum([NEAR], [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
+    with pytest.raises(
+        TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"
+    ):
+        on_host(PLATFORM, task, 4)
+    engine = on_host(PLATFORM, NEAR, 4)
+    elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
+    engine._world = replace(engine._world, setup=engine._world.setup._replace(task=elsewhere))
+    with pytest.raises(
+        TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"
+    ):
+        Kernel(engine._world, engine.episode, engine._draws, ALONE, engine.dtype)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError("libnvrtc.so.12: cannot open shared object file"),
+        CudaError("no kernel image"),
+        AttributeError("'Symbol' object has no attribute 'clamp'"),
+    ],
+)
+def test_without_a_kernel_torch_makes_the_step(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(Kernel, "function", fail)
+    engine = Engine(PLATFORM, NEAR, 2, compiled=True)
+    with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
+        assert (
+            Kernel.made(engine._world, engine.episode, engine._draws, ALONE, engine.dtype) is None
+        )
+
+
+def with_actuators(kind: Any) -> Spacecraft:
+    return replace(PLATFORM, actuators=kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "dtype"),
+    [
+        (Throttle(), torch.float32),
+        (Throttle(), torch.float64),
+        (Pulsed(3), torch.float64),
+        (Pulsed(5, 2), torch.float32),
+    ],
+    ids=str,
+)
+@pytest.mark.usefixtures("together")
+def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
+    """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
+    made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
+    ours = Engine(*made, seed=SEED, dtype=dtype)
+    theirs = on_host(*made, seed=SEED, dtype=dtype)
+    assert {array.dtype for array in theirs.episode.commands[0]} == {torch.float32}
+    generator = torch.Generator().manual_seed(7)
+
+    def shares(steps: int) -> torch.Tensor:
+        whole = actions(PLATFORM, 16, steps)
+        return whole * (0.2 + 0.8 * torch.rand(whole.shape, generator=generator, dtype=dtype))
+
+    assert compare(ours, theirs, form=dtype, given=shares(25)) >= 16
+
+
+def like_near(kind: Any) -> Any:
+    return kind(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
+
+
+@dataclass(frozen=True)
+class Falling(GoToPose):
+    """Everything falls, but not the goal."""
+
+    @property
+    def drift(self) -> Drift:
+        return UniformGravity((0.1, -0.2))
+
+
+@pytest.mark.usefixtures("together")
+def test_a_drift(on_host: Any) -> None:
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    made: Any = (PLATFORM, like_near(Falling), 16, SHORT)
+    ours = Engine(*made, **how)
+    assert compare(ours, on_host(*made, **how)) > 16
+    before = np.array(ours.state.v.y)
+    still = ours.step(torch.zeros(16, 8))
+    going = ~(still.terminated | still.truncated).numpy()
+    # 0.2 m/s^2 for 0.2 s, in float64.
+    np.testing.assert_allclose((ours.state.v.y - before)[going], -0.04, rtol=1e-12)
+
+
+@both_crafts
+@pytest.mark.usefixtures("together")
+def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
+    nominal = Body.of(craft)
+    scale = torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
+    gain = tuple(torch.roll(scale, k).clamp(max=1.0) for k in range(len(craft.thrusters)))
+    body = replace(nominal, mass=nominal.mass * scale, gain=gain)
+    how: Any = {"seed": SEED, "dtype": torch.float64, "body": body}
+    made: Any = (craft, NEAR, 16, SHORT)
+    assert compare(Engine(*made, **how), on_host(*made, **how)) > 16
+
+
+@dataclass(frozen=True)
+class Chase(GoToPose):
+    """The goal moves on, as nothing pushes it."""
+
+    def later(self, goal: Any, time: Any) -> Any:
+        return step_goal(
+            replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, time
+        )
+
+
+@both_crafts
+@pytest.mark.usefixtures("together")
+def test_a_goal_that_moves(on_host: Any, craft: Spacecraft) -> None:
+    task = like_near(Chase)
+    made: Any = (craft, task, 16, SHORT)
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    ours = Engine(*made, **how)
+    first = np.array(ours.goal.p.x)
+    ours.step(actions(craft, 16, 1)[0])
+    assert (ours.goal.p.x != first).any()
+    ours.reset(SEED)
+    assert compare(ours, on_host(*made, **how)) > 16
+
+
+@pytest.mark.usefixtures("together")
+def test_members_with_seeds_of_their_own(on_host: Any) -> None:
+    made: Any = (PLATFORM, NEAR, 24, SHORT)
+    how: Any = {"seed": [SEED, 3, 2**33], "dtype": torch.float64}
+    engine = on_host(*made, **how)
+    assert compare(Engine(*made, **how), engine) > 24
+    alone = Engine(PLATFORM, NEAR, 8, SHORT, seed=3, dtype=torch.float64)
+    for action in actions(PLATFORM, 24, 25):
+        alone.step(action[8:16])
+    torch.testing.assert_close(
+        engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12
+    )  # as above

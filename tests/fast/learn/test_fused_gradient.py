@@ -1,0 +1,171 @@
+"""Gradients in one kernel, on a block of a CPU, and in products, against autograd."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rans.compile.cuda.design import DoesNotFit
+from rans.compile.cuda.update_design import KernelDesign, UpdateDesign
+from rans.fast.learn.fused_gradient import Gradients, UpdateProducts
+from rans.fast.learn.ppo import PPOLearner, losses
+from rans.fast.learn.rollout import Batch, minibatches
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_kernels import needs_compiler
+from tests.support.host_update import HostUpdate
+from tests.support.training import scatter, tiny_learner
+
+
+def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
+    """A learner and what it has to learn from, by a policy that has changed since."""
+    learner = tiny_learner(
+        craft,
+        **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02} | settings),
+    )
+    learner.by_hand = None
+    scale = torch.Generator().manual_seed(1)
+    network = scatter(learner.network)
+    with torch.no_grad():
+        for name in network.learnt:  # outputs of order one
+            network.tensors[name] *= 3.0 / max(network.tensors[name].shape[-1], 9) ** 0.5
+    learner.collect()
+    if (told := learner.rollout.all.privileged) is not None:  # which here would be the same for all
+        told.normal_(generator=scale)
+    with torch.no_grad():
+        for name in network.learnt:
+            network.tensors[name] += 0.02 * torch.randn(
+                network.tensors[name].shape, generator=scale
+            )
+    return learner, learner.batch()
+
+
+class Rounded(torch.autograd.Function):
+    """A number, or its gradient, as bfloat16 has it."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, value: bool) -> Tensor:
+        ctx.value = value
+        return x.bfloat16().float() if value else x.clone()
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
+        (gradient,) = gradients
+        return (gradient if ctx.value else gradient.bfloat16().float()), None
+
+
+def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
+    """Hidden layers in float32, but for operands of products."""
+
+    def through(layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
+        for weight, bias in layers:
+            operands = (Rounded.apply(part, True) for part in (x, weight, bias))
+            x = activation(Rounded.apply(functional.linear(*operands), False))
+        return Rounded.apply(x, True)
+
+    return through
+
+
+def agree(kernel: Gradients, learner: PPOLearner, batch: Batch, share: float) -> None:
+    """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
+    network = learner.network
+    learner.by_hand = kernel
+    prepared = learner.batch()
+    network._through = rounding(network._activation)  # type: ignore[method-assign]
+    (part,) = minibatches(batch, 1, 1)
+    exact = losses(network, part, learner.coefficients, with_entropy=True)
+    gradients = torch.autograd.grad(
+        exact.loss.sum(), [network.tensors[name] for name in network.learnt]
+    )
+    learner.adam.gradient.fill_(float("nan"))
+    (part,) = minibatches(prepared, 1, 1)
+    found = kernel(part)
+    torch.testing.assert_close(
+        found[:5], tuple(x.detach() for x in exact[:5]), rtol=share, atol=share / 10
+    )
+    assert abs(found[5] - exact.clip_fraction) <= 2 / len(part.seen)
+    for name, gradient in zip(network.learnt, gradients, strict=True):
+        start = network.tensors[name].storage_offset()
+        found = learner.adam.gradient[0, start : start + gradient.numel()].view(gradient.shape)
+        assert (found - gradient).norm() <= share * gradient.norm(), name
+
+
+CASES = pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+        (FLYER, {"layers": (40, 128), "activation": "elu", "zoom": 4.0}),
+    ],
+    ids=["plane", "space, elu, idle units and a second look"],
+)
+
+
+@needs_compiler
+@CASES
+def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_path: Path) -> None:
+    learner, batch = collected(craft, **settings)
+    agree(HostUpdate(learner, tmp_path), learner, batch, 0.01)
+
+
+@CASES
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation: str) -> None:
+    history = {"memory": "history", "history": 2, "averages": (0.5,)}
+    learner, batch = collected(craft, **{"activation": activation} | settings | history)
+    agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+
+
+@CASES
+def test_products_find_what_autograd_finds_of_a_critic_of_its_own(
+    craft: Any, settings: Any
+) -> None:
+    history = {"memory": "history", "history": 2, "averages": (0.5,)}
+    learner, batch = collected(craft, **settings, **history, privileged_critic=True)
+    agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"memory": "recurrent"}, "a recurrent network"),
+        ({"continuous": True}, "continuous commands"),
+        ({"layers": (16,)}, "other than two layers"),
+    ],
+)
+def test_what_is_left_to_autograd(settings: Any, message: str) -> None:
+    with pytest.raises(DoesNotFit, match=message):
+        UpdateDesign(tiny_learner(**settings).network.architecture)
+
+
+def test_the_kernel_has_no_place_for_a_critic_of_its_own() -> None:
+    with pytest.raises(DoesNotFit, match="a critic of its own"):
+        KernelDesign(tiny_learner(privileged_critic=True).network.architecture, 2**20)
+
+
+@pytest.mark.parametrize(
+    ("layers", "zoom", "history", "shared", "message"),
+    [
+        ((129, 64), 0.0, 1, 232448, "24 inputs and layers of \\(129, 64\\) units"),
+        ((128, 128), 16.0, 3, 232448, "64 inputs and"),
+        ((128, 128), 0.0, 1, 166912, "shared memory a block"),
+    ],
+)
+def test_what_the_kernel_has_no_room_for(
+    layers: Any, zoom: float, history: int, shared: int, message: str
+) -> None:
+    learner = tiny_learner(layers=layers, zoom=zoom, memory="history", history=history)
+    with pytest.raises(DoesNotFit, match=message):
+        KernelDesign(learner.network.architecture, shared)
+
+
+def test_a_block_of_an_h200_has_room_for_networks_in_space() -> None:
+    design = KernelDesign(
+        tiny_learner(FLYER, layers=(128, 128), zoom=16.0).network.architecture, 232448
+    )
+    # Two looks at 16 columns, and a one; 16 thrusters, and a value.
+    assert (design.inputs, design.widths, design.heads) == (48, (128, 128), 32)

@@ -1,0 +1,86 @@
+"""An engine's step as a straight-line program does what its equations do."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.fast.compiled_step import ArrayStep
+from rans.fast.engine import Engine
+from rans.fast.learn.curriculum import Curriculum, Ramp
+from rans.fast.step import step_arrays
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, ThrusterConditions
+from rans.tasks import TASKS, GoToPose
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.host_kernels import compare
+
+
+def pair(*given: Any, **kwargs: Any) -> tuple[Engine, Engine]:
+    """An engine whose equations run on arrays, and one as they are made, in single precision."""
+    plain, straight = (Engine(*given, **kwargs) for _ in range(2))
+    plain._step = step_arrays
+    return plain, straight
+
+
+def is_straight(engine: Engine) -> bool:
+    return isinstance(engine._step, ArrayStep) and engine._step._straight is not None
+
+
+@both_crafts
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_steps_and_restarts(task: str, craft: Spacecraft) -> None:
+    plain, straight = pair(craft, TASKS[task](), 16, Timing(episode_steps=12), seed=2**40 + 5)
+    assert compare(plain, straight) > 16
+    assert is_straight(straight)
+
+
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"num_envs": 4099, "seed": 3},
+        {"num_envs": 12, "seed": [3, 4, 5]},
+        {"num_envs": 12, "seed": 3, "conditions": "lab"},
+    ],
+    ids=["blocks", "members", "lab"],
+)
+def test_blocks_members_and_conditions(kwargs: dict[str, Any]) -> None:
+    """4,099 are two blocks, of which the second is small."""
+    steps = 8 if kwargs["num_envs"] > 12 else 25
+    plain, straight = pair(PLATFORM, NEAR, timing=Timing(episode_steps=6), **kwargs)
+    assert compare(plain, straight, steps) > 0
+    assert is_straight(straight)
+
+
+def test_what_would_be_too_long_a_program_is_none() -> None:
+    """At 1 kHz a valve that is 0.2 s late has 200 commands on their way: it took minutes and gigabytes."""
+    late = Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2)))
+    engine = Engine(PLATFORM, NEAR, 2, Timing(0.001, substeps=1), conditions=late)
+    engine.step(torch.ones(2, 8))
+    assert len(engine.episode.memory()) > 1600
+    assert not is_straight(engine)
+
+
+def test_a_curriculum_moves_its_settings() -> None:
+    curriculum = Curriculum([GoToPose()], [Ramp("thrust_weight", 0.5, 100)], np.float32)
+    plain, straight = pair(PLATFORM, curriculum.task, 8, SHORT)
+    for steps in (0, 50, 100):
+        curriculum.move_to(steps)
+        compare(plain, straight, 3)
+
+
+def test_results_stay_and_copies_fly_on_by_themselves() -> None:
+    engine = Engine(PLATFORM, NEAR, 8, SHORT, seed=1)
+    first, second, third = actions(PLATFORM, 8, 3)
+    kept = engine.step(first)
+    before = [x.clone() for x in kept]
+    engine.step(second)
+    assert all(map(torch.equal, kept, before))
+    twin = copy.deepcopy(engine)
+    ours = engine.step(third)
+    assert all(map(torch.equal, twin.step(third), ours))

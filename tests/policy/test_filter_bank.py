@@ -1,0 +1,302 @@
+"""Kalman filters on what is observed, against the engine's motion, SciPy's covariances and a filter in W."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from rans.episode import Setup, World, step
+from rans.errors import ConfigError
+from rans.model.fields import Heading, Quat
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.policy.filter_bank import Filters
+from rans.policy.kalman_filter import Filter
+from rans.scenario import draws, scenarios
+from rans.tasks import TASKS, GoToPose
+from rans.tasks.base import Task, observation
+from rans.tasks.derived import layout
+from rans.tasks.sight import Scalar, VectorInW
+from tests.support.engines import FLYER, PLATFORM, both_crafts
+from validation.records.filtered import corrected, gains
+from validation.records.robustness import rows
+
+COUNT = 48
+SEED = 5
+TIMING = Timing()
+FOLLOWED = [
+    "go-to-pose",
+    "go-to-position",
+    "track-velocity",
+    "track-twist",
+    "track-velocity-heading",
+]
+
+
+def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
+    """Of every step: random ones, each thruster open so often."""
+    random = np.random.default_rng(seed)
+    while True:
+        yield tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
+
+
+def made(
+    craft: Spacecraft, task: Task, drift: float, steady: float = 0.0, response: float = 0.0
+) -> Filter:
+    (one,) = Filters.of(craft, task, TIMING.control_period, (drift,), (steady,), (response,)).each
+    return one
+
+
+def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
+    seen = layout(task, craft.dimension).in_body(columns)
+    return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
+
+
+@both_crafts
+@pytest.mark.parametrize("name", FOLLOWED)
+@pytest.mark.parametrize(
+    ("drift", "steady", "response"),
+    [(1e-3, 0.0, 0.0), (10.0, 0.0, 0.1), (10.0, 25.0, 0.0), (1e-3, 25.0, 1.0)],
+)
+def test_what_is_expected_is_what_is_seen_next(
+    drift: float, steady: float, response: float, name: str, craft: Spacecraft
+) -> None:
+    """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
+    task = TASKS[name]()
+    body = layout(task, craft.dimension).body
+    filters = made(craft, task, drift, steady, response)
+    chosen = scenarios(task, craft, SEED, COUNT)
+    world = World(Setup(craft, task, TIMING))
+    now = world.begin(chosen.start, chosen.goal)
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    fastest = 0.0
+    for k, command in zip(range(30), commands(craft, 0.015), strict=False):
+        read = in_body(craft, task, world.observe(now))
+        if k:
+            expected = np.array(memory[: body.width])
+            # Turning is kept to first order within a period: of the 0.06 m/s that a pulse gives, and of 5 m
+            # to go at 1.5 rad/s, a few millimetres.
+            np.testing.assert_allclose(
+                expected, np.broadcast_to(read, expected.shape), rtol=0, atol=8e-3
+            )
+        memory = filters.expected(body, read, memory, command)
+        now = step(world, now, command).episode
+        fastest = max(fastest, *(np.abs(w).max() for w in now.state.spin()))
+    assert 0.9 < fastest < 1.6
+
+
+def test_what_a_thruster_gives_in_a_period() -> None:
+    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.3032 rad/s.
+
+    To as many places as are given.
+    """
+    one = made(PLATFORM, GoToPose(), 1.0)
+    assert np.abs(one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
+    assert np.abs(one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
+    assert one.share == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
+def test_covariances_become_those_of_scipy(drift: float) -> None:
+    """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
+    task = GoToPose()
+    period = TIMING.control_period
+    body = layout(task, 2).body
+    filters = made(PLATFORM, task, drift)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.expected(body, read, memory, shut)
+    pose, both, velocity = (float(x[0]) for x in memory[-3:])
+    moves = np.array([[1.0, period], [0.0, 1.0]])
+    noise = np.diag([drift * (0.5 * period) ** 2, drift])
+    known = [
+        [pose, both],
+        [both, velocity],
+    ]  # after 80 s: what is left of the beginning is rounding
+    np.testing.assert_allclose(
+        known, solve_discrete_are(moves.T, np.eye(2), noise, np.eye(2)), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03])
+def test_with_steady_accelerations_too(drift: float) -> None:
+    """Of which no reading is made."""
+    task = GoToPose()
+    t = TIMING.control_period
+    body = layout(task, 2).body
+    filters = made(PLATFORM, task, drift, 25.0)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.expected(body, read, memory, shut)
+    found = np.zeros((3, 3))
+    found[np.triu_indices(3)] = [float(x[0]) for x in memory[-6:]]
+    moves = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+    noise = np.diag([drift * (0.5 * t) ** 2, drift, drift])
+    told = np.eye(3)[:2]
+    known = solve_discrete_are(moves.T, told.T, noise, np.eye(2))
+    np.testing.assert_allclose(found, np.triu(known), rtol=1e-6)
+
+
+@both_crafts
+def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
+    """Of up to 0.3 N and 0.1 N m, steady in W and about the centre of mass, after 12 s of exact readings."""
+    task = GoToPose()
+    own = draws(SEED, COUNT)
+    for name in ("force", "torque"):
+        body = layout(task, craft.dimension).body
+        filters = made(craft, task, 0.01, 25.0)
+        chosen = scenarios(task, craft, SEED, COUNT)
+        world = World(Setup(craft, task, TIMING, rows()[name]))
+        now = world.begin(chosen.start, chosen.goal, 0, own)
+        memory = [np.zeros(COUNT)] * filters.width(body)
+        before = now
+        told = list[Any]()
+        for command in itertools.islice(commands(craft, 0.0), 60):
+            read = in_body(craft, task, world.observe(now, own))
+            told = filters.estimate(body, read, memory)[body.width :]
+            memory = filters.expected(body, read, memory, command)
+            before = now
+            now = step(world, now, command, own).episode
+        gained = now.state.v - before.state.v  # in a period, in W
+        force = in_body(craft, task, observation(task, replace(now.state, v=gained), now.goal))
+        axes = craft.dimension
+        spins = len(filters.twist[0])
+        turned = np.subtract(now.state.spin(), before.state.spin())
+        units = np.abs(filters.push).max(), np.abs(filters.twist).max()
+        right = [*(force[k] / units[0] for k in range(axes)), *(turned / units[1])]
+        strongest = np.abs(right).max()
+        assert strongest > 0.1
+        # Exact but for the turn of B in a period, which a torque makes longer and longer.
+        np.testing.assert_allclose(told, right, rtol=0, atol=0.02 * strongest)
+        assert len(told) == axes + spins
+
+
+def _example(task: Task) -> Any:
+    chosen = scenarios(task, PLATFORM, SEED, COUNT)
+    return chosen.start, chosen.goal
+
+
+def test_in_noise_it_is_the_filter_of_states() -> None:
+    """As `validation.records.filtered` has it, in W and with quaternions, of the same readings and commands."""
+    task = GoToPose()
+    drift = 1e-3
+    body = layout(task, 3).body
+    filters = made(FLYER, task, drift)
+    chosen = scenarios(task, FLYER, SEED, COUNT)
+    own = draws(SEED, COUNT)
+    world = World(Setup(FLYER, task, TIMING, rows()["noise"]))
+    perfect = World(Setup(FLYER, task, TIMING))
+    now = world.begin(chosen.start, chosen.goal, 0, own)
+    gain = gains(TIMING.control_period, drift, 40)
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    off = []
+    state = None
+    last = ()
+    for k, command in zip(range(40), commands(FLYER, 0.004), strict=False):
+        told = world.read(now, own)
+        read = in_body(FLYER, task, observation(task, told, now.goal))
+        if state is None:
+            state = told
+        else:
+            moved = step(perfect, perfect.begin(state, now.goal), last)
+            state = corrected(moved.episode.state, told, gain[k])
+        theirs = in_body(FLYER, task, observation(task, state, now.goal))
+        ours = filters.estimate(body, read, memory)
+        off.append([np.subtract(ours, theirs), np.subtract(read, theirs)])
+        memory = filters.expected(body, read, memory, command)
+        last = command
+        now = step(world, now, command, own).episode
+    apart, noise = np.sqrt(np.square(off).mean(axis=(0, 3)))
+    seen = noise > 0
+    # Both are of first order in 3 degrees of noise, each in its own way: a twentieth of what is filtered.
+    assert (apart[seen] < 0.05 * noise[seen]).all()
+    assert seen.sum() == body.width - 1  # all but the task flag
+
+
+@both_crafts
+@pytest.mark.parametrize("drift", [1e-3, 1.0])
+def test_a_rotation_stays_one(drift: float, craft: Spacecraft) -> None:
+    """In single precision, over three hundred turns in tumbling flight: rounding once doubled with each."""
+    task = GoToPose()
+    random = np.random.default_rng(2)
+    body = layout(task, craft.dimension).body
+    filters = made(craft, task, drift)
+    turn = random.random((4, COUNT), np.float32) - np.float32(0.5)
+    attitude = (
+        Heading(6.0 * turn[0]) if craft.dimension == 2 else Quat(*turn).normalised()
+    ).columns()
+    size = len(attitude)
+    width = craft.dimension
+    spins = [3.0 * (random.random(COUNT, np.float32) - 0.5) for _ in filters.twist[0]]
+    still = np.zeros(COUNT, np.float32)
+    read = [*[still] * width, *spins, still, *[still] * width, *attitude]
+    read += [still] * (body.width - len(read))
+    place = 2 * width + len(spins) + 1
+    memory = [still] * filters.width(body)
+    for _ in range(300):
+        memory = filters.expected(body, read, memory, [still] * len(craft.thrusters))
+        # It goes on turning as fast, and is seen where it is expected.
+        read = [*read[:place], *memory[place : place + size], *read[place + size :]]
+    rotation = np.reshape(memory[place : place + size], (-1, width, COUNT))
+    assert rotation.dtype == np.float32
+    inner = np.einsum("ain,bin->nab", rotation, rotation)
+    one = np.broadcast_to(np.eye(len(rotation)), inner.shape)
+    np.testing.assert_allclose(inner, one, rtol=0, atol=3e-6)  # some roundings of single precision
+
+
+@pytest.mark.parametrize("drift", [1e-3, 1.0])
+@pytest.mark.parametrize("response", [0.0, 25.0])
+def test_no_reading_makes_it_lose_its_numbers(response: float, drift: float) -> None:
+    """Not even of rotations that are none, as a broken sensor may give."""
+    task = GoToPose()
+    random = np.random.default_rng(3)
+    body = layout(task, 3).body
+    filters = made(FLYER, task, drift, response=response)
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
+        memory = filters.expected(
+            body, list(random.normal(0.0, 10.0, (body.width, COUNT))), memory, command
+        )
+        assert np.isfinite(memory).all()
+        assert np.abs(memory).max() < 1e4  # readings of up to some 40 are never added up
+
+
+class Windy(GoToPose):
+    """Shows a number that grows with the place, and a vector that nothing changes."""
+
+    def sight(self, state: Any, goal: Any) -> Any:
+        return (*super().sight(state, goal), self.more(state))
+
+    def more(self, state: Any) -> Any:
+        return Scalar("gust", "-", state.p.x * 2.0)
+
+
+class Constant(Windy):
+    def more(self, state: Any) -> Any:
+        return VectorInW("wind", "m/s", type(state.p)(*(x * 0.0 + 0.5 for x in state.p.columns())))
+
+
+class Curved(Windy):
+    def more(self, state: Any) -> Any:
+        return VectorInW("there", "-", state.p.scale(state.v.dot(state.v) + state.p.dot(state.p)))
+
+
+def test_what_a_filter_cannot_follow_is_told() -> None:
+    for task, name in (
+        (Windy(), "gust"),
+        (Curved(), "there"),
+        (TASKS["multi-task"](), "task data"),
+    ):
+        with pytest.raises(ConfigError, match=f"filters cannot follow the observed '{name}'"):
+            made(PLATFORM, task, 1.0)
+    assert made(PLATFORM, Constant(), 1.0).share[5] == (0.0, 0.0, 0.0)

@@ -1,0 +1,267 @@
+"""What the network makes of observations: its looks, its memory, and what turns and members change."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.learn.config import PPOSettings, Precision
+from rans.fast.learn.member import begin, set_precision
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.policy.architecture import Architecture
+from rans.policy.filter_bank import Filters
+from rans.policy.network import Network, Output
+from rans.tasks import GoToPose, observation
+from rans.tasks.derived import layout
+from tests.support.crafts import random_states
+from tests.support.engines import PLATFORM, both_crafts
+from tests.support.training import make_network, scatter, seen
+
+BANK = Filters.of(PLATFORM, GoToPose(), 0.2, (0.01, 1.0))
+
+
+def test_many_members_say_what_each_says_alone() -> None:
+    """Batched products against plain ones, for every kind of network."""
+    kinds: list[dict[str, Any]] = [
+        {},
+        {"history": 2},
+        {"history": 1, "averages": (0.5, 0.9)},
+        {"units": 8},
+        {"privileged": 2},
+        {"zoom": 20.0, "continuous": True},
+        {"zoom": 20.0, "filters": BANK},
+        {"history": 2, "filters": BANK._replace(steady=(0.0, 25.0))},
+        {"averages": (0.5,), "commands_only": True, "filters": BANK},
+        {"zoom": 20.0, "filters": BANK._replace(response=(0.1, 0.0))},
+        {"filters": BANK._replace(response=(0.1, 0.0), gate=5.0)},
+    ]
+    for kind in kinds:
+        alone = [make_network(PLATFORM, **kind) for _ in range(3)]
+        for number, network in enumerate(alone):
+            scatter(network, seed=number)
+        given = alone[0].architecture
+        together = Network.stacked(
+            given, [network.member(0) for network in alone], torch.device("cpu"), torch.float64
+        )
+        generator = torch.Generator().manual_seed(2)
+        memory = (
+            torch.randn(12, given.memory, generator=generator).double() if given.memory else None
+        )
+        known = (
+            torch.rand(12, given.privileged, generator=generator).double()
+            if given.privileged
+            else None
+        )
+        observations = seen(PLATFORM, 12).double()
+        if given.filters:  # whose memory is no random numbers
+            before, columns = together.shown(
+                seen(PLATFORM, 12, seed=5).double(), together.blank(12)
+            )
+            memory = together.remember(columns, together.blank(12), before.policy.mode(), before)
+        output, shown = together.shown(observations, memory, known)
+        remembered = together.remember(shown, memory, output.policy.mode(), output)
+        for number, network in enumerate(alone):
+            own = slice(4 * number, 4 * number + 4)
+            one, looked = network.shown(
+                observations[own],
+                None if memory is None else memory[own],
+                None if known is None else known[own],
+            )
+            # Products of float64 in another order.
+            torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)
+            torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
+            if remembered is not None:
+                expected = network.remember(looked, memory[own], one.policy.mode(), one)  # type: ignore[index]
+                torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
+
+
+def test_the_recurrent_core_is_torchs() -> None:
+    """Step by step, and over whole sequences with episodes that begin anew."""
+    network = make_network(PLATFORM, units=8)
+    cell = torch.nn.GRUCell(16, 8).double()
+    cell.load_state_dict(
+        {name: network.tensors[f"features_extractor.core.{name}"] for name in cell.state_dict()}
+    )
+    generator = torch.Generator().manual_seed(3)
+    columns = torch.randn(5 * 4, 8, generator=generator).double()
+    memory = torch.randn(5 * 4, 8, generator=generator).double()
+    going_on = (torch.rand(5, 4, generator=generator) > 0.4).double()
+    found = network.evaluate_seen(columns, memory, going_on=going_on).core.unflatten(0, (5, 4))
+    trunk = network._through(network._trunk, network._looks(columns)).unflatten(0, (5, 4))
+    state = memory[:4]
+    for t in range(5):
+        if t > 0:
+            state = state * going_on[t][:, None]
+        state = cell(trunk[t], state)
+        torch.testing.assert_close(found[t], state, rtol=0, atol=1e-12)  # float64 in another order
+    assert going_on[1:].min() == 0.0
+
+
+def test_a_history_holds_the_last_columns_and_commands() -> None:
+    network = make_network(PLATFORM, history=2)
+    memory = network.blank(3)
+    rows = []
+    for step in range(3):
+        output, columns = network.shown(seen(PLATFORM, 3, seed=step).double(), memory)
+        command = output.policy.mode()
+        memory = network.remember(columns, memory, command, output)
+        rows.append(torch.cat((columns, command), dim=1))
+    torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
+
+
+def test_averages_keep_their_share_of_what_was() -> None:
+    """Of a 1 before three zeros 0.5^4 is left in the first average, 0.1 x 0.9^3 in the second."""
+    network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))
+    memory = network.blank(2)
+    width = network.architecture.seen
+    output, columns = network.shown(seen(PLATFORM, 2).double(), memory)
+    command = output.policy.mode()
+    for level in (1.0, 0.0, 0.0, 0.0):
+        told = torch.full_like(columns, level), memory, torch.full_like(command, level)
+        memory = network.remember(*told, output)
+    assert memory is not None
+    assert memory.shape == (2, 3 * (width + len(PLATFORM.thrusters)))
+    rows = memory.unflatten(1, (3, -1))[0]
+    for row, value in zip(rows, (0.0625, 0.0729, 0.0), strict=True):
+        torch.testing.assert_close(
+            row, torch.full_like(row, value), rtol=0, atol=1e-15
+        )  # a last place
+
+
+def turned(state: Any, angle: float, axis: np.ndarray) -> Any:
+    """A state seen from a world turned about its origin; computed by SciPy."""
+    if isinstance(state, PlanarState):
+        turn = Rotation.from_euler("z", angle)
+        p, v = (
+            turn.apply(np.stack([*u.columns(), 0 * u.x], axis=1))[:, :2].T
+            for u in (state.p, state.v)
+        )
+        return PlanarState(Vec2(*p), Heading(state.attitude.angle + angle), Vec2(*v), state.w)
+    turn = Rotation.from_rotvec(angle * axis)
+    p, v = (turn.apply(np.stack(u.columns(), axis=1)).T for u in (state.p, state.v))
+    q = state.attitude
+    x, y, z, w = (turn * Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1))).as_quat().T
+    return SpatialState(Vec3(*p), Quat(w, x, y, z), Vec3(*v), state.w)
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, -1.2, math.pi])
+@both_crafts
+def test_turning_the_world_changes_nothing(craft: Any, angle: float) -> None:
+    network = make_network(craft)
+    axis = np.array([2.0, -1.0, 2.0]) / 3
+    state, goal = (random_states(craft.dimension, 100, seed) for seed in (5, 6))
+
+    def outputs(*states: Any) -> Output:
+        return network.evaluate(
+            torch.from_numpy(np.stack(observation(GoToPose(), *states), axis=1))
+        )
+
+    here = outputs(state, goal)
+    there = outputs(turned(state, angle, axis), turned(goal, angle, axis))
+    # Rounding of float64 through two rotations and weights of order one.
+    torch.testing.assert_close(there.policy[0], here.policy[0], rtol=0, atol=1e-11)
+    torch.testing.assert_close(there.value, here.value, rtol=0, atol=1e-11)
+    assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1
+
+
+def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
+    given = Architecture(layout(GoToPose(), 2), 8, (16,), **settings)
+    return Network.stacked(given, [given.initial(0, 0.5)[0]], torch.device("cpu"), dtype)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
+    network = untrained(dtype=dtype)
+    generator = torch.Generator().manual_seed(2)
+    scale, shift = torch.rand(2, 10, generator=generator) * 5
+    parts = [
+        torch.randn(count, 10, generator=generator) * scale + shift * part
+        for part, count in enumerate((3, 500, 1, 64))
+    ]
+    for part in parts:
+        network.update_statistics(network.in_body(part)[None])
+    everything = np.stack(
+        layout(GoToPose(), 2).in_body(torch.cat(parts).double().unbind(1)), axis=1
+    )
+    # Rounding of the dtype, and in float32 of the observations turned into the body frame.
+    relative = 1e-12 if dtype == torch.float64 else 2e-5
+    mean, variance, count = (
+        network.tensors[f"features_extractor.{name}"] for name in ("mean", "variance", "count")
+    )
+    np.testing.assert_allclose(mean, everything.mean(axis=0), rtol=relative, atol=relative)
+    np.testing.assert_allclose(variance, everything.var(axis=0), rtol=relative)
+    assert count == 568
+
+
+def test_normalised_observations() -> None:
+    network = untrained()
+    observations = seen(PLATFORM, 1000)
+    network.update_statistics(network.in_body(observations)[None])
+    result = looks(network, observations).numpy()
+    np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
+    flag = 3
+    # The variance is 1e-6 short of its true inverse; the task flag never varies and stays zero.
+    np.testing.assert_allclose(np.delete(result, flag, axis=1).std(axis=0), 1, atol=1e-4)
+    assert (result[:, flag] == 0).all()
+    far = observations.clone()
+    far[:, 4] = 1e6
+    assert looks(network, far)[:, 2].eq(10.0).all()
+
+
+def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
+    plain = untrained()
+    zoomed = untrained(zoom=20.0)
+    width = plain.architecture.seen
+    assert zoomed.tensors["features_extractor.trunk.0.weight"].shape[1] == 2 * width
+    for network in (plain, zoomed):
+        network.tensors["features_extractor.mean"][2] = 0.5
+    observations = torch.zeros(3, 10, dtype=torch.float64)
+    observations[:, 0] = 1.0  # cos heading
+    # spin, whose variance is 1
+    observations[1, 4] = 0.001
+    observations[2, 4] = 3.0
+    first, second = looks(zoomed, observations).split(width, dim=1)
+    assert torch.equal(first, looks(plain, observations))
+    # 0.02 less its cube's third, which is 2.7e-6; 20 times 3 is as far as tanh goes.
+    torch.testing.assert_close(
+        second[:, 2], torch.tensor([0.0, 0.02, 1.0], dtype=torch.float64), rtol=0, atol=3e-6
+    )
+
+
+def outputs_of(matmul: Precision, device: str) -> Tensor:
+    """Values of a trainer's network with the same weights and observations."""
+    settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
+    network = begin(Engine(PLATFORM, GoToPose(), 64, device=device), [settings], [0]).network
+    assert network.architecture.bf16 == (matmul == "bf16")
+    with torch.no_grad():
+        return network.evaluate(seen(PLATFORM, 64).float().to(device)).value
+
+
+def test_a_cpu_knows_no_bf16() -> None:
+    assert torch.equal(outputs_of("bf16", "cpu"), outputs_of("tf32", "cpu"))
+
+
+def test_only_known_precisions() -> None:
+    with pytest.raises(ConfigError, match="matmul must be one of float32, tf32, bf16, got 'fp8'"):
+        set_precision("fp8", torch.device("cpu"))
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_bf16_rounds_the_hidden_layers() -> None:
+    """To 8 significant bits, of numbers of order one."""
+    difference = (outputs_of("bf16", "cuda") - outputs_of("tf32", "cuda")).abs().max()
+    assert 1e-5 < difference < 2e-2
+
+
+def looks(network: Network, observations: Tensor) -> Tensor:
+    return network._looks(network.in_body(observations))

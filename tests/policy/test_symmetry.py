@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+from stable_baselines3 import PPO
+from torch import Tensor
+
+from rans.fast.policy import write_policy
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.policy.symmetry import Symmetries, symmetries
+from rans.tasks import TASKS, Avoid, DockPort, MultiTask, observation
+from rans.tasks.shapes import Ball
+from tests.support.crafts import nasty_planar, nasty_spatial, random_states
+from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.training import TINY, scatter, tiny_learner
+
+
+def views_of(craft: Spacecraft) -> Symmetries:
+    views = symmetries(craft)
+    assert views is not None
+    return views
+
+
+def symmetric_policy(craft: Spacecraft, task: Any) -> Any:
+    network = tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, zoom=4.0).network
+    scatter(network)
+    return network
+
+
+def seen_as(view: np.ndarray, state: Any) -> Any:
+    """The same state of a spacecraft whose axes are those of the view, in a mirrored world if need be."""
+    hand = round(float(np.linalg.det(view)))
+    if isinstance(state, PlanarState):
+        flip = np.diag([1.0, hand])
+        c = np.cos(state.attitude.angle)
+        s = np.sin(state.attitude.angle)
+        first = flip @ np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0) @ view.T
+        angle = np.arctan2(first[:, 1, 0], first[:, 0, 0])
+        p, v = (Vec2(*(flip @ np.stack(u.columns()))) for u in (state.p, state.v))
+        return PlanarState(p, Heading(angle), v, state.w * hand)
+    flip = np.diag([1.0, 1.0, hand])
+    q = state.attitude
+    R = Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1)).as_matrix()
+    x, y, z, w = Rotation.from_matrix(flip @ R @ view.T).as_quat().T
+    p, v = (Vec3(*(flip @ np.stack(u.columns()))) for u in (state.p, state.v))
+    return SpatialState(p, Quat(w, x, y, z), v, Vec3(*(hand * view @ np.stack(state.w.columns()))))
+
+
+def zones_seen_as(view: np.ndarray, zones: tuple[Ball, ...], like: Any) -> tuple[Ball, ...]:
+    """Zones in the world of `seen_as`."""
+    turned = (seen_as(view, replace(like, p=zone.centre, v=zone.v)) for zone in zones)
+    return tuple(
+        replace(zone, centre=one.p, v=one.v) for zone, one in zip(zones, turned, strict=True)
+    )
+
+
+def single_tasks() -> list[Any]:
+    return [TASKS[name]() for name in TASKS if not isinstance(TASKS[name](), MultiTask)]
+
+
+@pytest.mark.parametrize("task", single_tasks(), ids=lambda task: type(task).__name__)
+@both_crafts
+def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) -> None:
+    if craft.dimension == 3 and type(task).__name__ == "TrackVelocityHeading":
+        pytest.skip("a task of the plane")
+    if isinstance(task, DockPort):
+        pytest.skip("it finds its port by the spacecraft's x axis, which is another one of a view")
+    network = symmetric_policy(craft, task)
+    views = views_of(craft)
+    state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
+
+    knob = (np.linspace(0.0, 1.0, 50),)
+    zones = tuple(
+        Ball(one.p, one.v, 0.4)
+        for one in (random_states(craft.dimension, 50, k) for k in (7, 8, 9))
+    )
+
+    def logit(state: Any, goal: Any, notes: Any = zones) -> Tensor:
+        seen = observation(
+            task, state, replace(goal, notes=notes if isinstance(task, Avoid) else knob)
+        )
+        return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
+
+    here = logit(state, goal)
+    assert len(views.turn) == {2: 8, 3: 16}[craft.dimension]
+    for view, place in zip(views.turn, views.place, strict=True):
+        notes = zones_seen_as(view, zones, state)
+        there = logit(seen_as(view, state), seen_as(view, goal), notes)
+        # Rounding of float64 through rotations and weights of order one, magnified by 4.
+        torch.testing.assert_close(there[:, place], here, rtol=0, atol=1e-10)
+    assert (logit(seen_as(views.turn[-1], state), goal) - here).abs().max() > 0.1
+
+
+@both_crafts
+@pytest.mark.parametrize("memory", ["history", "commands"])
+def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory: str) -> None:
+    """Flights of three steps, and the same flights of a craft turned about."""
+    task = TASKS["go-to-pose"]()
+    network = scatter(
+        tiny_learner(
+            craft, dtype=torch.float64, task=task, symmetric=True, memory=memory, history=2
+        ).network
+    )
+    goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
+
+    def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
+        kept = network.blank(50)
+        said = torch.empty(0)
+        for step, state in enumerate(states):
+            seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
+            output, columns = network.shown(torch.from_numpy(seen), kept)
+            told = torch.randn(
+                50, len(place), generator=torch.Generator().manual_seed(step)
+            ).double()
+            command = torch.empty_like(told)
+            command[:, place] = told  # the same nozzles, wherever they are now
+            kept = network.remember(columns, kept, command, output)
+            said = output.policy[0][:, place]
+        return said
+
+    views = views_of(craft)
+    here = flown(np.eye(craft.dimension), np.arange(len(craft.thrusters)))
+    for view, place in zip(views.turn, views.place, strict=True):
+        # Rounding of float64 through rotations and weights of order one.
+        torch.testing.assert_close(flown(view, place), here, rtol=0, atol=1e-10)
+    mixed = flown(views.turn[-1], np.arange(len(craft.thrusters)))
+    assert (mixed - here).abs().max() > 0.1
+
+
+@both_crafts
+def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecraft) -> None:
+    views = views_of(craft)
+    wrench = np.array(craft.wrench_map)
+    d = craft.dimension
+    for view, hand, place in zip(*views, strict=True):
+        np.testing.assert_allclose(wrench[place][:, :d], wrench[:, :d] @ view.T, atol=1e-12)
+        torque = wrench[:, d:] * hand if d == 2 else hand * wrench[:, d:] @ view.T
+        np.testing.assert_allclose(wrench[place][:, d:], torque, atol=1e-12)
+
+
+def test_spacecraft_with_less_symmetry() -> None:
+    anchor = tuple(replace(t, force=0.5) if i < 2 else t for i, t in enumerate(PLATFORM.thrusters))
+    diagonal = views_of(
+        replace(PLATFORM, thrusters=anchor)
+    )  # both nozzles of the anchor at 45 degrees
+    swapped = [[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]]]
+    np.testing.assert_allclose(sorted(diagonal.turn.round(9).tolist()), swapped, atol=1e-9)
+    one = tuple(replace(t, force=0.5) if i == 0 else t for i, t in enumerate(PLATFORM.thrusters))
+    assert symmetries(replace(PLATFORM, thrusters=one)) is None
+    # Ahead of the middle: left and right look alike, front and back do not.
+    ahead = views_of(replace(PLATFORM, centre_of_mass=(0.05, 0.0, 0.0)))
+    assert sorted(ahead.hand.tolist()) == [-1.0, 1.0]
+    # Three different moments of inertia about the axes leave turns by 180 degrees and mirror images.
+    long = replace(FLYER, inertia=((0.1, 0.0, 0.0), (0.0, 0.15, 0.0), (0.0, 0.0, 0.2)))
+    assert len(views_of(long).turn) == 8
+    assert symmetries(nasty_planar()) is None
+    assert symmetries(nasty_spatial()) is None
+
+
+def test_twin_thrusters_never_share_a_place() -> None:
+    """Of two at one place it cannot be said which becomes which, and one command must not go to both."""
+    views = symmetries(replace(PLATFORM, thrusters=PLATFORM.thrusters * 2))
+    places = [] if views is None else views.place.tolist()
+    assert all(sorted(place) == list(range(16)) for place in places)
+
+
+def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
+    centred = tuple(replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters)
+    assert symmetries(replace(PLATFORM, thrusters=centred)) is None
+
+
+@both_crafts
+def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path) -> None:
+    network = scatter(tiny_learner(craft, symmetric=True).network)
+    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 0)
+    loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
+    task = TASKS["go-to-pose"]()
+    states = (random_states(craft.dimension, 200, seed) for seed in (1, 2))
+    seen = np.stack(observation(task, *states), axis=1).astype(np.float32)
+    output = network.evaluate(torch.from_numpy(seen))
+    assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.policy.mode().numpy())
+    tensors = torch.from_numpy(seen)
+    action, value, log_prob = loaded.policy(tensors)
+    again = loaded.policy.evaluate_actions(tensors, action)
+    distribution = loaded.policy.get_distribution(tensors)
+    # Rounding of float32, summed over the thrusters.
+    close: dict[str, Any] = {"rtol": 1e-5, "atol": 1e-5}
+    torch.testing.assert_close(again, (value, log_prob, distribution.entropy()), **close)
+    torch.testing.assert_close(distribution.log_prob(action), log_prob, **close)
+    torch.testing.assert_close(loaded.policy.predict_values(tensors), value, **close)
+    assert log_prob.detach().std() > 0.1

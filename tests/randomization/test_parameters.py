@@ -1,0 +1,301 @@
+"""What episodes draw: distributions, independence, and what each kick and swing does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rans.episode import step
+from rans.model.fields import leaves
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.randomization.parameters import EpisodeParameters
+from rans.scenario import scenarios
+from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, parameters
+from tests.support.worlds import EFFECTS
+
+
+def assert_uniform(values: Any, low: float, high: float) -> None:
+    assert np.shape(values) == (COUNT,)
+    assert low <= np.min(values)
+    assert np.max(values) <= high
+    # Standard error of the mean of uniform numbers; five of them are passed once in two million.
+    assert np.mean(values) == pytest.approx(
+        (low + high) / 2, abs=5 * (high - low) / math.sqrt(12 * COUNT)
+    )
+    assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LIKELY
+
+
+UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, float]] = {
+    "mass": (
+        Conditions(BodyConditions(mass=(0.7, 1.4))),
+        lambda c: c.body.mass / PLATFORM.mass,
+        0.7,
+        1.4,
+    ),
+    "inertia": (
+        Conditions(BodyConditions(inertia=(0.5, 2.0))),
+        lambda c: c.body.inertia[0] / PLATFORM.inertia[2][2],
+        0.5,
+        2.0,
+    ),
+    "centre": (
+        Conditions(BodyConditions(centre=(0.01, 0.03))),
+        lambda c: np.hypot(*c.body.centre),
+        0.01,
+        0.03,
+    ),
+    "thrust": (
+        Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3))),
+        lambda c: c.body.gain[5],
+        0.7,
+        1.3,
+    ),
+    "pressure": (
+        Conditions(thrusters=ThrusterConditions(pressure=(0.8, 1.0))),
+        lambda c: c.body.gain[2],
+        0.8,
+        1.0,
+    ),
+    "droop": (
+        Conditions(thrusters=ThrusterConditions(droop=(0.1, 0.3))),
+        lambda c: c.body.droop,
+        0.1,
+        0.3,
+    ),
+    "latency": (
+        Conditions(thrusters=ThrusterConditions(latency=(0.02, 0.1))),
+        lambda c: c.lag and c.lag.latency,
+        0.02,
+        0.1,
+    ),
+    "fall": (
+        Conditions(thrusters=ThrusterConditions(fall=(0.02, 0.1))),
+        lambda c: c.lag and c.lag.fall,
+        0.02,
+        0.1,
+    ),
+    "least on": (
+        Conditions(thrusters=ThrusterConditions(least_on=(0.0, 0.6))),
+        lambda c: c.dwell and c.dwell.on,
+        0.0,
+        0.6,
+    ),
+    "fault's time": (
+        Conditions(faults=FaultConditions(count=1.0, time=(1.0, 20.0))),
+        lambda c: c.fault and c.fault.begins,
+        1.0,
+        20.0,
+    ),
+    "force": (
+        Conditions(disturbances=DisturbanceConditions(force=(0.1, 0.3))),
+        lambda c: c.push and c.push.force.norm(),
+        0.1,
+        0.3,
+    ),
+    "torque": (
+        Conditions(disturbances=DisturbanceConditions(torque=(0.1, 0.3))),
+        lambda c: c.push and abs(c.push.torque),
+        0.1,
+        0.3,
+    ),
+    "its direction": (
+        Conditions(disturbances=DisturbanceConditions(force=0.3)),
+        lambda c: c.push and np.arctan2(c.push.force.y, c.push.force.x),
+        -math.pi,
+        math.pi,
+    ),
+    "kick": (
+        Conditions(disturbances=DisturbanceConditions(kicks=2, kick=(0.1, 0.3))),
+        lambda c: c.kicks[1].impulse.force.norm(),
+        0.1,
+        0.3,
+    ),
+    "bias": (
+        Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
+        lambda c: c.sensors and c.sensors.bias and c.sensors.bias[2].norm(),
+        0.01,
+        0.02,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNIFORM)
+def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
+    conditions, value, low, high = UNIFORM[name]
+    assert_uniform(value(parameters(conditions)), low, high)
+
+
+@BOTH
+def test_a_number_is_no_distribution(dimension: int) -> None:
+    late = ThrusterConditions(latency=0.05, command_delay=0.1)
+    fixed = parameters(Conditions(BodyConditions(mass=1.2), late), dimension)
+    assert fixed.body.mass == CRAFTS[dimension].mass * 1.2
+    assert fixed.lag.latency == pytest.approx(0.15)
+
+
+def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
+    thrust = np.array(parameters(EFFECTS["thrust"]).body.gain)
+    own = np.array(
+        parameters(Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3)))).body.gain
+    )
+    assert np.abs(np.corrcoef(own) - np.eye(8)).max() < 5 / math.sqrt(COUNT)  # five standard errors
+    ratio = thrust / own
+    np.testing.assert_allclose(ratio, ratio[:1].repeat(8, axis=0), rtol=1e-12)
+    assert_uniform(ratio[0], 0.8, 1.0)
+
+
+def test_directions_in_space_are_uniform_on_the_sphere() -> None:
+    push = parameters(EFFECTS["push"], 3).push
+    for vector in (push.force, push.torque):  # Archimedes: every coordinate is
+        for x in vector.columns():
+            assert_uniform(x / vector.norm(), -1.0, 1.0)
+
+
+PARTS: dict[str, Callable[[Any], Any]] = {
+    "body": lambda c: (c.body.mass, c.body.inertia, c.body.centre),
+    "thrust": lambda c: (c.body.gain, c.body.droop),
+    "latency": lambda c: c.lag.latency,
+    "hold": lambda c: c.dwell,
+    "push": lambda c: c.push,
+    "swing": lambda c: c.swing,
+    "kicks": lambda c: c.kicks,
+    "faults": lambda c: c.fault.begins,
+}
+
+
+@BOTH
+@pytest.mark.parametrize("effect", PARTS)
+def test_an_effect_draws_the_same_beside_others(effect: str, dimension: int) -> None:
+    alone, among = (
+        PARTS[effect](parameters(EFFECTS[name], dimension, 50)) for name in (effect, "all")
+    )
+    assert leaves(alone)
+    for a, b in zip(leaves(alone), leaves(among), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
+    *_, now = begun(EFFECTS["all"], count=20)
+    usual = scenarios(TASK, PLATFORM, 11, 20)
+    assert np.array_equal(leaves((now.state, now.goal)), leaves((usual.start, usual.goal)))
+
+
+# What pushes.
+
+
+def disturbances(found: EpisodeParameters, steps: int, period: float = 0.2) -> np.ndarray:
+    """(steps, components, N)."""
+    return np.array([leaves(found.disturbance(np.float64(k), period)) for k in range(steps)])
+
+
+@BOTH
+def test_kicks_give_their_impulse_in_one_period(dimension: int) -> None:
+    kicked = DisturbanceConditions(kicks=1, kick=0.5, kick_spin=0.1)
+    found = parameters(Conditions(disturbances=kicked), dimension, 40)
+    pushed = disturbances(found, 125)
+    assert ((pushed != 0.0).any(axis=1).sum(axis=0) == 1).all()
+    total = pushed.sum(axis=0) * 0.2
+    np.testing.assert_allclose(np.linalg.norm(total[:dimension], axis=0), 0.5, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(total[dimension:], axis=0), 0.1, rtol=1e-12)
+
+
+def test_a_kicked_spacecraft_is_faster_by_impulse_over_mass() -> None:
+    kicked = DisturbanceConditions(kicks=2, kick=(0.1, 0.5))
+    world, own, now = begun(Conditions(disturbances=kicked), count=10)
+    first = now.state
+    for _ in range(125):
+        now = step(world, now, tuple(np.zeros((8, 10))), own).episode
+    gained = now.state.v - first.v
+    both: Any = [kick.impulse.force for kick in now.parameters.kicks]  # type: ignore[union-attr]
+    for axis in ("x", "y"):
+        expected = sum(getattr(force, axis) for force in both) / PLATFORM.mass
+        np.testing.assert_allclose(getattr(gained, axis), expected, rtol=0, atol=1e-13)
+
+
+@BOTH
+def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
+    """That of the first one too: it is the velocity after it that has changed."""
+    kicked = Conditions(disturbances=DisturbanceConditions(kicks=1, kick=0.5))
+    world, own, now = begun(kicked, dimension, 1000)
+    drawn = np.asarray(now.parameters.kicks[0].step)  # type: ignore[union-attr]
+    shut = tuple(np.zeros((len(world.craft.thrusters), 1000)))
+    still = np.zeros(1000)
+    for _ in range(125):
+        now = step(world, now, shut, own).episode
+        still += np.asarray(now.state.v.norm()) == 0.0
+    assert np.array_equal(still, drawn)
+    assert drawn.min() == 0.0
+
+
+@pytest.mark.parametrize("periods", [1, 5])
+def test_a_swing_is_felt_from_the_first_period_on(periods: int) -> None:
+    """By hand: after t the momentum is A (cos(phase) - cos(rate t + phase)) / rate, here of 10 s."""
+    swinging = Conditions(disturbances=DisturbanceConditions(slow_force=0.4, slow_period=10.0))
+    world, own, now = begun(swinging, count=50)
+    swing: Any = now.parameters.swing  # type: ignore[union-attr]
+    for _ in range(periods):
+        now = step(world, now, tuple(np.zeros((8, 50))), own).episode
+    rate = math.tau / 10.0
+    time = 0.2 * periods
+    waves = (np.cos(swing.phase) - np.cos(rate * time + swing.phase)) / rate
+    for axis in ("x", "y"):
+        # The sine is taken at the middle of 0.2 s: (rate 0.2 s)^2 / 24 = 7e-4 of 0.08 N s a period.
+        np.testing.assert_allclose(
+            PLATFORM.mass * getattr(now.state.v, axis),
+            getattr(swing.amplitude.force, axis) * waves,
+            rtol=0,
+            atol=1e-4 * periods,
+        )
+
+
+def test_a_fault_is_felt_from_its_moment_on() -> None:
+    """A thruster that sticks open at 1 s, which ends the fifth period, pushes from the sixth on."""
+    stuck = Conditions(faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0))
+    world, own, now = begun(stuck, count=20)
+    speeds = [np.zeros(20)]
+    for _ in range(8):
+        now = step(world, now, tuple(np.zeros((8, 20))), own).episode
+        speeds.append(np.asarray(now.state.v.norm()))
+    np.testing.assert_allclose(
+        speeds[:6], 0.0, atol=1e-12
+    )  # 1.0 s less 0.8 s is 4e-17 short of a period
+    # 1 N for 0.2 s on 5.32 kg; meanwhile it turns by less than 0.05 rad, which leaves all but 1e-4.
+    np.testing.assert_allclose(speeds[6], 0.2 / 5.32, rtol=1e-3)
+    assert (np.diff(speeds[5:], axis=0) > 0.0).all()
+
+
+def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
+    found = parameters(Conditions(disturbances=DisturbanceConditions(kicks=1, kick=1.0)))
+    seen = np.bincount(found.kicks[0].step.astype(int))
+    assert len(seen) == 125
+    assert stats.chisquare(seen).pvalue > LIKELY
+
+
+def test_a_swing_has_its_value_in_the_middle_of_each_period() -> None:
+    """One of 8 s: a sine through the middles, fitted by least squares, has the phase that was drawn."""
+    slow = DisturbanceConditions(slow_force=0.3, slow_torque=0.1, slow_period=8.0)
+    found = parameters(Conditions(disturbances=slow), count=30)
+    pushed = disturbances(found, 80)
+    t = (np.arange(80) + 0.5) * 0.2
+    wave = np.column_stack([np.sin(math.pi / 4 * t), np.cos(math.pi / 4 * t)])
+    (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, 2], rcond=None)
+    assert left.max() < 1e-25
+    phase = np.arctan2(b, a)  # of a torque either way: half a turn on where it is negative
+    np.testing.assert_allclose(np.sin(phase - found.swing.phase), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(a, b), 0.1, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(pushed[:, :2], axis=1).max(axis=0), 0.3, rtol=0.005
+    )  # at best

@@ -1,0 +1,36 @@
+"""What a training tells where there is no terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rans.show.progress import _BAR, TrainingProgress, describe
+
+
+def row(steps: int) -> dict[str, Any]:
+    return {"steps": steps, "success": 0.5, "steps_per_s": 1e6, "return/thrust": -3.2}
+
+
+def test_a_line_fits_eighty_columns() -> None:
+    """Of the largest training that somebody watches, and the highest rate measured."""
+    longest = {"steps": 987_654_321, "success": 1.0, "steps_per_s": 67.2e6, "return/a": -1234.0}
+    assert len(describe(longest, 10**10)) + _BAR + 1 <= 80
+
+
+def test_terms_are_told_when_they_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    TrainingProgress(1000, terms=True).show(row(1000) | {"return/position": 7.0})
+    assert capsys.readouterr().err.splitlines()[1] == "return of 0.00 M steps: thrust -3 position 7"
+
+
+def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixture[str]) -> None:
+    """Rows in between only now and then; the last is that of the whole budget, or of more."""
+    for last in (3_000_000, 3_100_000):
+        progress = TrainingProgress(3_000_000)
+        for steps in (1_000_000, 2_000_000, last):
+            progress.show(row(steps))
+        assert capsys.readouterr().err.splitlines() == [
+            f"training: {steps / 1e6:.2f} M steps, success 50.0%, return -3, 1.00 M/s, 0:00:0{left} left"
+            for steps, left in ((1_000_000, 2), (last, 0))
+        ]
