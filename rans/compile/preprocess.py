@@ -121,7 +121,7 @@ class CpuPreprocessor(Preprocessor):
         with contextlib.suppress(*UNTRACEABLE):
             return (
                 None
-                if given.memory or given.privileged or given.continuous
+                if given.memory or given.privileged or given.head != "on-off"
                 else CpuActorCritic(given, tensors)
             )
         return None

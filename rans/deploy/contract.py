@@ -22,14 +22,13 @@ from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
-from rans.policy.heads import Duty
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
 from rans.scenario import drawn, draws
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
-from rans.tasks.sight import Knob
+from rans.tasks.observation_terms import TradeOff
 
 FLIGHTS = 2048
 """Flights of which the columns' ranges are taken."""
@@ -315,8 +314,8 @@ def is_one_task(task: Task) -> bool:
 def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
     """Which column trades time for thrust, and which of its ends is fast."""
     at = 0
-    for entry in example(task, craft.dimension).entries:
-        if isinstance(entry, Knob):
+    for entry in example(task, craft.dimension).terms:
+        if isinstance(entry, TradeOff):
             low, high = getattr(task, "price", (0.0, 1.0))
             ends = ("fast", "thrifty") if high >= low else ("thrifty", "fast")
             return {"column": at, "0": ends[0], "1": ends[1], "valid": [0.0, 1.0]}
@@ -360,8 +359,7 @@ def golden(
     for rows in torch.from_numpy(seen):
         output, columns = exact.shown(rows, memory)
         commands.append(output.policy.mode())
-        told = output.policy
-        margins.append(told.mean * 0 if isinstance(told, Duty) else told.logit.abs())
+        margins.append(output.policy.margin())
         memory = exact.remember(columns, memory, commands[-1], output)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
     kept, pairs = (

@@ -35,6 +35,9 @@ _PRINTED: dict[str, str] = {
     "ArgMax": "np.argmax({0}, axis=1)",
     "Gather": "{0}[{1}]",
     "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})",
+    "Identity": "{0}",
+    "Less": "({0} < {1})",
+    "Exp": "np.exp({0})",
     "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""

@@ -14,10 +14,11 @@ from rans.effectors.commands import is_identity
 from rans.errors import ConfigError
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import Symbol, ordered
+from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.network import Network
 from rans.policy.symmetry import AIM, Symmetries
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 _LOWERED = {
     "+": "Add",
@@ -29,6 +30,9 @@ _LOWERED = {
     "where": "Where",
     "maximum": "Max",
     ">": "Greater",
+    "<": "Less",
+    "tanh": "Tanh",
+    "exp": "Exp",
 }
 """ONNX's names of what a layout and filters do to columns."""
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
@@ -136,26 +140,17 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
         weight, bias = (
             weights[f"{EXTRACTOR}trunk.{2 * layer}.{part}"] for part in ("weight", "bias")
         )
-        x = program.apply(_ACTIVATIONS[given.activation], program.linear(x, weight, bias))
+        x = _activated(program, given.activation, program.linear(x, weight, bias))
     if given.units:
         x = _core(program, weights, x)
 
     # Commands, each thruster's from its place in that view.
     head = program.linear(x, weights["head.weight"], weights["head.bias"])
+    outputs = program.split(head, [given.thrusters] * given.last.outputs)
     if view is not None:
-        head = program.apply("GatherElements", head, view.place, axis=1)
+        outputs = [program.apply("GatherElements", one, view.place, axis=1) for one in outputs]
     ranges = () if craft is None or is_identity(craft) else craft.commands
-    if given.continuous:
-        command = program.apply(
-            "Clip",
-            head,
-            program.constant(0.0),
-            program.constant(1.0),
-            name="output" if ranges else "command",
-        )
-    else:
-        opens = program.apply("Greater", head, program.constant(0.0))
-        command = program.apply("Cast", opens, name="command", to=1)  # to float32
+    command = _command(program, given, outputs, "output" if ranges else "command")
     if ranges:
         _commanded(program, command, ranges)
     if any(kept):
@@ -163,6 +158,28 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
         rows += _expected(program, given, body, filters) if filters else []
         program.joined(*rows, name="memory_out")
     return program
+
+
+def _activated(program: Program, name: str, x: str) -> str:
+    """What the function between layers makes of rows, by ONNX's own operation where it has one."""
+    if name in _ACTIVATIONS:
+        return program.apply(_ACTIVATIONS[name], x)
+    symbol = Symbol.input("x")
+    return program.lowered([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
+
+
+def _command(program: Program, given: Architecture, outputs: Sequence[str], name: str) -> str:
+    """The deterministic commands (N, n) from the last layer's outputs, (N, n) each; see `rans.policy.heads`."""
+    if given.head == "on-off":
+        opens = program.apply("Greater", *outputs, program.constant(0.0))
+        return program.apply("Cast", opens, name=name, to=1)  # to float32
+    if given.head == "gaussian":
+        bounds = program.constant(0.0), program.constant(1.0)
+        return program.apply("Clip", *outputs, *bounds, name=name)
+    symbols = _symbols("output", len(outputs))
+    known = dict(zip(symbols, outputs, strict=True))
+    (command,) = program.lowered([Symbol.constant(given.last.command(*symbols))], known)
+    return program.apply("Identity", command, name=name)
 
 
 def _commanded(program: Program, output: str, ranges: Sequence[CommandRange]) -> None:
@@ -191,9 +208,10 @@ def _actors(network: Network) -> dict[str, Tensor]:
         for name, x in network.tensors.items()
         if name.startswith((f"{EXTRACTOR}trunk.", f"{EXTRACTOR}core."))
     }
-    for part in ("weight", "bias"):
-        rows = network.tensors[f"action_net.{part}"]
-        kept[f"head.{part}"] = rows if network.architecture.continuous else rows[1::2] - rows[0::2]
+    tensors = network.tensors
+    kept["head.weight"], kept["head.bias"] = network.architecture.last.folded(
+        tensors["action_net.weight"], tensors["action_net.bias"]
+    )
     return kept
 
 

@@ -17,7 +17,7 @@ from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.save_util import save_to_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from torch import Tensor
+from torch import Tensor, nn
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
@@ -25,9 +25,9 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.heads import Duty
+from rans.policy.heads import ClippedGaussian, OnOff
 from rans.policy.network import Network, Output
-from rans.tasks.sight import Layout
+from rans.tasks.observation_terms import Layout
 
 _SHARED = (
     "n_envs",
@@ -60,6 +60,8 @@ class NormalisedMlp(BaseFeaturesExtractor):
         layers: Sequence[int] = (128, 128),
         **others: Any,
     ) -> None:
+        if "continuous" in others:  # files of before had one head for either kind of craft
+            others["head"] = "gaussian" if others.pop("continuous") else "on-off"
         architecture = Architecture(layout, thrusters, tuple(layers), **others)
         super().__init__(observation_space, architecture.features)
         self.architecture = architecture
@@ -149,6 +151,20 @@ class AgentPolicy(ActorCriticPolicy):
     such a policy learns as if every step were an episode's first.
     """
 
+    def _build(self, lr_schedule: Any) -> None:
+        """As SB3, with the last layer that the agent's head needs."""
+        super()._build(lr_schedule)
+        extractor = self.features_extractor
+        if not isinstance(extractor, NormalisedMlp):
+            return
+        given = extractor.architecture
+        rows = given.last.weights * given.thrusters
+        if self.action_net.out_features != rows:
+            self.action_net = nn.Linear(given.features, rows)
+            self.optimizer = self.optimizer_class(
+                self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
+            )
+
     def _evaluated(self, obs: Any) -> Output:
         network = network_of(self)
         return network.evaluate(obs, network.blank(len(obs)))
@@ -157,15 +173,19 @@ class AgentPolicy(ActorCriticPolicy):
         """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""
         policy, value, _ = self._evaluated(obs)
         action = policy.mode() if deterministic else policy.sample(torch.rand_like(policy.mode()))
-        said = action if isinstance(policy, Duty) else action.long()
+        said = action.long() if isinstance(policy, OnOff) else action
         return said, value[:, None], policy.log_prob(action)
 
     def get_distribution(self, obs: Any) -> Distribution:
         """As SB3."""
         policy = self._evaluated(obs).policy
         known = cast("Any", self.action_dist)
-        if isinstance(policy, Duty):
+        if isinstance(policy, ClippedGaussian):
             return known.proba_distribution(policy.mean, policy.log_std)
+        if not isinstance(policy, OnOff):
+            raise ConfigError(
+                "Stable-Baselines3 has no distribution for this agent's head: fly it by its commands."
+            )
         both = torch.stack((torch.zeros_like(policy.logit), policy.logit), dim=2).flatten(1)
         return known.proba_distribution(action_logits=both)
 

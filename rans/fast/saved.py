@@ -18,18 +18,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, brief
 from rans.fast.archives import content, opened
 from rans.fast.learn.config import PPOSettings
 from rans.fast.packed import pack, unpack
 from rans.fast.pickled import foul, refuse
 from rans.files import first_line, plain, read_bytes, regular
+from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
+from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
 from rans.structure import structure
-from rans.tasks.sight import Block, Entry, Layout
+from rans.tasks.observation_terms import Block, Layout, ObservationTerm
 
 AGENT = "agent.safetensors"
 """Name of the file, and of RANS's part of a ``policy.zip``."""
@@ -234,6 +236,8 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         if filters is None
         else Filters(**{name: _numbers(value) for name, value in filters.items()})
     )
+    if "continuous" in table:  # agents of before had one head for either kind of craft
+        table["head"] = "gaussian" if table.pop("continuous") else "on-off"
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
     given = Architecture(
         blocks,
@@ -243,6 +247,10 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     )
     if bank is not None and not bank.fits(blocks.body, given.thrusters):
         raise ValueError("its filters are of another spacecraft")
+    if given.head not in HEADS or given.activation not in ACTIVATIONS:
+        raise ValueError(
+            f"its head {brief(given.head)} or its activation {brief(given.activation)} is unknown here"
+        )
     numbers = {
         "filters": bank or (),
         "symmetries": views or (),
@@ -302,7 +310,10 @@ def _described(block: Block) -> list[Any]:
 
 def _block(row: list[Any]) -> Block:
     kind, width, choices = row
-    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(Entry)}
+    module, _, name = kind.rpartition(".")
+    if module == "rans.tasks.sight":
+        kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
+    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(ObservationTerm)}
     if kind not in kinds:  # nothing is imported because a file says so
         raise ValueError(f"it observes columns of the unknown kind {kind}")
     return Block(
@@ -312,7 +323,18 @@ def _block(row: list[Any]) -> Block:
     )
 
 
-def _kinds(base: type[Entry]) -> Iterator[type[Entry]]:
+_FORMER_KINDS = {
+    "Entry": "ObservationTerm",
+    "Spin": "AngularVelocity",
+    "Turn": "RelativeRotation",
+    "OwnAttitude": "OwnRotation",
+    "Drawn": "TaskDependent",
+    "Knob": "TradeOff",
+}
+"""Names in files that were written while kinds of columns lay in ``rans.tasks.sight``."""
+
+
+def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:
     yield base
     for one in base.__subclasses__():
         yield from _kinds(one)

@@ -49,7 +49,9 @@ def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin, cos, exp, log, absolute, floor = map(_unary, ("sin", "cos", "exp", "log", "abs", "floor"))
+sin, cos, exp, log, tanh, absolute, floor = map(
+    _unary, ("sin", "cos", "exp", "log", "tanh", "abs", "floor")
+)
 
 
 def sqrt(x: Field) -> Field:

@@ -44,7 +44,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     "minimum": min,
     "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
-    **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan2")},
+    **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "tanh", "sqrt", "atan2")},
 }
 UNTRACEABLE = (TypeError, AttributeError)
 """What a task raises that does more with a symbol than arithmetic, such as calling a tensor's method."""
@@ -184,7 +184,10 @@ def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
     if operation in _COMPARISONS:
         return "bool"
     kinds = {arg.kind for arg in (args[1:] if operation == "where" else args)}
-    if operation in ("real", "/", "sin", "cos", "exp", "log", "sqrt", "atan2") or "real" in kinds:
+    if (
+        operation in ("real", "/", "sin", "cos", "exp", "log", "tanh", "sqrt", "atan2")
+        or "real" in kinds
+    ):
         return "real"
     return "int" if "int" in kinds else "bool"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
@@ -14,12 +14,13 @@ from torch import Tensor, nn
 from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy import measurement_gate as screen
+from rans.policy.activations import ACTIVATIONS
 from rans.policy.filter_bank import Filters
+from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
-ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
 
@@ -35,7 +36,7 @@ class Architecture:
     layers: tuple[int, ...] = (64, 64)
     """Units of each hidden layer."""
     activation: str = "tanh"
-    """Key of `ACTIVATIONS`."""
+    """Key of `rans.policy.activations.ACTIVATIONS`."""
     zoom: float = 0.0
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
     see as a metre (decision 008). 0: no second look."""
@@ -44,8 +45,8 @@ class Architecture:
     (decision 009)."""
     bf16: bool = False
     """Whether on a GPU the hidden layers' products are of bfloat16."""
-    continuous: bool = False
-    """Whether commands are duties in [0, 1] instead of on and off."""
+    head: str = "on-off"
+    """Key of `rans.policy.heads.HEADS`: what the last layer's outputs mean for the commands."""
     history: int = 0
     """How many last columns and commands the network is shown."""
     commands_only: bool = False
@@ -75,6 +76,25 @@ class Architecture:
                 f"{who} observes {width} numbers, but was shown {shown}: it was trained "
                 "for another task or for the other dimension."
             )
+
+    def activation_module(self) -> nn.Module:
+        """The function between layers."""
+        return getattr(nn, ACTIVATIONS[self.activation].module)()
+
+    @property
+    def last(self) -> Head:
+        """What the last layer's outputs mean."""
+        return HEADS[self.head]
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that the actor's last layer gives."""
+        return self.last.outputs * self.thrusters
+
+    @property
+    def continuous(self) -> bool:
+        """Whether commands are numbers from 0 to 1, instead of 0 or 1."""
+        return self.last.continuous
 
     @property
     def seen(self) -> int:
@@ -215,7 +235,7 @@ class Architecture:
             *(
                 module
                 for i, o in pairwise((width, *layers))
-                for module in (nn.Linear(i, o), ACTIVATIONS[self.activation]())
+                for module in (nn.Linear(i, o), self.activation_module())
             )
         )
 
@@ -229,7 +249,7 @@ class Architecture:
 
     def _parts(self) -> dict[str, nn.Module]:
         """Everything that is learnt, by how its names begin, in the order of SB3."""
-        rows = self.thrusters if self.continuous else 2 * self.thrusters
+        rows = self.last.weights * self.thrusters
         return {
             EXTRACTOR: nn.ModuleDict(self.modules()),
             "action_net.": nn.Linear(self.features, rows),
@@ -239,7 +259,7 @@ class Architecture:
     def shapes(self) -> dict[str, torch.Size]:
         """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
         with torch.device("meta"):
-            found = {"log_std": torch.Size((self.thrusters,))} if self.continuous else {}
+            found = {"log_std": torch.Size((self.thrusters,))} if self.last.spread else {}
             for prefix, part in self._parts().items():
                 found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
             return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
@@ -249,8 +269,9 @@ class Architecture:
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
         orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
-        left as they were. See `expect_duty` for the duty. Gaussians begin with SB3's standard deviation of 1,
-        so that most valves are tried open or shut: with 0.37 some seeds learnt to turn and never to move.
+        left as they were. See `rans.policy.heads.Head.expect` for the duty. Gaussians begin with SB3's standard
+        deviation of 1, so that most valves are tried open or shut: with 0.37 some seeds learnt to turn and never
+        to move.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -262,18 +283,9 @@ class Architecture:
                         nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
-        tensors = {"log_std": torch.zeros(self.thrusters)} if self.continuous else {}
+        tensors = {"log_std": torch.zeros(self.thrusters)} if self.last.spread else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
-        expect_duty(tensors, duty)
+        with torch.no_grad():
+            self.last.expect(tensors["action_net.bias"], duty)
         return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator
-
-
-@torch.no_grad()
-def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
-    """Let untrained weights open each thruster with this probability, or for this share of the period."""
-    bias = tensors["action_net.bias"]
-    if "log_std" in tensors:
-        bias.fill_(duty)
-    else:
-        bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))

@@ -1,13 +1,62 @@
-"""Distributions of commands that a network ends in."""
+"""Heads: what the last layer's outputs mean for the commands, in training and when an agent flies.
+
+A head is one class here and its name in `HEADS`. Its deterministic command is written in operations on fields,
+from which every executor takes it: torch in training, machine code, CUDA kernels and exported files.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+from rans.model.fields import Field, where
+
+
+class Distribution(Protocol):
+    """The commands of N spacecraft with n commands each, as random numbers."""
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-probability or log-density (N,) of actions (N, n)."""
+        ...
+
+    def entropy(self) -> Tensor:
+        """Entropy (N,) of the joint distribution, nats."""
+        ...
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
+        ...
+
+    def mode(self) -> Tensor:
+        """Deterministic command (N, n), of numbers from 0 to 1."""
+        ...
+
+    def command(self, action: Tensor) -> Tensor:
+        """The command (N, n) that an action is, of numbers from 0 to 1."""
+        ...
+
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """An action (N, n), and its command, with a gradient with respect to the distribution's parameters.
+
+        Uniform random numbers are (N, n) in [0, 1); the action has no gradient.
+
+        Raises:
+            NotImplementedError: commands of this kind have none.
+        """
+        ...
+
+    def margin(self) -> Tensor:
+        """How far each output is from where rounding would turn its command by a jump, (N, n); 0: nowhere."""
+        ...
+
+    def placed(self, place: Tensor) -> Distribution:
+        """The same with every command taken from its place (N, n) in a view of the spacecraft."""
+        ...
 
 
 class OnOff(NamedTuple):
@@ -33,15 +82,23 @@ class OnOff(NamedTuple):
         return (self.logit > 0).to(self.logit.dtype)
 
     def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are told, (N, n)."""
+        """What the thrusters are commanded, (N, n)."""
         return action
+
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Distribution`: whether a valve opens has no gradient."""
+        raise NotImplementedError
+
+    def margin(self) -> Tensor:
+        """See `Distribution`."""
+        return self.logit.abs()
 
     def placed(self, place: Tensor) -> OnOff:
         """The same with every thruster taken from its place (N, n) in a view of the spacecraft."""
         return OnOff(self.logit.gather(1, place))
 
 
-class Duty(NamedTuple):
+class ClippedGaussian(NamedTuple):
     """N commands of n thrusters that are open for a share of the control period, or throttled to one.
 
     A diagonal Gaussian, as SB3's; what lies beyond shut or open is clipped where it acts.
@@ -54,8 +111,7 @@ class Duty(NamedTuple):
 
     def log_prob(self, action: Tensor) -> Tensor:
         """Log-density (N,) of an action (N, n) before it is clipped."""
-        deviation = (action - self.mean) * torch.exp(-self.log_std)
-        return -(0.5 * deviation.square() + self.log_std + 0.5 * math.log(2 * math.pi)).sum(dim=1)
+        return _log_density(action, self.mean, self.log_std).sum(dim=1)
 
     def entropy(self) -> Tensor:
         """Differential entropy (N,), nats."""
@@ -63,18 +119,257 @@ class Duty(NamedTuple):
 
     def sample(self, uniform: Tensor) -> Tensor:
         """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        # Six standard deviations: float32 rounds one in 3e7 uniform numbers to zero, which is infinitely far.
-        normal = (math.sqrt(2) * torch.erfinv(2 * uniform - 1)).clamp(-6.0, 6.0)
-        return self.mean + self.log_std.exp() * normal
+        return self.mean + self.log_std.exp() * _normal(uniform)
 
     def mode(self) -> Tensor:
         """Most likely command (N, n)."""
         return self.command(self.mean)
 
     def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are told, (N, n): in [0, 1]."""
+        """What the thrusters are commanded, (N, n): in [0, 1]."""
         return action.clamp(0.0, 1.0)
 
-    def placed(self, place: Tensor) -> Duty:
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Distribution`; beyond the bounds the gradient leads back only, see `Inward`."""
+        action = self.sample(uniform)
+        return action.detach(), Inward.apply(action)  # type: ignore[return-value]
+
+    def margin(self) -> Tensor:
+        """See `Distribution`: there is no jump."""
+        return self.mean * 0
+
+    def placed(self, place: Tensor) -> ClippedGaussian:
         """As `OnOff.placed`."""
-        return Duty(self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place))
+        return ClippedGaussian(
+            self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place)
+        )
+
+
+class GatedGaussian(NamedTuple):
+    """N commands of n throttled thrusters: each fires or does not, and if it fires, by how much.
+
+    An action is exactly 0 where the gate is shut, and a number of a Gaussian otherwise, which is clipped to
+    [0, 1] where it acts. Probabilities are of the mixture of a point at 0 and a density, so that ratios of
+    them, which PPO takes, are those of actions of the same kind.
+    """
+
+    logit: Tensor
+    """(N, n): log-odds of firing each thruster."""
+    level: Tensor
+    """(N, n): mean of the throttle of a thruster that fires."""
+    log_std: Tensor
+    """(N, n), or (n,) for all: of the throttle."""
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log of the probability of shut gates times the density of the others' throttles, (N,)."""
+        fires = action != 0
+        gate = -functional.softplus(torch.where(fires, -self.logit, self.logit))
+        density = _log_density(action, self.level, self.log_std)
+        return (gate + torch.where(fires, density, 0.0)).sum(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Entropy (N,) of the gates, and of each throttle as often as it acts; nats."""
+        fires = torch.sigmoid(self.logit)
+        gate = functional.softplus(self.logit) - self.logit * fires
+        throttle = 0.5 + 0.5 * math.log(2 * math.pi) + self.log_std
+        return (gate + fires * throttle).sum(dim=1)
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
+        fires, throttle = self._drawn(uniform)
+        return torch.where(fires, throttle, 0.0)
+
+    def mode(self) -> Tensor:
+        """Deterministic command (N, n): the mean throttle of those that rather fire, 0 of the others."""
+        return torch.where(self.logit > 0, self.command(self.level), 0.0)
+
+    def command(self, action: Tensor) -> Tensor:
+        """What the thrusters are commanded, (N, n): in [0, 1]."""
+        return action.clamp(0.0, 1.0)
+
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Distribution`; a gate has the gradient of its probability.
+
+        Its log-odds are divided by the throttle's standard deviation before it is drawn, so that gates are as
+        certain as throttles: as often as not a gate of even odds would push for no reason.
+
+        Bengio, Leonard and Courville, "Estimating or propagating gradients through stochastic neurons for
+        conditional computation", 2013: the straight-through estimator.
+        """
+        fires, throttle = self._drawn(uniform, self.log_std.exp())
+        probability = torch.sigmoid(self.logit)
+        gate = fires.to(throttle.dtype) + (probability - probability.detach())
+        action = torch.where(fires, throttle, 0.0).detach()
+        return action, gate * Inward.apply(throttle)  # type: ignore[operator]
+
+    def margin(self) -> Tensor:
+        """See `Distribution`."""
+        return self.logit.abs()
+
+    def placed(self, place: Tensor) -> GatedGaussian:
+        """As `OnOff.placed`."""
+        spread = self.log_std.expand_as(self.level)
+        return GatedGaussian(*(x.gather(1, place) for x in (self.logit, self.level, spread)))
+
+    def _drawn(self, uniform: Tensor, temperature: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+        """Whether each fires, and its throttle: one random number is uniform again within either choice."""
+        probability = torch.sigmoid(self.logit / temperature).detach()
+        fires = uniform < probability
+        within = torch.where(
+            fires, uniform / probability, (uniform - probability) / (1.0 - probability)
+        )
+        # Where the probability rounds to one, nothing is left beyond it.
+        within = within.nan_to_num(0.5).clamp(0.0, 1.0)
+        return fires, self.level + self.log_std.exp() * _normal(within)
+
+
+class Inward(torch.autograd.Function):
+    """Commands within [0, 1], whose gradient is that of a clamp, and beyond the bounds leads back only.
+
+    A clamp's gradient is zero there: a thruster that the noise never opens would stay shut forever.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, action: Tensor) -> Tensor:
+        """Actions clamped."""
+        ctx.save_for_backward(action)
+        return action.clamp(0.0, 1.0)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        """Gradients whose descent leads out of the bounds, where an action is out already, are zero."""
+        (action,) = ctx.saved_tensors
+        (gradient,) = gradients
+        outwards = ((action <= 0.0) & (gradient > 0.0)) | ((action >= 1.0) & (gradient < 0.0))
+        return gradient.masked_fill(outwards, 0.0)
+
+
+def _normal(uniform: Tensor) -> Tensor:
+    """Standard normal numbers from uniform ones in [0, 1)."""
+    # Six standard deviations: float32 rounds one in 3e7 uniform numbers to zero, which is infinitely far.
+    return (math.sqrt(2) * torch.erfinv(2 * uniform - 1)).clamp(-6.0, 6.0)
+
+
+def _log_density(action: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
+    """Log-density of Gaussians."""
+    deviation = (action - mean) * torch.exp(-log_std)
+    return -(0.5 * deviation.square() + log_std + 0.5 * math.log(2 * math.pi))
+
+
+class Head(ABC):
+    """How a policy's last layer becomes commands from 0 to 1, one of each of a craft's n."""
+
+    outputs: ClassVar[int]
+    """Numbers a command; those of all commands of one meaning stand together."""
+    weights: ClassVar[int]
+    """Rows of the last layer a command, before `folded`."""
+    continuous: ClassVar[bool] = True
+    """Whether commands are numbers from 0 to 1, instead of 0 or 1."""
+    spread: ClassVar[bool] = True
+    """Whether a standard deviation is learnt for each command, the tensor ``log_std``."""
+
+    def folded(self, weight: Any, bias: Any) -> tuple[Any, Any]:
+        """Weights (..., outputs n, features) and biases (..., outputs n) that give the outputs."""
+        return weight, bias
+
+    @abstractmethod
+    def expect(self, bias: Tensor, duty: float) -> None:
+        """Change the biases, (weights n,), for untrained commands to be this number in the mean."""
+
+    @abstractmethod
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> Distribution:
+        """Of outputs (N, outputs n) of the last layer."""
+
+    @abstractmethod
+    def command(self, *outputs: Field) -> Field:
+        """The deterministic command of one thruster from its outputs; all are fields."""
+
+
+class OnOffHead(Head):
+    """Opens each thruster or not.
+
+    SB3 gives each on/off thruster two logits and one distribution object; the probability of opening needs
+    only their difference, so that the last layer shrinks to n outputs.
+    """
+
+    outputs = 1
+    weights = 2
+    continuous = False
+    spread = False
+
+    def folded(self, weight: Any, bias: Any) -> tuple[Any, Any]:
+        """See `Head`: differences of two logits."""
+        return weight[..., 1::2, :] - weight[..., 0::2, :], bias[..., 1::2] - bias[..., 0::2]
+
+    def expect(self, bias: Tensor, duty: float) -> None:
+        """See `Head`: the duty is the probability of opening."""
+        bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))
+
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> OnOff:
+        """See `Head`."""
+        return OnOff(outputs)
+
+    def command(self, *outputs: Field) -> Field:
+        """See `Head`."""
+        (logit,) = outputs
+        return where(logit > 0.0, logit * 0.0 + 1.0, logit * 0.0)
+
+
+class GaussianHead(Head):
+    """Opens each thruster for a share of the period, throttles it, or drives a wheel."""
+
+    outputs = 1
+    weights = 1
+
+    def expect(self, bias: Tensor, duty: float) -> None:
+        """See `Head`."""
+        bias.fill_(duty)
+
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> ClippedGaussian:
+        """See `Head`."""
+        assert log_std is not None
+        return ClippedGaussian(outputs, log_std)
+
+    def command(self, *outputs: Field) -> Field:
+        """See `Head`."""
+        return _within(outputs[0])
+
+
+class GatedHead(Head):
+    """Decides for each throttled thruster whether it fires at all, and by how much: 0 is exactly 0."""
+
+    outputs = 2
+    weights = 2
+
+    def expect(self, bias: Tensor, duty: float) -> None:
+        """See `Head`: half of the thrusters fire, or enough of them where the duty is above one half."""
+        gates, levels = bias.chunk(2)
+        fires = max(0.5, math.sqrt(duty))
+        gates.fill_(math.log(fires / (1.0 - fires)))
+        levels.fill_(duty / fires)
+
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> GatedGaussian:
+        """See `Head`."""
+        assert log_std is not None
+        logit, level = outputs.chunk(2, dim=1)
+        return GatedGaussian(logit, level, log_std)
+
+    def command(self, *outputs: Field) -> Field:
+        """See `Head`."""
+        logit, level = outputs
+        return where(logit > 0.0, _within(level), level * 0.0)
+
+
+def _within(x: Field) -> Field:
+    """A field clipped to [0, 1]."""
+    zero = x * 0.0
+    x = where(x < 0.0, zero, x)
+    return where(x > 1.0, zero + 1.0, x)
+
+
+HEADS: dict[str, Head] = {
+    "on-off": OnOffHead(),
+    "gaussian": GaussianHead(),
+    "gated": GatedHead(),
+}
+"""By their names in settings and agents' files."""

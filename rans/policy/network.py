@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.policy.architecture import ACTIVATIONS, EXTRACTOR, Architecture
-from rans.policy.heads import Duty, OnOff
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import Remembering, by_row, recurrent, viewed
 from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
 
@@ -26,7 +26,7 @@ def _of_this_process(variance: Tensor, mean: Tensor) -> tuple[Tensor, Tensor]:
 class Output(NamedTuple):
     """What a network says about N observations."""
 
-    policy: OnOff | Duty
+    policy: Distribution
     value: Tensor
     """(N,)."""
     core: Tensor
@@ -50,7 +50,7 @@ class Network(Remembering):
         self.architecture = architecture
         self.members = members
         self.tensors = dict[str, Tensor]()
-        self._activation = ACTIVATIONS[architecture.activation]()
+        self._activation = architecture.activation_module()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(
             architecture.nominal or (1.0,) * architecture.privileged
@@ -256,15 +256,9 @@ class Network(Remembering):
         )
 
     def _heads(self, features: Tensor, critic: Tensor) -> Output:
-        """Actor and critic, in one product where they share features.
-
-        SB3 gives each on/off thruster two logits and one distribution object; the probability of opening
-        needs only their difference, so both heads shrink to n + 1 outputs.
-        """
-        weight, bias = self._layer("action_net")
-        if not self.architecture.continuous:
-            weight = weight[..., 1::2, :] - weight[..., 0::2, :]
-            bias = bias[..., 1::2] - bias[..., 0::2]
+        """Actor and critic, in one product where they share features."""
+        head = self.architecture.last
+        weight, bias = head.folded(*self._layer("action_net"))
         worth, constant = self._layer("value_net")
         if critic is features:
             out = product(
@@ -275,12 +269,10 @@ class Network(Remembering):
         else:
             action = self._flat(product(features, weight, bias))
             value = self._flat(product(critic, worth, constant)[..., 0])
-        if not self.architecture.continuous:
-            return Output(OnOff(action), value, self._flat(features))
-        spread = self.tensors["log_std"]
-        if self.members > 1:
+        spread = self.tensors.get("log_std")
+        if spread is not None and self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Output(Duty(action, spread), value, self._flat(features))
+        return Output(head.distribution(action, spread), value, self._flat(features))
 
     @torch.no_grad()
     def update_statistics(

@@ -11,9 +11,9 @@ from rans.model.fields import Field, Vector, absolute, at_least, sqrt
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.observation_terms import InformationInW, ObservationTerm
 from rans.tasks.rewards import Transition, is_used, nearness
 from rans.tasks.shapes import Ball, nearest_first
-from rans.tasks.sight import Entry, InformationInW
 
 _MOST_ZONES = 16
 """The observation grows by seven columns a zone at most, and sorting by a comparison for every pair."""
@@ -108,9 +108,9 @@ class Avoid(GoToPose):
         zones = self.scenery(goal)
         return {f"zone {k}": zone.gap(state.p) for k, zone in enumerate(zones, 1)}
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """As `GoToPose`, and the zones, the nearest first."""
-        entries = list(super().sight(state, goal))
+        entries = list(super().observation_terms(state, goal))
         for k, zone in enumerate(nearest_first(self.scenery(goal), state.p), 1):
             way = zone.centre - state.p
             close = nearness(_outside(zone.gap(state.p)), self.zone_scale)

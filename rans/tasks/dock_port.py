@@ -13,9 +13,15 @@ from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    InformationInW,
+    ObservationTerm,
+    RelativeRotation,
+    VectorInW,
+)
 from rans.tasks.rewards import Transition, is_used, nearness, speed
 from rans.tasks.shapes import Ball, Cone, Shape
-from rans.tasks.sight import Entry, InformationInW, Spin, Turn, VectorInW
 
 
 @dataclass(frozen=True)
@@ -132,14 +138,14 @@ class DockPort(SingleTask):
         """Whether the spacecraft is docked: all errors are within their tolerances."""
         return self.reached(state, goal)
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Position, attitude, velocity and spin still to go, and the cone."""
         cone = self._cone(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),
-            Turn("d", "-", state.attitude.to(goal.attitude)),
+            RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
             VectorInW("dv_", "m/s", goal.v - state.v),
-            Spin("dw", "rad/s", _spin_to_gain(state, goal)),
+            AngularVelocity("dw", "rad/s", _spin_to_gain(state, goal)),
             InformationInW("axis ", "-", cone.axis),
             *cone.entries("cone", state),
         )

@@ -48,7 +48,7 @@ def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None
         make_network(craft).architecture.layout,
         len(craft.thrusters),
         (32, 16),
-        continuous=continuous,
+        head="gaussian" if continuous else "on-off",
     )
     tensors, generator = given.initial(11, 0.5)
     torch.manual_seed(11)

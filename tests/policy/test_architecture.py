@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.stats import norm
 
-from rans.policy.heads import Duty, OnOff
+from rans.policy.heads import ClippedGaussian, OnOff
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 from tests.support.training import tiny_learner
@@ -53,7 +53,9 @@ def test_duties_are_drawn_from_a_gaussian() -> None:
     far = np.array([*norm.ppf(uniform[0, :6].numpy()), -6.0])
     expected = mean.numpy() + np.exp(log_std.numpy()) * far
     # Rounding of 1 - 2e-8 to float64, in the tail: 1e-16 over a density of 1e-8.
-    np.testing.assert_allclose(Duty(mean, log_std).sample(uniform), expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        ClippedGaussian(mean, log_std).sample(uniform), expected, rtol=0, atol=1e-7
+    )
 
 
 def test_body_frame_in_the_plane() -> None:
@@ -98,13 +100,13 @@ def test_body_frame_in_space() -> None:
 def test_untrained_agents_open_thrusters_as_often_as_asked(continuous: bool) -> None:
     learner = tiny_learner(initial_duty=0.1, continuous=continuous)
     policy = learner.network.evaluate(learner.engine.observe()).policy
-    share = policy.mean if isinstance(policy, Duty) else torch.sigmoid(policy.logit)
+    share = policy.mean if isinstance(policy, ClippedGaussian) else torch.sigmoid(policy.logit)
     # An untrained head has a gain of 0.01 on features of order one: its logits are within 0.1 or so.
     torch.testing.assert_close(share.detach(), torch.full_like(share, 0.1), rtol=0, atol=0.02)
 
 
 def test_duties_are_clipped_where_they_act() -> None:
-    policy = Duty(torch.tensor([[-0.5, 0.25, 1.5]]), torch.full((3,), -1.0))
+    policy = ClippedGaussian(torch.tensor([[-0.5, 0.25, 1.5]]), torch.full((3,), -1.0))
     assert policy.mode().tolist() == [[0.0, 0.25, 1.0]]
     # One and no standard deviations of exp(-1): the quantile of 0.8413 is one.
     uniform = torch.tensor([[0.8413447, 0.5, 0.5]])

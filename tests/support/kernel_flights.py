@@ -49,8 +49,7 @@ def policy(
         len(craft.thrusters),
         layers,
         symmetries=views,
-        continuous=craft.actuators.is_continuous,
-        **settings,
+        **({"head": "gaussian" if craft.actuators.is_continuous else "on-off"} | settings),
     )
     tensors, _ = given.initial(0, 0.3)
     return scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float32))

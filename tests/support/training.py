@@ -180,10 +180,16 @@ def after(count: int) -> Any:
     return lambda: next(asked) + 1 >= count
 
 
-def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
+def make_network(craft: Any, continuous: bool = False, head: str = "", **settings: Any) -> Network:
     """A float64 network with large random weights and statistics."""
     columns = layout(GoToPose(), craft.dimension)
-    given = Architecture(columns, len(craft.thrusters), (16,), continuous=continuous, **settings)
+    given = Architecture(
+        columns,
+        len(craft.thrusters),
+        (16,),
+        head=head or ("gaussian" if continuous else "on-off"),
+        **settings,
+    )
     tensors, _ = given.initial(0, 0.5)
     network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
     network.update_statistics(network.in_body(seen(craft, 500))[None])

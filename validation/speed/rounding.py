@@ -16,7 +16,7 @@ from torch import Tensor
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.policy.architecture import ACTIVATIONS, EXTRACTOR
+from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
 from rans.terminal import Terminal, table
 
@@ -64,7 +64,7 @@ def logits(network: Network, seen: Tensor, parts: int) -> Tensor:
         x = torch.cat((x, torch.tanh(seen * scale * given.zoom)), dim=1)
     for i in range(len(given.layers)):
         name = f"{EXTRACTOR}trunk.{2 * i}"
-        x = ACTIVATIONS[given.activation]()(
+        x = given.activation_module()(
             _times(x, table[f"{name}.weight"], parts) + table[f"{name}.bias"]
         )
     weight = table["action_net.weight"]

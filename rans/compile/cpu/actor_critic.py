@@ -10,25 +10,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.cpu.llvm import FLOAT, LANES, LONG, POINTER, TILE, Code, Value, constant, shared
+from rans.compile.cpu.llvm import (
+    FLOAT,
+    LANES,
+    LONG,
+    OPERATIONS,
+    POINTER,
+    TILE,
+    Code,
+    Value,
+    constant,
+    shared,
+)
 from rans.compile.cpu.matmul import WIDTH, dense
 from rans.compile.flight_program import shown
 from rans.model.trace import Symbol, Untraceable, ordered
 from rans.policy.architecture import EXTRACTOR, Architecture
-
-_OPERATIONS: dict[str, Callable[..., Value]] = {
-    "+": Code.fadd,
-    "-": Code.fsub,
-    "*": Code.fmul,
-    "/": Code.fdiv,
-    "neg": Code.fneg,
-    "where": Code.select,
-    **{
-        sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
-        for sign in ("<", "<=", ">", ">=", "==", "!=")
-    },
-}
-"""What looking takes."""
 
 
 class CpuActorCritic:
@@ -61,7 +58,7 @@ class CpuActorCritic:
         self._inputs = given.seen * (2 if given.zoom else 1)
         self._sizes = [self._inputs, *given.layers, given.thrusters + 1]
         used = {symbol.operation for symbol in ordered([*self._seen, self._view]) if symbol.args}
-        if unknown := used - _OPERATIONS.keys():
+        if unknown := used - OPERATIONS.keys():
             raise Untraceable(f"a look takes {', '.join(unknown)}.")
 
     @cached_property
@@ -170,21 +167,16 @@ class CpuActorCritic:
             symbol: code.read(observation, code.add(code.mul(LONG(i), stride), place))
             for i, symbol in enumerate(self._observed)
         }
-        for symbol in ordered([*self._seen, self._view], known):
-            known[symbol] = (
-                constant(symbol.value)
-                if symbol.operation == "constant"
-                else (_OPERATIONS[symbol.operation](code, *(known[arg] for arg in symbol.args)))
-            )
-        for i, symbol in enumerate(self._seen):
+        *seen, view = code.evaluated([*self._seen, self._view], known)
+        for i, value in enumerate(seen):
             mean, scale, zoomed = (
                 code.everywhere(code.read(normal, i + k * width, FLOAT)) for k in range(3)
             )
-            x = code.fmul(code.fsub(known[symbol], mean), scale)
+            x = code.fmul(code.fsub(value, mean), scale)
             code.write(code.within(x, -given.clip, given.clip), to, i * WIDTH)
             if given.zoom:
-                code.write(code.tanh(code.fmul(known[symbol], zoomed)), to, (width + i) * WIDTH)
-        return known[self._view]
+                code.write(code.tanh(code.fmul(value, zoomed)), to, (width + i) * WIDTH)
+        return view
 
 
 def _address(x: np.ndarray) -> int:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 from llvmlite import binding, ir
+
+from rans.model.trace import Symbol, ordered
+from rans.policy.activations import ACTIVATIONS
 
 Value = Any
 """Of LLVM, or a number of Python's: llvmlite has no types."""
@@ -156,7 +159,7 @@ class Code(ir.IRBuilder):
         return result
 
     def activation(self, name: str, x: Value) -> Value:
-        """One of `rans.policy.architecture.ACTIVATIONS`, or none."""
+        """One of `rans.policy.activations.ACTIVATIONS`, or none ("")."""
         match name:
             case "tanh":
                 return self.tanh(x)
@@ -168,7 +171,21 @@ class Code(ir.IRBuilder):
                 half = self.tanh(self.fmul(x, self.everywhere(0.5)))
                 below = self.fdiv(self.fadd(half, half), self.fsub(self.everywhere(1.0), half))
                 return self.select(self.fcmp_ordered(">", x, self.everywhere(0.0)), x, below)
-        return x
+            case "":
+                return x
+        symbol = Symbol.input("x")
+        return self.evaluated([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
+
+    def evaluated(self, roots: Sequence[Symbol], known: Mapping[Symbol, Value]) -> list[Value]:
+        """Vectors of the roots, from those of their inputs; see `OPERATIONS`."""
+        values = dict(known)
+        for symbol in ordered(roots, known):
+            if symbol.operation == "constant":
+                values[symbol] = constant(symbol.value)
+            else:
+                operands = [values[arg] for arg in symbol.args]
+                values[symbol] = OPERATIONS[symbol.operation](self, *operands)
+        return [values[root] for root in roots]
 
     def repeat(
         self,
@@ -235,6 +252,23 @@ class Program:
             self._module = None
         kinds = [ctypes.c_int64] * self._arguments[name]
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
+
+
+OPERATIONS: dict[str, Callable[..., Value]] = {
+    "+": Code.fadd,
+    "-": Code.fsub,
+    "*": Code.fmul,
+    "/": Code.fdiv,
+    "neg": Code.fneg,
+    "tanh": Code.tanh,
+    "exp": Code.exp,
+    "where": Code.select,
+    **{
+        sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
+        for sign in ("<", "<=", ">", ">=", "==", "!=")
+    },
+}
+"""Operations on symbols of preprocessing, heads and activations; each is given the code and its operands."""
 
 
 _SHARED: dict[Hashable, tuple[Program, Callable[..., None]]] = {}

@@ -20,6 +20,7 @@ from rans.compile.cpu.llvm import (
     Value,
 )
 from rans.compile.cpu.matmul import WIDTH, dense
+from rans.model.trace import Symbol
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.network import Network
 
@@ -57,7 +58,7 @@ class CpuPolicy:
         views = np.zeros(-(-count // WIDTH) * WIDTH, np.int32)
         views[:count] = view
         out = self._outputs(self._shown(seen, history.shown(views[:count])))
-        commands = np.empty_like(out)
+        commands = np.empty((self._given.thrusters, out.shape[1]), np.float32)
         self._command(
             out.ctypes.data,
             out.shape[1],
@@ -68,7 +69,7 @@ class CpuPolicy:
         return commands[:, :count]
 
     def _outputs(self, rows: np.ndarray) -> np.ndarray:
-        """Log-odds or duties, a row for each thruster, of what the first layer is given."""
+        """Outputs of the last layer, (outputs, N), of what the first layer is given."""
         layers = self._layers
         count = rows.shape[1]
         out = np.empty((layers.outputs, count), np.float32)
@@ -126,10 +127,7 @@ def _layers(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:
         (tensors[f"{name}.weight"].numpy(), tensors[f"{name}.bias"].numpy())
         for name in (*names, "action_net")
     ]
-    if not given.continuous:
-        weight = weight[1::2] - weight[0::2]
-        bias = bias[1::2] - bias[0::2]
-    return [*hidden, (weight, bias)]
+    return [*hidden, given.last.folded(weight, bias)]
 
 
 class _Layers:
@@ -200,28 +198,26 @@ class _Layers:
 def _commands(
     code: Code,
     given: Architecture,
-    logits: Value,
+    outputs: Value,
     stride: Value,
     views: Value,
     vectors: Value,
     out: Value,
 ) -> None:
-    """What each thruster is told, from where it is in the view that it was seen in."""
+    """Commands from the last layer's outputs, of thrusters where they are in the view that was taken."""
+    symbols = [Symbol.input(f"output {k}") for k in range(given.last.outputs)]
+    command = Symbol.constant(given.last.command(*symbols))
 
     def vector(number: Value, _: list[Value]) -> list[Value]:
         first = code.mul(number, LONG(LANES))
-        zero = code.everywhere(0.0)
-        one = code.everywhere(1.0)
         view = code.read(views, first, INTS)
-        rows = [code.add(code.mul(LONG(i), stride), first) for i in range(given.thrusters)]
-        told = [code.read(logits, row) for row in rows]
-        told = [
-            code.within(x, 0.0, 1.0)
-            if given.continuous
-            else code.select(code.fcmp_ordered(">", x, zero), one, zero)
-            for x in told
-        ]
-        for row, value in zip(rows, placed(code, given, told, view), strict=True):
+        rows = [code.add(code.mul(LONG(i), stride), first) for i in range(given.outputs)]
+        read = [code.read(outputs, row) for row in rows]
+        commands = []
+        for i in range(given.thrusters):
+            known = dict(zip(symbols, read[i :: given.thrusters], strict=True))
+            commands += code.evaluated([command], known)
+        for row, value in zip(rows, placed(code, given, commands, view), strict=False):
             code.write(value, out, row)
         return []
 

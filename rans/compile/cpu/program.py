@@ -35,7 +35,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "minimum": lambda a, b, to: np.minimum(a, b, out=to),
     "maximum": lambda a, b, to: np.maximum(a, b, out=to),
     "atan2": np.arctan2,
-    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "sqrt", "floor")},
+    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "tanh", "sqrt", "floor")},
 }
 _TYPES = {"real": np.float32, "int": np.int32, "bool": np.bool_}
 _OFTEN = 300

@@ -65,7 +65,7 @@ class Design:
     @property
     def outputs(self) -> int:
         """Of the network, as a multiple of 8."""
-        return up(self.given.thrusters, 8)
+        return up(self.given.outputs, 8)
 
     @property
     def tiles(self) -> int:
@@ -159,11 +159,7 @@ class Design:
         mean = table[f"{EXTRACTOR}mean"]
         variance = table[f"{EXTRACTOR}variance"]
         scale = torch.rsqrt(variance + 1e-6)
-        weight = table["action_net.weight"]
-        bias = table["action_net.bias"]
-        if not self.given.continuous:
-            weight = weight[1::2] - weight[0::2]
-            bias = bias[1::2] - bias[0::2]
+        weight, bias = self.given.last.folded(table["action_net.weight"], table["action_net.bias"])
         parts = {
             "mean": mean,
             "scale": scale,

@@ -13,6 +13,7 @@ from rans.compile.cuda.design import FEW_INPUTS, Design
 from rans.compile.cuda.source import Lines, indented
 from rans.compile.flight_program import FlightProgram
 from rans.model.trace import Symbol
+from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
 
 _ARGUMENTS = (
     "const uint4* policy",
@@ -46,6 +47,7 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
         (
             "typedef float real;",
             *texts,
+            *activation_source(design.given.activation),
             *_views(design),
             f'extern "C" __global__ void __launch_bounds__({32 * design.warps}, 1) flights(',
             f"    {', '.join(_ARGUMENTS)}) {{",
@@ -53,6 +55,22 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
             "}\n",
         )
     )
+
+
+def activation_source(name: str) -> Iterator[str]:
+    """The struct of an activation that policy.cuh does not have, from its formula."""
+    if name in WITH_SLOPE:
+        return
+    lines = Lines()
+    x = Symbol.input("x")
+    value = ACTIVATIONS[name].formula(x)
+    yield f"struct {name.capitalize()} {{"
+    yield "  static __device__ inline float of(float x) {"
+    yield from (f"    {line}" for line in lines.values([value]))
+    yield f"    return {lines.operand(value)};"
+    yield "  }"
+    yield "  static __device__ inline float quick(float x) { return of(x); }"
+    yield "};"
 
 
 def _views(design: Design) -> Iterator[str]:
@@ -263,13 +281,13 @@ class _Writer(Lines):
                 if given.symmetries is not None
                 else str(i)
             )
-            value = f"outputs[lane() * {self._design.stride_out} + {unit}]"
-            chosen = (
-                f"min(1.0f, max(0.0f, {value}))"
-                if given.continuous
-                else f"{value} > 0.0f ? 1.0f : 0.0f"
-            )
-            yield f"const real command_{i} = {chosen};"
+            for k in range(given.last.outputs):
+                place = f"lane() * {self._design.stride_out} + {k * given.thrusters} + {unit}"
+                yield f"const real output_{k}_{i} = outputs[{place}];"
+            outputs = [Symbol.input(f"output_{k}_{i}") for k in range(given.last.outputs)]
+            command = given.last.command(*outputs)
+            yield from self.values([command])
+            yield f"const real command_{i} = {self.operand(command)};"
 
     def _remember(self) -> Iterator[str]:
         """As `rans.policy.network.Network.remember`."""

@@ -26,6 +26,7 @@ _FUNCTIONS = {
     "cos": "cosine",
     "exp": "exponential",
     "log": "logarithm",
+    "tanh": "tanh",
     "minimum": "min",
     "maximum": "max",
     "abs": "abs",

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit, padded, up
+from rans.policy.activations import WITH_SLOPE
 from rans.policy.architecture import EXTRACTOR, Architecture
 
 WARPS = 8
@@ -50,8 +51,10 @@ class UpdateDesign:
 
     def __post_init__(self) -> None:
         given = self.given
-        if given.units or given.continuous or len(given.layers) != 2:
-            raise DoesNotFit("a recurrent network, continuous commands, or other than two layers")
+        if given.units or given.head != "on-off" or len(given.layers) != 2:
+            raise DoesNotFit("a recurrent network, other than on/off commands, or than two layers")
+        if given.activation not in WITH_SLOPE:
+            raise DoesNotFit(f"the activation {given.activation}")
 
     @property
     def trunks(self) -> int:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.model.timing import Timing
+from rans.policy.activations import ACTIVATIONS
 from rans.randomization.conditions import Conditions
 from rans.structure import structure
 from rans.tasks import TASKS, Task
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
-Activation = Literal["tanh", "elu", "relu"]
+if TYPE_CHECKING:
+    Activation = str
+else:
+    Activation = Literal[tuple(ACTIVATIONS)]
+Head = Literal["auto", "gated"]
 Memory = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
@@ -68,6 +73,9 @@ class PPOSettings:
     """Units of the network's hidden layers, shared by actor and critic."""
     activation: Activation = "tanh"
     """Between the layers."""
+    head: Head = "auto"
+    """How outputs become commands: "auto" opens on/off thrusters or not, and commands the others by a Gaussian;
+    "gated" first decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
     symmetric: bool = True
     """Whether what is learnt on one side of the spacecraft serves all that look the same."""
     zoom: float = 0.0
@@ -161,7 +169,12 @@ class PPOSettings:
             "filtered_steady",
             "filtered_response",
         )
-        for name, kind in (("activation", Activation), ("matmul", Precision), ("memory", Memory)):
+        for name, kind in (
+            ("activation", Activation),
+            ("head", Head),
+            ("matmul", Precision),
+            ("memory", Memory),
+        ):
             known = get_args(kind)
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
         _require(

@@ -14,6 +14,7 @@ from rans.compile.cpu.matmul import WIDTH, correlation, dense, each, gather, pro
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.rollout import Batch
+from rans.policy.activations import WITH_SLOPE
 from rans.policy.network import Network
 
 _TILE = 512
@@ -105,7 +106,9 @@ class MachineGradients:
             and one.dtype == torch.float32
             and network.members == 1
             and samples % WIDTH == 0
-            and not (given.continuous or given.units or given.privileged)
+            and given.head == "on-off"
+            and given.activation in WITH_SLOPE
+            and not (given.units or given.privileged)
         )
 
     def inputs(

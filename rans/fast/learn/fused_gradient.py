@@ -27,7 +27,6 @@ from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
 from rans.fast.learn.rollout import Batch
-from rans.policy.architecture import ACTIVATIONS
 from rans.policy.heads import OnOff
 from rans.policy.network import Network
 
@@ -248,7 +247,7 @@ class UpdateProducts(Gradients):
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
-        self._activation = ACTIVATIONS[network.architecture.activation]()
+        self._activation = network.architecture.activation_module()
         # Two trunks' lie beside each other, which takes no longer where it is compiled.
         self._second = (
             self._activation if self.design.trunks == 1 else fused(self._beside, self._device)

@@ -143,8 +143,7 @@ class GradientLearner:
         for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
             privileged = self._privileged(episode)
             output, columns = network.shown(observation, memory)
-            action = output.policy.sample(uniform)
-            command = Inward.apply(action)
+            action, command = output.policy.differentiable(uniform)
             after = network.remember(columns, memory, command, output)
             step, episode = engine.stepped(episode, engine.commands(command))
             # What is passed back from one period to the one before is bounded.
@@ -286,27 +285,6 @@ class GradientLearner:
             generator.set_state(state.cpu())
         if self.rollout.memory is not None:
             self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
-
-
-class Inward(torch.autograd.Function):
-    """Commands within [0, 1], whose gradient is that of a clamp, and beyond the bounds leads back only.
-
-    A clamp's gradient is zero there: a thruster that the noise never opens would stay shut forever.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, action: Tensor) -> Tensor:
-        """Actions clamped."""
-        ctx.save_for_backward(action)
-        return action.clamp(0.0, 1.0)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        """Gradients whose descent leads out of the bounds, where an action is out already, are zero."""
-        (action,) = ctx.saved_tensors
-        (gradient,) = gradients
-        outwards = ((action <= 0.0) & (gradient > 0.0)) | ((action >= 1.0) & (gradient < 0.0))
-        return gradient.masked_fill(outwards, 0.0)
 
 
 def _weights(network: Network) -> dict[str, Tensor]:

@@ -16,6 +16,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.ppo import PPOLearner
+from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import Architecture
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
@@ -39,7 +40,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         zoom=settings.zoom,
         symmetries=symmetries(craft) if settings.symmetric else None,
         bf16=settings.matmul == "bf16",
-        continuous=craft.is_continuous,
+        head=_head(craft, settings.head),
         history=settings.history if has_history else 0,
         commands_only=settings.memory == "commands",
         averages=tuple(settings.averages) if has_history else (),
@@ -105,6 +106,22 @@ def begin(
     if make is None:
         return PPOLearner(engine, network, settings, generators, plain)
     return make(engine, network, settings, generators)
+
+
+def _head(craft: Spacecraft, wanted: str) -> str:
+    """Key of `rans.policy.heads.HEADS`; ConfigError where the craft cannot follow it."""
+    if wanted == "auto":
+        return "gaussian" if craft.is_continuous else "on-off"
+    odd = [
+        one.name for one in craft.commands if one.kind not in ("throttle", "pulsed") or one.low != 0
+    ]
+    if odd:
+        raise ConfigError(
+            f"the head {wanted!r} needs commands that may be 0 or a share up to the largest, and those of "
+            f"{craft.name} may not ({odd[0]}): give it throttled or pulsed thrusters without wheels, or "
+            "train with the head 'auto'."
+        )
+    return wanted
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:

@@ -82,6 +82,16 @@ def test_many_tasks_in_space_in_one_product(tmp_path: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("settings", [{"head": "gated"}, {"activation": "silu"}], ids=str)
+def test_heads_and_activations_that_only_have_a_formula(
+    settings: dict[str, Any], tmp_path: Path
+) -> None:
+    network = policy(THROTTLED, **settings)
+    kernel, stepped = both(network, setup(THROTTLED), tmp_path, products="bf16x6")
+    agree(kernel, stepped, 1e-4)
+
+
+@needs_compiler
 def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_path: Path) -> None:
     """More inputs than are kept in registers, layers that take one tile at a time, and wind."""
     network = policy(

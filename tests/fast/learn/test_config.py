@@ -83,7 +83,7 @@ def changed(place: str, value: Any) -> dict[str, Any]:
         (
             "ppo.activation",
             "gelu",
-            r"config\.ppo\.activation: expected 'tanh' or 'elu' or 'relu', got 'gelu'",
+            r"config\.ppo\.activation: expected 'tanh' or 'elu' or 'relu' or 'silu', got 'gelu'",
         ),
         (
             "ppo.matmul",
@@ -187,7 +187,7 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     [
         ({"memory": "histori"}, "memory must be one of none, history, commands, recurrent, got"),
         ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
-        ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, got 'gelu'"),
+        ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, silu, got 'gelu'"),
         ({"averages": (0.5,)}, "averages are of a history, so that memory must be 'history' or"),
         (
             {"memory": "history", "averages": 0.5},

@@ -11,8 +11,10 @@ import pytest
 import stable_baselines3
 import torch
 
+from rans.deploy.export import export
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.config import Head
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import check
 from rans.fast.learn.trainer import Trainer
@@ -28,11 +30,11 @@ from tests.support.training import CONFIG, after, ignore, resumed, weights
 KINDS = pytest.mark.parametrize("kind", [Throttle(), Pulsed(4, 1)], ids=["throttle", "pulsed"])
 
 
-def begun(folder: Path, kind: Actuators) -> Trainer:
+def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     """A training of the platform with these actuators, from a file of the user's."""
     file = folder / "craft.toml"
     file.write_text(to_toml(replace(PLATFORM, name="own", actuators=kind)))
-    config = replace(CONFIG, spacecraft=str(file))
+    config = replace(CONFIG, spacecraft=str(file), ppo=replace(CONFIG.ppo, head=head))
     assert check(config).continuous
     run = RunFolder(folder / "run")
     run.begin(config, "rans train")
@@ -54,6 +56,26 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
     ours, drakes = (by(craft, task, agent, starts, timing) for by in (fly, fly_in_drake))
     # Float32 observations of 20 steps that agree to rounding.
     np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
+
+
+def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) -> None:
+    begun(tmp_path, Throttle(), "gated").train(ignore)
+    agent, _, _, _, _ = load_agent(tmp_path / "run")
+    observations = seen(PLATFORM, 200).numpy()
+    commands = agent.act(None, None, observations)
+    model = stable_baselines3.PPO.load(tmp_path / "run" / "policy.zip", device="cpu")
+    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
+    assert 0.01 < (commands == 0).mean() < 0.99
+    assert ((commands > 0) & (commands < 1)).mean() > 0.1
+    export(tmp_path / "run", tmp_path / "own", "rans", episodes=4)
+    again, _, _, _, _ = load_agent(tmp_path / "own")
+    np.testing.assert_array_equal(again.act(None, None, observations), commands)
+
+
+def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
+    config = replace(CONFIG, ppo=replace(CONFIG.ppo, head="gated"))
+    with pytest.raises(ConfigError, match=r"the head 'gated' needs .* \(thruster 0\)"):
+        check(config)
 
 
 @KINDS

@@ -18,11 +18,12 @@ from rans.errors import ConfigError
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.config import GradientSettings, TrainConfig, from_table, to_table
-from rans.fast.learn.gradient import GradientLearner, Inward
+from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.member import begin
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
+from rans.policy.heads import Inward
 from rans.tasks import GoToPose, Task
 from tests.support.draws import FLYER, PLATFORM
 from tests.support.training import (

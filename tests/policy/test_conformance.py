@@ -1,0 +1,126 @@
+"""Every kind of policy commands the same by every executor that takes it; the others refuse it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.deploy.export import Form, write_agent
+from rans.fast.flights import Flights
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.selection import likeliest
+from rans.fast.saved import SavedPolicy
+from rans.model.actuators import Throttle
+from rans.policy.filter_bank import Filters
+from rans.policy.network import Network
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
+from validation.records.exports import ANSWERS
+
+THROTTLED = replace(PLATFORM, actuators=Throttle())
+BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)
+POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "on/off": (PLATFORM, {}),
+    "space": (FLYER, {}),
+    "one side": (FLYER, {"sided": False}),
+    "saturated columns": (PLATFORM, {"zoom": 8.0}),
+    "elu": (PLATFORM, {"activation": "elu"}),
+    "relu": (PLATFORM, {"activation": "relu"}),
+    "silu": (PLATFORM, {"activation": "silu"}),
+    "throttles": (THROTTLED, {}),
+    "gated throttles": (THROTTLED, {"head": "gated"}),
+    "gated throttles, one side": (THROTTLED, {"head": "gated", "sided": False}),
+    "history": (PLATFORM, {"history": 2}),
+    "averages of commands": (PLATFORM, {"averages": (0.5, 0.9), "commands_only": True}),
+    "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
+    "filters": (PLATFORM, {"filters": BANK, "zoom": 4.0}),
+    "recurrent": (PLATFORM, {"units": 8}),
+}
+STEPS = 4
+COUNT = 200
+each_policy = pytest.mark.parametrize("kind", POLICIES)
+
+
+@cache
+def known(kind: str) -> tuple[Network, np.ndarray, np.ndarray]:
+    """A policy, and in double precision its answers (STEPS, COUNT, n) to observations.
+
+    Only those are kept in which no choice is close, which rounding could turn.
+    """
+    craft, settings = POLICIES[kind]
+    network = policy(craft, **settings)
+    width = network.architecture.layout.width
+    rows = torch.randn(STEPS, COUNT, width, generator=torch.Generator().manual_seed(3))
+    exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
+    memory = exact.blank(COUNT)
+    commands = []
+    clear = torch.ones(COUNT, dtype=torch.bool)
+    with torch.no_grad():
+        for one in rows.double():
+            output, columns = exact.shown(one, memory)
+            margin = output.policy.margin()
+            if not network.architecture.last.spread or network.architecture.head == "gated":
+                clear &= (margin > 1e-3).all(dim=1)
+            commands.append(output.policy.mode())
+            memory = exact.remember(columns, memory, commands[-1], output)
+    assert clear.sum() > COUNT // 2
+    return network, rows[:, clear].numpy(), torch.stack(commands)[:, clear].numpy()
+
+
+def agree(found: Any, expected: np.ndarray) -> None:
+    """Commands of float32 sums of about a hundred numbers of order one."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
+
+
+@each_policy
+def test_policies_command_something(kind: str) -> None:
+    _, _, commands = known(kind)
+    assert 0.05 < commands.mean() < 0.95
+    if "gated" in kind:
+        assert 0.05 < (commands == 0).mean() < 0.95
+
+
+@each_policy
+def test_torch_in_single_precision(kind: str) -> None:
+    network, rows, expected = known(kind)
+    memory = network.blank(rows.shape[1])
+    found = []
+    for one in torch.from_numpy(rows):
+        command, memory = likeliest(network, one, memory)
+        found.append(command)
+    agree(torch.stack(found), expected)
+
+
+@pytest.mark.parametrize("form", ["onnx", "numpy"])
+@each_policy
+def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
+    network, rows, expected = known(kind)
+    write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
+    answer = ANSWERS[form](tmp_path)
+    memory = np.zeros((rows.shape[1], network.architecture.memory), np.float32)
+    found = []
+    for one in rows:
+        command, memory = answer(one, memory)
+        found.append(command)
+    agree(np.stack(found), expected)
+
+
+@each_policy
+def test_flights_as_machine_code(kind: str) -> None:
+    """What the processor's own code flies is what torch and NumPy fly; what it has no code for, they fly."""
+    network, _, _ = known(kind)
+    craft, settings = POLICIES[kind]
+    given = setup(craft)
+    ours, theirs = (Flights(network, given, generated=generated) for generated in (True, False))
+    found, expected = (one.fly(1000, COUNT, 2**40 + 5) for one in (ours, theirs))
+    assert found.ways == ({"stepping, cpu"} if settings.get("units") else {"CPU, float32"})
+    # Sums of float32 in another order: of 200 flights two may be judged otherwise.
+    assert abs(found.unsolved - expected.unsolved) <= 2
+    for name, sums in expected.sums.items():
+        np.testing.assert_allclose(found.sums[name].mean, sums.mean, rtol=5e-3, err_msg=name)
