@@ -73,9 +73,9 @@ def test_zones_cross_at_right_angles() -> None:
 
 def test_start_and_goal_are_those_of_go_to_pose() -> None:
     """Zones are drawn after them, so that agents and bounds without zones have the same starts."""
-    settings = {"spawn_distance": (2.2, 4.5)}
-    here = scenarios(Avoid(**settings), PLATFORM, seed=5, count=16)
-    there = scenarios(GoToPose(**settings), PLATFORM, seed=5, count=16)
+    settings: Any = {"spawn_distance": (2.2, 4.5)}
+    here: Any = scenarios(Avoid(**settings), PLATFORM, seed=5, count=16)
+    there: Any = scenarios(GoToPose(**settings), PLATFORM, seed=5, count=16)
     assert np.array_equal(here.start.p.x, there.start.p.x)
     assert np.array_equal(here.goal.attitude.angle, there.goal.attitude.angle)
 
