@@ -59,7 +59,9 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Avoid,
     Dock,
+    DockPort,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
@@ -148,6 +150,8 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Avoid",
+    "DockPort",
     "Dock",
     "GoToPose",
     "GoToPosePriced",

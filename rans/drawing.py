@@ -14,9 +14,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rans.errors import ConfigError
 from rans.files import replace_file
-from rans.model.fields import Vec2, Vec3
+from rans.model.fields import Vec2, Vector
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
+from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
 _BODY = "#DCE6F0"
 _EDGE = "#1F2933"
@@ -25,6 +26,8 @@ _FLAME = "#E69F00"
 _GRID = "#E4E7EB"
 _SHADOW = "#B8C0CA"
 _TRAIL = "#0072B2"
+_KEEP_OUT = "#D55E00"
+_KEEP_IN = "#56B4E9"
 _GOAL = "#009E73"
 _BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
 
@@ -36,6 +39,11 @@ _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(25.0)
 """Where space is looked at from."""
 
+_AROUND = np.linspace(0.0, math.tau, 49)
+"""Angles of the points of a circle, rad."""
+_SIDES = 8
+"""Lines from the apex of a cone in space to its rim."""
+
 
 class Scene:
     """Draws frames of one spacecraft: from above in the plane, obliquely in space.
@@ -45,9 +53,10 @@ class Scene:
     go to. Grid lines are 1 m apart; in space they lie in the plane z = z of that place, or of the start,
     and a thin line drops from the craft onto it. The body's axes x, y, z are red, green, blue.
 
-    The goal, which the task decides, is green, on top: a ring with axes for a pose, a dot for a position,
-    longer axes on the craft for an attitude alone, an arrow for a velocity, beside a blue one for the craft's
-    own. Width and height of a frame are in pixels.
+    Keep-out zones of the task are red outlines, approach cones and slopes blue ones. The goal, which the task
+    decides, is green, on top: a ring with axes for a pose, a dot for a position, longer axes on the craft for
+    an attitude alone, an arrow for a velocity, beside a blue one for the craft's own. Width and height of a
+    frame are in pixels.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, width: int = 640, height: int = 480) -> None:
@@ -85,6 +94,10 @@ class Scene:
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         self._pen = ImageDraw.Draw(image)
         self._draw_grid(target)
+        for shape in self.task.scenery(goal):
+            colour = _KEEP_OUT if isinstance(shape, Ball) else _KEEP_IN
+            for outline in outlines(shape, self._reach.max()):
+                self._line(list(outline), colour, 1.5)
         self._line(way, _TRAIL, 2.0)
         if self.craft.dimension == 3:
             self._line([here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
@@ -219,9 +232,58 @@ def rotations(state: Any) -> np.ndarray:
     return np.stack([*turned, np.broadcast_to((0.0, 0.0, 1.0), turned[0].shape)][:3], axis=-1)
 
 
-def columns(vector: Vec2 | Vec3) -> np.ndarray:
+def columns(vector: Vector) -> np.ndarray:
     """Vectors of fields (...) as an array (..., 3), z = 0 in the plane."""
     return np.stack(np.broadcast_arrays(*vector.columns(), 0.0)[:3], axis=-1)
+
+
+def outlines(shape: Shape, reach: float) -> list[np.ndarray]:
+    """Lines that outline a shape of numbers, each (K, 3) in W, m; none of what has no place, as a speed limit.
+
+    A ball is a circle in the plane and three great circles in space, a cone its sides and its rim.
+
+    Args:
+        shape: a shape whose fields are numbers.
+        reach: how far a slope without an end is drawn, m.
+    """
+    if isinstance(shape, Ball):
+        centre = columns(shape.centre)
+        planes = [(0, 1)] if isinstance(shape.centre, Vec2) else [(0, 1), (1, 2), (2, 0)]
+        axes = np.eye(3)
+        return [centre + _circle(axes[a], axes[b], float(shape.radius)) for a, b in planes]
+    if isinstance(shape, Cone):
+        return _cone_lines(shape.apex, shape.axis, float(shape.half_angle), float(shape.length))
+    if isinstance(shape, GlideSlope):
+        return _cone_lines(shape.apex, shape.up, math.pi / 2.0 - float(shape.angle), reach)
+    return []
+
+
+def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors at right angles to a unit vector, (3,), and to each other."""
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def _circle(first: np.ndarray, second: np.ndarray, radius: float) -> np.ndarray:
+    angle = _AROUND[:, None]
+    return radius * (np.cos(angle) * first + np.sin(angle) * second)
+
+
+def _cone_lines(apex: Any, axis: Any, half_angle: float, length: float) -> list[np.ndarray]:
+    """Sides of the given length, and an arc in the plane or a rim in space between their ends."""
+    tip = columns(apex)
+    along = columns(axis)
+    if isinstance(apex, Vec2):
+        aside = np.array([-along[1], along[0], 0.0])
+        angles = np.linspace(-half_angle, half_angle, 13)[:, None]
+        arc = tip + length * (np.cos(angles) * along + np.sin(angles) * aside)
+        return [np.concatenate(([tip], arc, [tip]))]
+    first, second = perpendicular(along)
+    middle = tip + length * math.cos(half_angle) * along
+    rim = middle + _circle(first, second, length * math.sin(half_angle))
+    step = (len(_AROUND) - 1) // _SIDES
+    return [rim, *(np.stack([tip, point]) for point in rim[:-1:step])]
 
 
 def check_picture(file: Path) -> None:

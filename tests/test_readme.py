@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.config import Failures, GradientSettings, PPOSettings
 from rans.fast.learn.recipes import by_gradient, training
 from rans.flight import fly
-from rans.model.fields import map_leaves
+from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
@@ -99,6 +100,19 @@ def test_the_mission_of_the_tasks_page_is_won() -> None:
     assert flight.lengths.max() < 200
     assert set(flight.margins) == {"wall"}
     assert flight.rewards()["done"].sum(axis=0).tolist() == [10.0] * 4
+
+
+def test_the_ball_of_the_tasks_page_is_checked_observed_and_drawn() -> None:
+    """All by one object: its margin 1 m away from the origin is 0.6 m."""
+    names: dict[str, Any] = {}
+    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+        exec(example, names)
+    task = names["MeetBehind"]()
+    here = scenarios(task, CRAFT, 0, 4)
+    state = replace(here.start, p=Vec2(np.full(4, 0.6), np.full(4, 0.8)))
+    np.testing.assert_allclose(task.constraints(state, here.goal)["ball"], 0.6, rtol=0, atol=1e-9)
+    assert "ball gap" in [column.name for column in observation_columns(task, 2)]
+    assert len(task.scenery(here.goal)) == 1
 
 
 @pytest.mark.usefixtures("forgotten")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, Vec3
+from rans.model.fields import Field, Vec3, leaves
 from rans.tasks.base import Task
 from rans.tasks.derived import example, observation_width
 from rans.tasks.observation_terms import (
@@ -130,7 +130,8 @@ def refused_ranges(valid: Sequence[tuple[float, float]]) -> list[tuple[float, fl
 def quantities(state: State) -> dict[str, Any]:
     """One state of numbers as JSON: SI units, vectors in W but for the angular velocity in space, which is in B.
 
-    The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z).
+    The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z). Of a shape among the
+    notes, such as a zone, every number follows in the order of its definition.
     """
     attitude: Any = state.attitude
     planar = not isinstance(state.w, Vec3)
@@ -143,7 +144,7 @@ def quantities(state: State) -> dict[str, Any]:
         "spin": spin[0] if planar else spin,
     }
     if state.notes:
-        result["notes"] = [float(x) for x in state.notes]
+        result["notes"] = [float(x) for x in leaves(state.notes)]
     if state.stores:
         result["stores"] = [float(x) for x in state.stores]
     return result

@@ -10,9 +10,11 @@ from typing import Any
 
 from rans.errors import ConfigError, brief
 from rans.registry import Registry
+from rans.tasks.avoid import Avoid
 from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
 from rans.tasks.dock import Dock
+from rans.tasks.dock_port import DockPort
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
@@ -86,6 +88,8 @@ TASKS = Registry(
         "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
         "multi-task": "rans.tasks:MultiTask",
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
+        "avoid": "rans.tasks:Avoid",
+        "dock-port": "rans.tasks:DockPort",
         "dock": "rans.tasks:Dock",
         "land": "rans.tasks:Land",
     },
@@ -143,6 +147,8 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 __all__ = [
     "TASKS",
+    "Avoid",
+    "DockPort",
     "Dock",
     "GoToPose",
     "GoToPosePriced",

@@ -216,10 +216,11 @@ def reward_terms(
 ) -> dict[str, Field]:
     """Terms of a task's reward by name, with those for winning and for violated constraints."""
     terms = dict(task.reward(transition))
+    zero = transition.state.p.columns()[0] * 0.0  # of the precision that everything has
     if done is not None and is_used(task.done_weight):
-        terms["done"] = where(done, 1.0, 0.0) * task.done_weight
+        terms["done"] = where(done, zero + task.done_weight, zero)
     if violated is not None and is_used(task.violation_weight):
-        terms["violation"] = where(violated, 1.0, 0.0) * -task.violation_weight
+        terms["violation"] = where(violated, zero - task.violation_weight, zero)
     return terms
 
 

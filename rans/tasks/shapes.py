@@ -8,6 +8,7 @@ fields (`rans.model.fields`), so that an episode may keep them in its goal's ``n
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -93,7 +94,7 @@ class Cone(Shape):
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
         """The larger of two signed distances, m: from the cone's surface and from the ball around it."""
         offset = position - self.apex
-        inside = _inside_cone(offset, self.axis, cos(self.half_angle), sin(self.half_angle))
+        inside = _inside_cone(offset, self.axis, *_cosine_and_sine(self.half_angle))
         beyond = _length(offset) - self.length
         return where(inside > beyond, inside, beyond)
 
@@ -140,7 +141,8 @@ class GlideSlope(Shape):
 
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
         """Signed distance from the corridor's surface, m: negative outside."""
-        return _inside_cone(position - self.apex, self.up, sin(self.angle), cos(self.angle))
+        cosine, sine = _cosine_and_sine(self.angle)
+        return _inside_cone(position - self.apex, self.up, sine, cosine)
 
 
 def nearest_first(shapes: Sequence[AnyShape], position: Vector) -> list[AnyShape]:
@@ -172,6 +174,13 @@ def _chosen(condition: Field, one: AnyShape, other: AnyShape) -> AnyShape:
 def _length(v: Vector) -> Field:
     """Euclidean length, whose gradient is zero at zero (`_SOFTENING`)."""
     return sqrt(v.dot(v) + _SOFTENING)
+
+
+def _cosine_and_sine(angle: Field) -> tuple[Field, Field]:
+    """Plain numbers of a plain number: NumPy's own would make float64 of float32 arrays."""
+    if isinstance(angle, int | float):
+        return math.cos(angle), math.sin(angle)
+    return cos(angle), sin(angle)
 
 
 def _inside_cone(offset: Vector, axis: Vector, cosine: Field, sine: Field) -> Field:

@@ -16,6 +16,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import (
     TASKS,
+    Avoid,
+    DockPort,
     GoToPosePriced,
     gymnasium_ids,
     observation,
@@ -28,6 +30,14 @@ from tests.tasks.conftest import COUNT, arrival
 
 PAPER_WIDTH = {2: 10, 3: 22}
 """Section 3.2 of the paper."""
+ADDED_WIDTH = {
+    GoToPosePriced: {2: 1, 3: 1},
+    # Of each of three zones the way, relative velocity and direction, and a distance.
+    Avoid: {2: 21, 3: 30},
+    # Velocity and spin to gain, the cone's axis and its margin.
+    DockPort: {2: 6, 3: 10},
+}
+"""What other tasks observe beside it."""
 
 
 def everything(task: Any, state: Any, goal: Any, command: Any, previous: Any) -> dict[str, Any]:
@@ -164,7 +174,7 @@ def test_observation_table_names_every_column(
     dimension = craft.dimension
     columns = observation_columns(task, dimension)
     values = observation(task, states, goals)
-    width = PAPER_WIDTH[dimension] + isinstance(task, GoToPosePriced)
+    width = PAPER_WIDTH[dimension] + ADDED_WIDTH.get(type(task), {2: 0, 3: 0})[dimension]
     assert len(columns) == len(values) == observation_width(task, dimension) == width
     assert all(len(c) == 3 and all(isinstance(part, str) and part for part in c) for c in columns)
     named = [c[0] for c in columns if c[0] != "unused"]
@@ -227,7 +237,9 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
         start, goal = (map_leaves(lambda x: x[mine], s) for s in (every.start, every.goal))  # noqa: B023
         if hasattr(part, "spawn_distance"):
             (low, high) = part.spawn_distance
-            way = np.subtract(goal.p.columns(), start.p.columns())
+            # The port's target is at the origin, away from which the docked state is.
+            around = 0.0 if isinstance(part, DockPort) else goal.p.columns()
+            way = np.subtract(around, start.p.columns())
         else:
             (low, high) = part.target_speed
             way = np.subtract(goal.v.columns(), start.v.columns())

@@ -161,7 +161,8 @@ def test_the_nearest_first_whatever_the_order(centres: Any) -> None:
         Ball(Vec2(np.array([x]), np.array([y])), STILL, np.array([0.1 * k + 0.1]))
         for k, (x, y) in enumerate(centres)
     ]
-    sequences = []
+    sequences: list[Any] = []
+    gaps: list[float] = []
     for order in itertools.permutations(zones):
         found = nearest_first(order, position)
         gaps = [float(zone.gap(position)[0]) for zone in found]

@@ -13,6 +13,7 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
+from rans.tasks.shapes import Ball
 from tests.support.crafts import random_states
 from tests.tasks.conftest import COUNT, arrival
 
@@ -40,6 +41,7 @@ def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, comma
 
 def moved(state: Any) -> Any:
     """The state seen from a world frame that is turned and shifted; body quantities stay."""
+    state = replace(state, notes=tuple(map(moved_note, state.notes)))
     if isinstance(state, PlanarState):
         turn = Rotation.from_rotvec([0, 0, 2.1]).as_matrix()[:2, :2]
         p, v = (Vec2(*(turn @ np.stack(x.columns()))) for x in (state.p, state.v))
@@ -51,6 +53,15 @@ def moved(state: Any) -> Any:
     w, x, y, z = leaves(state.attitude)
     qx, qy, qz, qw = (turn * Rotation.from_quat(np.stack([x, y, z, w], axis=1))).as_quat().T
     return replace(state, p=p + Vec3(3.0, -5.0, 1.0), attitude=Quat(qw, qx, qy, qz), v=v)
+
+
+def moved_note(note: Any) -> Any:
+    """A zone moves as a state does; numbers stay."""
+    if not isinstance(note, Ball):
+        return note
+    like = random_states(len(note.centre.columns()), COUNT, seed=1)  # pyright: ignore[reportArgumentType]
+    there = moved(replace(like, p=note.centre, v=note.v))
+    return replace(note, centre=there.p, v=there.v)
 
 
 def test_the_plane_is_a_slice_of_space(task: Any) -> None:
@@ -87,5 +98,11 @@ def embedded(flat: Any) -> Any:
         Quat(np.cos(half), zero, zero, np.sin(half)),
         Vec3(flat.v.x, flat.v.y, zero),
         Vec3(zero, zero, flat.w),
-        flat.notes,
+        tuple(spatial_ball(note) if isinstance(note, Ball) else note for note in flat.notes),
     )
+
+
+def spatial_ball(disc: Ball) -> Ball:
+    zero = np.zeros(COUNT)
+    centre, v = (Vec3(u.x, u.y, zero) for u in (disc.centre, disc.v))
+    return Ball(centre, v, disc.radius)

@@ -56,7 +56,9 @@ def main(specs: list[str]) -> None:
             f"{len(ratios)} starts); least margins: {margins}"
         )
     if bounds is not None:
-        Terminal().say(f"bounds: mean {np.nanmean(bounds):.1f} kg of {np.isfinite(bounds).sum()} starts")
+        Terminal().say(
+            f"bounds: mean {np.nanmean(bounds):.1f} kg of {np.isfinite(bounds).sum()} starts"
+        )
 
 
 def _bound(craft: Spacecraft, task: Land, one: Scenario) -> float:

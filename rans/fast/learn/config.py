@@ -394,4 +394,7 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError('a training config must name its task: {"task": "go-to-pose", ...}.')
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
-    return structure(table | {"settings": settings}, TrainConfig, "config")
+    timing = table.get("timing", {})
+    if isinstance(timing, dict):  # as the task's own where it says nothing
+        timing = dataclasses.asdict(settings.timing) | timing
+    return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")

@@ -12,10 +12,11 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from rans.drawing import rotations
+from rans.drawing import columns, outlines, rotations
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.model.fields import map_leaves
+from rans.tasks.shapes import Ball
 
 BLUE = "#0072B2"
 ORANGE = "#E69F00"
@@ -217,6 +218,7 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     else:
         axes.quiver(*arrows, color=ORANGE, angles="xy", scale=14.0, width=0.005, zorder=3)
     axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
+    _scenery(axes, flight, episode)
     axes.plot(*way, color=BLUE, zorder=2)
     axes.plot(*([x[0]] for x in way), "o", color=GREY, label="start")
     if "position" in flight.errors():
@@ -224,6 +226,35 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best")
     label(axes, f"(a) path of episode {episode}", *_places(flight))
+
+
+def _scenery(axes: Any, flight: Flight, episode: int) -> None:
+    """Zones and cones as seen from the goal: dotted as the episode begins, full as it ends."""
+    last = len(flight.times) - 1
+    if flight.lengths is not None:
+        last = int(flight.lengths[episode])
+    dimension = len(flight.states.p.columns())
+    reach = max(float(np.abs(x[:, episode]).max()) for x in from_goal(flight))
+    labelled = set()
+    for instant, line in ((0, ":"), (last, "-")):
+
+        def now(x: Any, instant: int = instant) -> float:
+            return float(x[instant, episode] if np.ndim(x) == 2 else x[episode])
+
+        goal = map_leaves(now, flight.goals)
+        origin = columns(goal.p)
+        for shape in flight.task.scenery(goal):
+            keep_out = isinstance(shape, Ball)
+            name = f"{'keep-out zone' if keep_out else 'approach cone'}, dotted at first"
+            for outline in outlines(shape, reach):
+                axes.plot(
+                    *(outline - origin).T[:dimension],
+                    line,
+                    color=RED if keep_out else SKY,
+                    linewidth=0.9,
+                    label="" if name in labelled else name,
+                )
+                labelled.add(name)
 
 
 def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:

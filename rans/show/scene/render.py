@@ -124,6 +124,10 @@ class Renderer:
         if "position" not in motion.wanted:
             goal = RigidTransform(goal.rotation(), pose.translation())
         yield from ((goal, part) for part in scene.goal_parts(motion.craft, motion.wanted))
+        for shape in motion.scenery:
+            one = scene.at_instant(shape, k)
+            place = scene.scenery_pose(one)
+            yield from ((place, part) for part in scene.scenery_parts(one, motion.reach))
         if "velocity" in motion.wanted:
             for own, velocity in ((True, motion.goal_velocities[k]), (False, motion.velocities[k])):
                 turn, length = scene.velocity_arrow(velocity)

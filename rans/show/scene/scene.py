@@ -17,12 +17,13 @@ import numpy as np
 from pydrake.geometry import Box, Cylinder, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from rans.drawing import columns, rotations
+from rans.drawing import columns, outlines, rotations
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
-from rans.model.fields import map_leaves
+from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.show.scene.craft import FLOOR, Part, frustum, hull_parts, mesh, rod, triad
+from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
 BODIES = {
     "grey": Rgba(0.62, 0.68, 0.75),
@@ -35,6 +36,9 @@ BODIES = {
 _TRAIL = Rgba(0.10, 0.52, 0.85)
 _GOAL = Rgba(0.0, 0.70, 0.50)
 _GHOST = Rgba(0.0, 0.75, 0.52, 0.28)
+_KEEP_OUT = Rgba(0.86, 0.27, 0.10, 0.30)
+_KEEP_IN = Rgba(0.16, 0.55, 0.90)
+_CONE = Rgba(0.16, 0.55, 0.90, 0.18)
 _GRID = Rgba(0.70, 0.73, 0.77)
 _FLOOR = Rgba(0.88, 0.90, 0.92)
 _SHADOW = Rgba(0.66, 0.69, 0.73)
@@ -45,6 +49,8 @@ _SECONDS = 2.0
 """A velocity's arrow is as long as the way of so many seconds."""
 _STRIDE = 0.03
 """Shortest piece of a trail, m."""
+_DISC = 0.12
+"""Height of a keep-out disc, m."""
 _MARGIN = 2.2
 """Around a spacecraft's centre, in radii: what stands out, and room for its name."""
 
@@ -71,6 +77,8 @@ class Motion:
     """(K, 3) m/s in W."""
     errors: dict[str, np.ndarray]
     """(K,) of each error that the task bounds."""
+    scenery: tuple[Shape, ...] = ()
+    """Zones, cones and limits of the task, whose fields are arrays (K,)."""
 
     @classmethod
     def of(cls, flight: Flight, episode: int) -> Motion:
@@ -80,6 +88,10 @@ class Motion:
         goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
         failed = np.asarray(flight.task.failed(states, goal))
         end = int(failed.argmax()) + 1 if failed.any() else len(failed)
+        if flight.lengths is not None:
+            end = min(end, int(flight.lengths[episode]) + 1)
+        if flight.task.violation_ends and flight.violated_when()[:, episode].any():
+            end = min(end, int(flight.violated_when()[:, episode].argmax()) + 2)
         opening = np.zeros((end, len(flight.craft.thrusters)))
         opening[:-1] = flight.openings[: end - 1, episode]
         errors = flight.errors()
@@ -94,12 +106,22 @@ class Motion:
             _poses(goal)[:end],
             columns(goal.v)[:end],
             {name: errors[name][:end, episode] for name in flight.task.tolerances()},
+            tuple(
+                map_leaves(lambda x: (np.asarray(x, dtype=float) + instants)[:end], shape)
+                for shape in flight.task.scenery(goal)
+            ),
         )
 
     @property
     def way(self) -> np.ndarray:
         """Positions in W, (K, 3) m."""
         return np.array([pose.translation() for pose in self.poses])
+
+    @property
+    def reach(self) -> float:
+        """Largest distance between the goal and the spacecraft, m: how far slopes without an end are drawn."""
+        goals = np.array([goal.translation() for goal in self.goals])
+        return float(np.linalg.norm(self.way - goals, axis=1).max())
 
     def told(self, instant: int) -> list[str]:
         """The errors at an instant, in their units."""
@@ -132,6 +154,9 @@ class Motion:
         places = [*self.way]
         if "position" in self.wanted:
             places += [goal.translation() for goal in self.goals]
+        for shape in self.scenery:
+            for k in {0, len(self.poses) - 1}:
+                places += [*np.concatenate(outlines(at_instant(shape, k), 0.0) or [self.way[:1]])]
         if "velocity" in self.wanted:
             ways = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
             places += [*(np.tile(self.way, (2, 1)) + ways)]
@@ -159,6 +184,56 @@ def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
         Part("head", Sphere(0.3 * r), _GOAL, RigidTransform([0.0, 0.0, 2.2 * r])),
     ]
     return pin if "position" in wanted else []
+
+
+def at_instant(shape: Shape, k: int) -> Shape:
+    """A shape of numbers, of one whose fields are arrays over instants."""
+    return map_leaves(lambda x: float(x[k]), shape)
+
+
+def scenery_parts(shape: Shape, reach: float) -> list[Part]:
+    """A shape of numbers in its own frame (`scenery_pose`): a ball, a disc in the plane, or a cone.
+
+    What has no place, such as a speed limit, is not drawn. A slope without an end is drawn as far as ``reach``, m.
+    """
+    if isinstance(shape, Ball):
+        flat = isinstance(shape.centre, Vec2)
+        radius = float(shape.radius)
+        solid = Cylinder(radius, _DISC) if flat else Sphere(radius)
+        return [Part("keep-out zone", solid, _KEEP_OUT, RigidTransform())]
+    if isinstance(shape, Cone):
+        return _cone_parts(float(shape.half_angle), float(shape.length), shape.apex)
+    if isinstance(shape, GlideSlope):
+        return _cone_parts(math.pi / 2.0 - float(shape.angle), reach, shape.apex)
+    return []
+
+
+def scenery_pose(shape: Shape) -> RigidTransform:
+    """Pose in W of a shape's own frame: at its centre or apex, with z along a cone's axis."""
+    if isinstance(shape, Ball):
+        return RigidTransform(columns(shape.centre))
+    if isinstance(shape, Cone | GlideSlope):
+        axis = columns(shape.axis if isinstance(shape, Cone) else shape.up)
+        if isinstance(shape.apex, Vec2):
+            # In the plane the cone is a sector of the floor, whose x axis is the cone's.
+            return RigidTransform(RotationMatrix.MakeFromOneVector(axis, 0), columns(shape.apex))
+        return RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), columns(shape.apex))
+    return RigidTransform()
+
+
+def _cone_parts(half_angle: float, length: float, apex: Any) -> list[Part]:
+    """A cone along z; in the plane the two sides of a sector along x."""
+    if isinstance(apex, Vec2):
+        sides = []
+        for name, angle in (("left side", half_angle), ("right side", -half_angle)):
+            end = length * np.array([math.cos(angle), math.sin(angle), 0.0])
+            sides.append(Part(name, *rod(np.zeros(3), end, 0.02, _KEEP_IN)))
+        return sides
+    height = length * math.cos(half_angle)
+    # A frustum's apex of a millimetre: a mesh has no face of no area.
+    return [
+        Part("cone", frustum(0.001, height * math.tan(half_angle), height), _CONE, RigidTransform())
+    ]
 
 
 def velocity_parts(goal: bool, length: float = 1.0) -> list[Part]:

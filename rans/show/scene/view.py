@@ -135,6 +135,12 @@ class View:
         for k, frame in enumerate(frames):
             self._animation.SetTransform(frame, f"{path}/craft", motion.poses[k])
             self._animation.SetTransform(frame, f"{path}/goal", motion.goal_at(k))
+        for number, shape in enumerate(motion.scenery):
+            parts = scene.scenery_parts(scene.at_instant(shape, 0), motion.reach)
+            self._put(f"{path}/scenery {number}", parts)
+            for k, frame in enumerate(frames):
+                pose = scene.scenery_pose(scene.at_instant(shape, k))
+                self._animation.SetTransform(frame, f"{path}/scenery {number}", pose)
         if one.dimension == 2:
             self._put(path, [scene.shadow_part(one)])
             for frame, (x, y, _) in zip(frames, motion.way, strict=True):

@@ -23,6 +23,7 @@ from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
+from rans.tasks.shapes import Ball
 from tests.support.crafts import ANY_CRAFT
 
 X = ca.SX.sym("x")  # type: ignore[call-arg]
@@ -108,7 +109,10 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    goal = replace(rest, notes=(0.5,))  # of a knob
+    notes: tuple[Any, ...] = (0.5,)  # of a knob
+    if name == "avoid":
+        notes = (Ball(type(rest.p)(*[9.0] * dimension), rest.v, 0.5),)
+    goal = replace(rest, notes=notes)
     terms = task.reward(Transition(state, goal, (u[0], u[1]), (u[2], u[3])))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
     smooth = rounded(raw, ROUNDINGS[0])
