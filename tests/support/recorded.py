@@ -18,6 +18,8 @@ FOLDER = Path(__file__).parents[1] / "data" / "commands"
 SEED = 31
 EPISODES = 64
 """Starts that neither training nor evaluation uses."""
+FEW = 4
+"""Episodes whose commands are kept of throttles and wheels, which take more room."""
 
 
 def flown(name: str) -> Flight:
@@ -31,15 +33,22 @@ def flown(name: str) -> Flight:
 
 
 def recorded(name: str) -> np.ndarray:
-    """The commands (T, N, thrusters) of zeros and ones that were recorded."""
+    """The commands (T, N, commands) that were recorded: zeros and ones, or numbers of the first `FEW` episodes."""
     with np.load(FOLDER / f"{name}.npz") as file:
+        if "commands" in file:
+            return file["commands"]
         return np.unpackbits(file["bits"], count=int(np.prod(file["shape"]))).reshape(file["shape"])
 
 
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in pretrained_names():
-        commands = flown(name).commands
+        flight = flown(name)
+        commands = flight.commands
+        if flight.craft.is_continuous:
+            few = commands[:, :FEW].astype(np.float32)
+            np.savez_compressed(FOLDER / f"{name}.npz", commands=few)
+            continue
         np.savez_compressed(
             FOLDER / f"{name}.npz",
             bits=np.packbits(commands.astype(bool)),
