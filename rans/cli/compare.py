@@ -43,7 +43,7 @@ class Compare:
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders, pretrained:NAME, either after lookahead:, CONTROLLER:TASK-2d (see `rans list`),
+    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of them after lookahead:,
     sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are
     compared with it."""
     beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = (
