@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from rans.effectors.commands import action_space, check
@@ -78,6 +80,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = observation_space(self.task, dimension)
         self.action_space = action_space(self.craft)
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
+        self._spec: EnvSpec | None = None
         self._seed: int | None = None
         self._episode = 0
         met = None if conditions is None else load_conditions(conditions)
@@ -86,6 +89,16 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._now = None
         self._scene: Any = None
         self._window: Any = None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # Gymnasium's is an attribute
+        """As registered, with the length of an episode here."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
+        steps = self.timing.episode_steps
+        self._spec = None if spec is None else replace(spec, max_episode_steps=steps)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -103,15 +103,30 @@ class Compare:
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
         with kept(show), progress() as bars:
-            comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
-            if self.front:
-                comparison.trace(between, self.budget, cache, stages(bars))
+            try:
+                comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
+                if self.front:
+                    comparison.trace(between, self.budget, cache, stages(bars))
+            except KeyboardInterrupt:
+                comparison.notes.insert(0, self._interrupted(comparison))
+                raise
         run = self.contestants[0]
         more = [shlex.join(["rans", "view", run, *self._controllers()])]
         if not self.full:
             more.insert(0, f"{shlex.join(['rans', 'compare', *self.contestants])} --full")
         Terminal().suggest(*more, shlex.join(["rans", "stress", run, *self._controllers()]))
         return 1 if comparison.failures else 0
+
+    def _interrupted(self, comparison: Comparison) -> str:
+        """How far an interrupted comparison got."""
+        flown = counted(len(comparison.entries), "contestant")
+        bounded = 0
+        if comparison.certified:
+            bounded = len(comparison.certified_starts())
+        return (
+            f"Interrupted: {flown} had flown, and the bounds of {bounded} of {self.certified} starts "
+            "were certified."
+        )
 
     def _controllers(self) -> list[str]:
         """The first controller that joined, to see beside the first contestant."""

@@ -73,7 +73,7 @@ class Train:
     """What learns: ppo, or the gradient of the return through the motion, for throttled thrusters
     (docs/training.md); by default ppo."""
     quality: Literal["quick", "good", "best"] | None = None
-    """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less time,
+    """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less
     impulse and error) or best (a GPU, or long); also with your own spacecraft and conditions. By default
     quick."""
     view: bool = False

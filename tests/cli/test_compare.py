@@ -248,3 +248,18 @@ def test_front_of_an_agent_with_a_knob(
     assert "turned does not dominate LQR: " in capsys.readouterr().out
     assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
     assert f"{run} has a knob: hold it, as in {run}#0.5" in capsys.readouterr().err
+
+
+def test_an_interrupted_page_says_how_far_it_got(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from rans.evaluation.compare import entrants
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(entrants, "simple_controller", interrupted)
+    command = ["compare", "lqr:go-to-pose-2d", "--episodes", "2", "--output", str(tmp_path)]
+    assert main([*command, "--with", "switching"]) == 130
+    said = "Interrupted: 1 contestant had flown"
+    assert said in (tmp_path / "compare.html").read_text("utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,6 +25,9 @@ class SB3VecEnv(VecEnv):
     >>> rans.SB3VecEnv(rans.Engine("floating-platform", "go-to-pose", num_envs=4)).reset().shape
     (4, 10)
 
+    Every ended episode's return and length are in its info as "episode", so that SB3 logs
+    ``rollout/ep_rew_mean`` without a monitor.
+
     SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
     simulation; `rans.PPO` takes the same object and goes around both.
     """
@@ -38,6 +42,9 @@ class SB3VecEnv(VecEnv):
         )
         self._action = torch.zeros(0)
         self._actions = Actions(engine)
+        self._returns = np.zeros(engine.num_envs)
+        self._lengths = np.zeros(engine.num_envs, dtype=int)
+        self._begun = time.time()
 
     def __repr__(self) -> str:
         return f"<SB3VecEnv around {self.engine!r}>"
@@ -48,6 +55,8 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
         return _float32(self.engine.reset(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -60,6 +69,9 @@ class SB3VecEnv(VecEnv):
         done = (step.terminated | step.truncated).cpu().numpy()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
+        reward = _float32(step.reward)
+        self._returns += reward
+        self._lengths += 1
         if len(ended):
             final = _float32(step.final_observation)
             truncated = step.truncated.cpu().numpy()
@@ -69,8 +81,15 @@ class SB3VecEnv(VecEnv):
                     "terminal_observation": final[i],
                     "TimeLimit.truncated": bool(truncated[i]),
                     "is_success": bool(success[i]),
+                    "episode": {
+                        "r": round(float(self._returns[i]), 6),
+                        "l": int(self._lengths[i]),
+                        "t": round(time.time() - self._begun, 6),
+                    },
                 }
-        return _float32(step.observation), _float32(step.reward), done, infos
+            self._returns[ended] = 0.0
+            self._lengths[ended] = 0
+        return _float32(step.observation), reward, done, infos
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Choose the seed of all scenarios; takes effect at the next reset.

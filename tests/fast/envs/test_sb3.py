@@ -11,6 +11,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
+import rans
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
@@ -162,3 +163,20 @@ def test_attributes_are_those_of_the_batch() -> None:
     assert env.env_method("seed", 4, indices=0) == [[4, 4, 4]]
     assert env.env_is_wrapped(Monitor) == [False] * 3
     env.close()
+
+
+def test_ended_episodes_are_logged_without_a_monitor() -> None:
+    """As many steps as an episode has; the return is the sum of the rewards that were handed out."""
+    engine = rans.Engine("floating-platform", "go-to-pose", 3, rans.Timing(episode_steps=5))
+    env = rans.SB3VecEnv(engine)
+    env.reset()
+    action = np.zeros((3, 8))
+    for _ in range(2):
+        total = np.zeros(3)
+        for step in range(5):
+            _, reward, done, infos = env.step(action)
+            total += reward
+            assert done.all() == (step == 4)
+        for number, info in enumerate(infos):
+            assert info["episode"]["l"] == 5
+            assert info["episode"]["r"] == pytest.approx(total[number], abs=1e-5)

@@ -353,3 +353,12 @@ def test_a_lost_state_earns_nothing_and_fails() -> None:
     *_, reward, terminated, truncated, info = env.step(np.zeros(8, np.int8))
     assert (reward, terminated, truncated) == (0.0, True, False)
     assert set(info["reward_terms"].values()) == {0.0}
+
+
+def test_the_spec_knows_the_length_of_an_episode() -> None:
+    """Gymnasium's wrapper that observes the time needs it."""
+    env = gymnasium.make("rans/GoToPose2D-v0", timing=rans.Timing(episode_steps=7))
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == 7
+    timed = gymnasium.wrappers.TimeAwareObservation(env)
+    assert timed.observation_space.contains(timed.reset(seed=0)[0])
