@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from dataclasses import replace
 
 from rans.model.dynamics import State
@@ -16,6 +17,9 @@ from rans.tasks.rewards import Transition
 OPEN = "open"
 BEFORE = "open_before"
 """Names of how many thrusters are open, now and in the step before; errors have the names of the task."""
+OF_STATE = "of state and goal beside the errors, see the task"
+"""Instead of a formula whose numbers have no names."""
+_UNNAMED = re.compile(r"\b(goal_)?x\d+\b")
 _SUM = 1
 _PRODUCT = 2
 _WHOLE = 3
@@ -24,6 +28,8 @@ _WHOLE = 3
 
 def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
     """Every term of a step's reward, in the task's errors and `OPEN`; none where symbols cannot follow.
+
+    A term that also reads other numbers of state and goal is `OF_STATE`.
 
     >>> from rans.tasks.formula import reward_formulas
     >>> reward_formulas(rans.GoToPose())["approach"]
@@ -50,7 +56,8 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
         )
     except UNTRACEABLE:
         return {}
-    return {name: _text(Symbol.constant(term)) for name, term in terms.items()}
+    texts = {name: _text(Symbol.constant(term)) for name, term in terms.items()}
+    return {name: OF_STATE if _UNNAMED.search(text) else text for name, text in texts.items()}
 
 
 def _named(state: State, prefix: str) -> State:

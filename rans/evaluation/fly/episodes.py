@@ -120,5 +120,8 @@ def _joined(parts: list[Flown]) -> Flown:
         states=map_leaves(join, *(f.states for f in flights)),
         goals=map_leaves(join, *(f.goals for f in flights)),
         commands=np.concatenate([f.commands for f in flights], axis=1),
+        margins={name: join(*(f.margins[name] for f in flights)) for name in flights[0].margins},
+        done=None if flights[0].done is None else join(*(f.done for f in flights)),
+        lengths=None if flights[0].lengths is None else join(*(f.lengths for f in flights)),
     )
     return Flown(joined, sum(part.stopped for part in parts))

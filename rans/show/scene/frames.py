@@ -40,13 +40,11 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
         draw = ImageDraw.Draw(frame)
         draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
         ink = INK[motion.craft.dimension]
-        font = ImageFont.load_default(24)
-        draw.text(
-            (14, 10),
-            "    ".join([f"{motion.times[k]:.1f} s", *motion.told(k)]),
-            fill=ink,
-            font=font,
-        )
+        text = "    ".join([f"{motion.times[k]:.1f} s", *motion.told(k)])
+        size = 24
+        while ImageFont.load_default(size).getlength(text) > _WIDTH - 28:
+            size -= 1
+        draw.text((14, 10), text, fill=ink, font=ImageFont.load_default(size))
         row, column = divmod(index, _COLUMNS)
         picture.paste(frame, (column * _WIDTH, row * _HEIGHT))
     replace_file(file, lambda draft: picture.save(draft, optimize=True))

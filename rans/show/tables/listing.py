@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from rans.display import default, meanings
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task, observation_columns
 from rans.tasks.base import UNITS
@@ -16,8 +15,6 @@ from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
 from rans.tasks.observation_terms import Dimension
 from rans.terminal import table
-
-_USUAL = Timing()
 
 
 class Listing(NamedTuple):
@@ -127,20 +124,26 @@ def _ends(task: Task) -> Listing:
         for name, value in task.tolerances().items()
     )
     failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
-    seconds = _USUAL.episode_steps * _USUAL.control_period
-    return Listing(
-        "An episode",
-        ("ends", "when"),
-        [
-            (
-                "truncated",
-                f"{_USUAL.episode_steps} control periods of {_USUAL.control_period:g} s are over, "
-                f"{seconds:g} s",
-            ),
-            ("terminated, failed", " ".join(failing)),
-            ("as a success", f"truncated with errors within {near}"),
-        ],
-    )
+    timing = task.timing
+    seconds = timing.episode_steps * timing.control_period
+    rows = [
+        (
+            "truncated",
+            f"{timing.episode_steps} control periods of {timing.control_period:g} s are over, "
+            f"{seconds:g} s",
+        ),
+        ("terminated, failed", " ".join(failing)),
+    ]
+    state, goal = example_state(task, dimensions(task)[0])
+    if limits := task.constraints(state, goal):
+        ends = "terminated, failed" if task.violation_ends else "goes on, and is no success"
+        rows.append((ends, f"a margin is negative: {', '.join(limits)}"))
+    if task.done(state, goal) is None:
+        rows.append(("as a success", f"truncated with errors within {near}"))
+    else:
+        won = (type(task).done.__doc__ or "").strip().splitlines()[:1]
+        rows.append(("as a success", " ".join(won)))
+    return Listing("An episode", ("ends", "when"), rows)
 
 
 def settings_listing(given: Any, prefix: str = "", title: str = "Settings") -> Listing:

@@ -1,0 +1,54 @@
+"""Missions flown in several shares are those flown at once: margins, success and lengths too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.episode import Setup
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.tasks import Avoid, DockPort
+
+
+@dataclass
+class Push:
+    """Opens two thrusters all the time, and is flown in shares of eight if it is slow."""
+
+    slow: bool
+    name: str = "push"
+
+    def reset(self, count: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        command = np.zeros((len(observation), 8))
+        command[:, [0, 5]] = 1.0
+        return command
+
+
+@pytest.mark.parametrize(
+    "task",
+    [Avoid(), DockPort(position_tolerance=2.0, attitude_tolerance=4.0, velocity_tolerance=1.0)],
+)
+def test_shares_are_joined_with_all_that_a_mission_tells(task: Any) -> None:
+    setup = Setup(load_spacecraft("floating-platform"), task, Timing(episode_steps=12, looks=2))
+    whole, parts = (
+        fly_episodes(Push(slow), setup, 3, 20, workers=1).flight for slow in (False, True)
+    )
+    assert whole.margins.keys() == parts.margins.keys()
+    for name, margin in whole.margins.items():
+        assert np.array_equal(parts.margins[name], margin)
+    assert parts.failed().tolist() == whole.failed().tolist()
+    if isinstance(task, DockPort):
+        assert whole.done is not None
+        assert parts.done is not None
+        assert whole.lengths is not None
+        assert parts.lengths is not None
+        assert 0 < whole.done.sum() < 20
+        assert parts.done.tolist() == whole.done.tolist()
+        assert parts.lengths.tolist() == whole.lengths.tolist()
