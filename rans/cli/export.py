@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.pretrained import FOLDER
 
-Form = Literal["sb3", "rans", "onnx", "numpy"]
+Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,9 @@ class Export:
 
     "sb3" is a folder that serves wherever a run folder does, whose policy.zip stable_baselines3.PPO.load
     opens too. "rans" is such a folder without the critic, for RANS only and half as large, as agents come with
-    it. "onnx" is one file for any runtime; "numpy" a Python file and its tables, for NumPy only.
+    it. "onnx" is one file for any runtime; "numpy" a Python file and its tables, for NumPy only; "c" a header and
+    a source of C99 without allocation and without a dependency, which is compiled and checked where there is a
+    compiler.
     """
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
@@ -66,6 +68,10 @@ class Export:
             Terminal().suggest(f"cd {shlex.quote(str(self.output))} && python agent.py")
         elif self.format == "onnx":
             Terminal().suggest(shlex.join(["rans", "evaluate", str(self.output)]))
+        if self.format == "c":
+            from rans.deploy.c_file import compiled_check
+
+            Terminal().say(compiled_check(self.output))
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its figures, of {card['episodes']:,} flights.")
         return 0

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from rans.deploy.c_file import C_FILES, write_c
 from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, is_one_task
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
@@ -37,12 +38,13 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
 
-Form = Literal["sb3", "rans", "onnx", "numpy"]
+Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 _FILES: dict[Form, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
     "rans": (AGENT, "config.json"),
     "onnx": ("agent.onnx",),
     "numpy": ("agent.py", "agent.npz"),
+    "c": C_FILES,
 }
 """Of the agent, by its form."""
 
@@ -59,7 +61,8 @@ def export(
 
     "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "rans":
     agent.safetensors, without the critic, and config.json, which `load_agent` opens; "onnx": agent.onnx, for
-    any runtime; "numpy": agent.py and agent.npz, which need NumPy only. Beside them
+    any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
+    nothing, and agent_check.c. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder, whose name is the agent's. Everything is written anew: nothing
     that was hidden in the run's files is handed on.
@@ -94,7 +97,8 @@ def export(
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
     flights = flown(network, setup, count=FLIGHTS)
     few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-    pairs = json.dumps(golden(network, few, craft, config.settings)) + "\n"
+    chosen = golden(network, few, craft, config.settings)
+    pairs = json.dumps(chosen) + "\n"
     _check_alone(folder, form, pairs)
     borne = None
     if margins and is_one_task(loaded.task):
@@ -116,6 +120,7 @@ def export(
         f"{name}: flies {craft.name} by RANS's task {config.task}.",
         json.dumps(plain(about)),
         craft,
+        chosen,
     )
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
@@ -166,10 +171,12 @@ def write_agent(
     title: str,
     contract: str = "",
     craft: Spacecraft | None = None,
+    pairs: dict[str, Any] | None = None,
 ) -> None:
     """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with.
 
-    Only programs give commands in the craft's ranges: the other forms hold a policy, whose outputs are 0 to 1.
+    Of golden pairs the form "c" makes a program that checks it. Only programs give commands in the craft's
+    ranges: the other forms hold a policy, whose outputs are 0 to 1.
     """
     network = saved.network
     if form == "onnx":
@@ -179,6 +186,9 @@ def write_agent(
         )
     elif form == "numpy":
         write_numpy(folder, agent_program(network, craft), network.architecture, title)
+    elif form == "c":
+        program = agent_program(network, craft)
+        write_c(folder, program, network.architecture, title, contract, pairs)
     elif form == "rans":
         content = packed_actor(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -36,7 +36,7 @@ from tests.support.training import scatter, tiny_learner
 from validation.records.exports import ANSWERS, asked, numpy_answer, unequal
 
 FAST = ["export", "pretrained:go-to-pose-2d-fast", "--margins", "0", "--format"]
-FORMS: tuple[Form, ...] = ("onnx", "numpy")
+FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
 
 
 @cache

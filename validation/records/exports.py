@@ -7,7 +7,10 @@ Memories are those of the agent itself, so that every observation is a test of i
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -18,9 +21,11 @@ import numpy as np
 import torch
 from tyro.conf import Positional
 
+from rans.deploy.c_file import FLAGS
 from rans.deploy.contract import observed
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
+from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import SavedPolicy, read_policy
 from rans.files import environment, write_json
@@ -113,10 +118,38 @@ def sb3_answer(folder: Path) -> Answer:
     return answer
 
 
+def c_answer(folder: Path) -> Answer:
+    """What agent.c answers, compiled here and called row by row; `ConfigError` without a compiler."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise ConfigError("agent.c needs a C compiler, and there is none.")
+    library = folder / "agent.so"
+    made = [compiler, "-O2", *FLAGS, "-shared", "-fPIC", folder / "agent.c", "-o", library, "-lm"]
+    done = subprocess.run(made, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ConfigError(f"{compiler} refuses agent.c: {done.stderr}")
+    call = ctypes.CDLL(str(library)).rans_agent_answer
+    call.restype = None
+    header = (folder / "agent.h").read_text("utf-8")
+    commands = int(header.partition("#define RANS_COMMANDS ")[2].split()[0])
+
+    def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        given = np.ascontiguousarray(observation, np.float32)
+        before = np.ascontiguousarray(memory, np.float32)
+        command = np.empty((len(given), commands), np.float32)
+        after = np.empty_like(before)
+        for one in zip(given, before, command, after, strict=True):
+            call(*(ctypes.c_void_p(row.ctypes.data) for row in one))
+        return command, after
+
+    return answer
+
+
 ANSWERS: dict[Form, Callable[[Path], Answer]] = {
     "sb3": sb3_answer,
     "onnx": onnx_answer,
     "numpy": numpy_answer,
+    "c": c_answer,
 }
 
 

@@ -1,0 +1,608 @@
+"""An agent's program as one header and one source of C99, without allocation and without a dependency."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.deploy.program import Program, Step
+from rans.errors import ConfigError
+from rans.files import write_text
+from rans.policy.architecture import Architecture
+
+Shape = tuple[int, ...]
+FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+"""What the files compile with, without a word."""
+C_FILES = ("agent.h", "agent.c", "agent_check.c")
+
+_ELEMENTWISE = {
+    "Add": "{0} + {1}",
+    "Sub": "{0} - {1}",
+    "Mul": "{0} * {1}",
+    "Div": "{0} / {1}",
+    "Neg": "-{0}",
+    "Equal": "{0} == {1}",
+    "Greater": "{0} > {1}",
+    "Less": "{0} < {1}",
+    "Where": "{0} ? {1} : {2}",
+    "Clip": "fminf(fmaxf({0}, {1}), {2})",
+    "Max": "fmaxf({0}, {1})",
+    "Tanh": "tanhf({0})",
+    "Exp": "expf({0})",
+    "Relu": "fmaxf({0}, 0.0F)",
+    "Sigmoid": "0.5F + 0.5F * tanhf(0.5F * {0})",
+    "Elu": "{0} > 0.0F ? {0} : expm1f(fminf({0}, 0.0F))",
+    "Cast": "(float){0}",
+}
+"""What each operation is of single numbers."""
+_TRUTHS = {"Equal", "Greater", "Less"}
+"""Operations that give 0 or 1 as an int."""
+
+
+class _Value(NamedTuple):
+    """A value of one spacecraft as C has it: a number, a literal or an array."""
+
+    text: str
+    shape: Shape
+    kind: str = "float"
+    """"float" or "int"."""
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def is_array(self) -> bool:
+        return self.size > 1
+
+    def at(self, index: str, shape: Shape) -> str:
+        """Its entry for the flat index of a value of a shape that it is broadcast to."""
+        if not self.is_array:
+            return self.text
+        own = (1,) * (len(shape) - len(self.shape)) + self.shape
+        if own == shape or math.prod(own) == math.prod(shape):
+            return f"{self.text}[{index}]"
+        # One term an axis along which it is not repeated.
+        terms = []
+        inner = 1
+        stride = 1
+        for axis in range(len(shape) - 1, -1, -1):
+            if own[axis] > 1:
+                place = index if inner == 1 else f"({index} / {inner})"
+                place = f"{place} % {shape[axis]}"
+                terms.append(place if stride == 1 else f"{place} * {stride}")
+                stride *= own[axis]
+            inner *= shape[axis]
+        return f"{self.text}[{' + '.join(reversed(terms))}]"
+
+
+def write_c(
+    folder: Path,
+    program: Program,
+    given: Architecture,
+    title: str,
+    contract: str = "",
+    pairs: Mapping[str, Any] | None = None,
+) -> None:
+    """Write agent.h and agent.c, and agent_check.c with golden pairs, where there are some.
+
+    Raises:
+        ConfigError: the program has an operation that is not known in C, or the disk refuses.
+    """
+    about = json.loads(contract) if contract else {}
+    columns = about.get("observation", [])
+    commands = about.get("command", {}).get("ranges", [])
+    printer = _Printer(program, given)
+    body = printer.lines()
+    patience = 0
+    if about:
+        patience = int(about["readings"]["oldest"] / about["control_period"] + 1e-6)
+    names = {
+        "TITLE": _words(title),
+        "WIDTH": given.layout.width,
+        "COMMANDS": given.thrusters,
+        "MEMORY": given.memory,
+        "KEPT": max(given.memory, 1),
+        "PATIENCE": patience,
+        "PERIOD": f"{about.get('control_period', 0.0):g}",
+        "COLUMNS": "\n".join(
+            f" * {at:3d}  {_words(column['name'])}, {_words(column['unit'])}, frame {_words(column['frame'])}: "
+            f"{_words(column['meaning'])}"
+            for at, column in enumerate(columns)
+        )
+        or " * (see contract.json)",
+        "ORDER": "\n".join(
+            f" * {at:3d}  {_words(one['name'])}, {_words(one['kind'])}, {one['low']:g} to {one['high']:g}"
+            for at, one in enumerate(commands)
+        )
+        or " * (see contract.json)",
+        "RANGES": _ranges(columns, given.layout.width),
+        "TABLES": "\n".join(printer.tables()),
+        "STEPS": "\n".join("    " + line for line in body),
+        "FORGET": _FORGET if given.memory else "    (void)agent;",
+        "KEEP": _KEEP if given.memory else "",
+        "REMEMBERED": "agent->memory" if given.memory else "NULL",
+        "AFTER": "after" if given.memory else "NULL",
+        "SCRATCH": f"    float after[{given.memory}];\n" if given.memory else "",
+        "UNUSED": "" if given.memory else "    (void)memory;\n    (void)after;\n",
+    }
+    write_text(folder / "agent.h", _filled(_HEADER, names))
+    write_text(folder / "agent.c", _filled(_SOURCE, names))
+    if pairs is not None:
+        write_text(folder / "agent_check.c", _check_text(pairs))
+
+
+def compiled_check(folder: Path) -> str:
+    """Sentence on what agent_check.c finds, compiled by the machine's compiler, and on the size of the agent.
+
+    Raises:
+        ConfigError: the compiler refuses the files, or some golden pairs come out wrong.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    command = f"cc -O2 {' '.join(FLAGS)} agent.c agent_check.c -lm"
+    if compiler is None:
+        return f"There is no C compiler here: check it on yours by {command}."
+    with tempfile.TemporaryDirectory() as place:
+        built = Path(place) / "check"
+        part = Path(place) / "agent.o"
+        sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
+        made = [compiler, "-O2", *FLAGS]
+        for arguments in (
+            [*made, "-c", sources[0], "-o", part],
+            [*made, *sources, "-o", built, "-lm"],
+        ):
+            done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise ConfigError(
+                    f"{compiler} refuses agent.c: {(done.stderr.splitlines() or [''])[0]}."
+                )
+        size = part.stat().st_size
+        run = subprocess.run([str(built)], capture_output=True, text=True, check=False)
+    if run.returncode:
+        raise ConfigError(f"agent.c is wrong: {run.stdout.strip()}")
+    return f"agent.c is {size / 1000:.0f} kB of object code and tables here; {run.stdout.strip()}"
+
+
+def _filled(text: str, names: Mapping[str, Any]) -> str:
+    return re.sub(r"@([A-Z]+)@", lambda found: str(names[found[1]]), text)
+
+
+def _words(text: str) -> str:
+    """What strangers have named, fit for a comment."""
+    return re.sub(r"[^\w .,:;()\[\]^'+-]", "?", text)[:200]
+
+
+def _number(value: float) -> str:
+    """A literal of single precision."""
+    if not math.isfinite(value):
+        return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    text = f"{np.float32(value):.9g}"
+    return f"{text if re.search(r'[.e]', text) else text + '.0'}F"
+
+
+def _rows(numbers: Sequence[str]) -> str:
+    """Entries of an array, eight a line."""
+    lines = [", ".join(numbers[at : at + 8]) for at in range(0, len(numbers), 8)]
+    return ",\n    ".join(lines)
+
+
+def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
+    """Tables of valid and of refused ranges."""
+    texts = []
+    for name, slack in (("valid", 1e-5), ("refused", 0.0)):
+        for end, side in (("low", 0), ("high", 1)):
+            bound = [-3.4e38, 3.4e38][side]
+            numbers = [column[name][side] + (2 * side - 1) * slack for column in columns] or [
+                bound
+            ] * width
+            texts.append(
+                f"static const float {name}_{end}[RANS_OBSERVATION] = {{\n    "
+                f"{_rows([_number(x) for x in numbers])}}};"
+            )
+    return "\n".join(texts)
+
+
+class _Printer:
+    """The steps of a program as lines of one C function."""
+
+    def __init__(self, program: Program, given: Architecture) -> None:
+        self._program = program
+        self._known: dict[str, _Value] = {
+            "observation": _Value("observation", (1, given.layout.width)),
+            "memory": _Value("memory", (1, given.memory)),
+        }
+        self._used: dict[str, None] = {}
+        self._given = given
+        self._lines: list[str] = []
+
+    def lines(self) -> list[str]:
+        """Everything from the observation and the memory to the command and the memory after."""
+        for step in _needed(self._program, self._given):
+            self._print(step)
+        self._copy("command", "command", self._given.thrusters)
+        if self._given.memory:
+            self._copy("memory_out", "after", self._given.memory)
+        return self._lines
+
+    def tables(self) -> list[str]:
+        """Constant arrays that the lines use."""
+        texts = []
+        for name in self._used:
+            value = self._program.constants[name]
+            flat = value.ravel()
+            if value.dtype.kind == "i":
+                kind, numbers = "int", [str(int(x)) for x in flat]
+            else:
+                kind, numbers = "float", [_number(float(x)) for x in flat]
+            texts.append(
+                f"static const {kind} {_table(name)}[{value.size}] = {{\n    {_rows(numbers)}}};"
+            )
+        return texts
+
+    def _copy(self, name: str, target: str, size: int) -> None:
+        value = self._value(name)
+        text = value.at("i", (size,)) if value.is_array else value.text
+        self._lines.append(f"for (int i = 0; i < {size}; ++i) {{ {target}[i] = {text}; }}")
+
+    def _value(self, name: str) -> _Value:
+        if name not in self._known:
+            constant = self._program.constants[name]
+            kind = "int" if constant.dtype.kind == "i" else "float"
+            if constant.size == 1:
+                item = constant.item()
+                text = str(int(item)) if kind == "int" else _number(float(item))
+                text = f"({text})" if text.startswith("-") else text
+            else:
+                text = _table(name)
+                self._used[name] = None
+            self._known[name] = _Value(text, constant.shape, kind)
+        return self._known[name]
+
+    def _result(self, name: str, shape: Shape, kind: str = "float") -> _Value:
+        value = _Value("v_" + re.sub(r"\W", "_", name), shape, kind)
+        self._known[name] = value
+        if value.is_array:
+            self._lines.append(f"{kind} {value.text}[{value.size}];")
+        return value
+
+    def _set(self, value: _Value, text: str) -> None:
+        """Every entry of an array, or the number."""
+        if value.is_array:
+            self._lines.append(
+                f"for (int i = 0; i < {value.size}; ++i) {{ {value.text}[i] = {text}; }}"
+            )
+        else:
+            self._lines.append(f"const {value.kind} {value.text} = {text};")
+
+    def _print(self, step: Step) -> None:
+        name = step.outputs[0]
+        shapes: Any = self._program.constants.get(step.inputs[-1])
+        match step.operation:
+            case "Split":
+                self._split(step, [int(x) for x in shapes])
+            case "Reshape":
+                value = self._value(step.inputs[0])
+                inner = tuple(int(x) for x in shapes[1:])
+                outer = value.size // math.prod(inner)
+                self._known[name] = _Value(value.text, (outer, *inner), value.kind)
+            case "Concat":
+                self._concat(name, [self._value(one) for one in step.inputs])
+            case "Gemm":
+                self._gemm(name, *(self._value(one) for one in step.inputs))
+            case "MatMul":
+                a, b = (self._value(one) for one in step.inputs)
+                inner, columns = b.shape
+                result = self._result(name, (1, columns))
+                # (k) times (k, n): each column's sum.
+                terms = [
+                    f"{a.text}[{k}] * {b.text}[{k * columns} + i]"
+                    if a.is_array
+                    else f"{a.text} * {b.text}[i]"
+                    for k in range(inner)
+                ]
+                self._set(result, " + ".join(terms))
+            case "ArgMax":
+                self._argmax(name, self._value(step.inputs[0]))
+            case "Gather":
+                table, which = (self._value(one) for one in step.inputs)
+                width = math.prod(table.shape[1:])
+                result = self._result(name, (1, *table.shape[1:]), table.kind)
+                entry = f"{table.text}[{which.text} * {width} + i]"
+                self._set(result, entry if width > 1 else f"{table.text}[{which.text}]")
+            case "GatherElements":
+                value, index = (self._value(one) for one in step.inputs)
+                width = index.shape[-1]
+                result = self._result(name, index.shape, value.kind)
+                row = (
+                    f"i / {width} * {value.shape[-1]} + " if math.prod(index.shape[:-1]) > 1 else ""
+                )
+                self._set(result, f"{value.text}[{row}{index.text}[i]]")
+            case operation if operation in _ELEMENTWISE:
+                values = [self._value(one) for one in step.inputs]
+                shape = np.broadcast_shapes(*(one.shape for one in values))
+                kind = "int" if operation in _TRUTHS else "float"
+                text = _ELEMENTWISE[operation].format(*(one.at("i", shape) for one in values))
+                self._set(self._result(name, shape, kind), text)
+            case operation:
+                raise ConfigError(
+                    f"the agent has the operation {operation!r}, which the export as C does not know: export as "
+                    "onnx or numpy."
+                )
+
+    def _split(self, step: Step, widths: Sequence[int]) -> None:
+        value = self._value(step.inputs[0])
+        rows = math.prod(value.shape[:-1])
+        start = 0
+        for name, width in zip(step.outputs, widths, strict=True):
+            shape = (*value.shape[:-1], width)
+            if rows == 1 and width == 1:
+                self._known[name] = _Value(f"{value.text}[{start}]", shape, value.kind)
+            elif rows == 1:
+                self._known[name] = _Value(f"({value.text} + {start})", shape, value.kind)
+            else:
+                result = self._result(name, shape, value.kind)
+                self._set(
+                    result, f"{value.text}[i / {width} * {value.shape[-1]} + {start} + i % {width}]"
+                )
+            start += width
+
+    def _concat(self, name: str, parts: Sequence[_Value]) -> None:
+        width = sum(part.shape[-1] for part in parts)
+        outer = parts[0].shape[:-1]
+        rows = math.prod(outer)
+        result = self._result(name, (*outer, width), parts[0].kind)
+        if not result.is_array:
+            self._set(result, parts[0].text)
+            return
+        start = 0
+        for part in parts:
+            own = part.shape[-1]
+            count = rows * own
+            place = f"i / {own} * {width} + {start} + i % {own}" if rows > 1 else f"{start} + i"
+            if count == 1:
+                self._lines.append(f"{result.text}[{start}] = {part.text};")
+            else:
+                self._lines.append(
+                    f"for (int i = 0; i < {count}; ++i) {{ {result.text}[{place}] = {part.text}[i]; }}"
+                )
+            start += own
+
+    def _gemm(self, name: str, x: _Value, weight: _Value, bias: _Value) -> None:
+        outputs, inputs = weight.shape
+        result = self._result(name, (1, outputs))
+        left = f"{x.text}[k]" if x.is_array else x.text
+        target = f"{result.text}[i]"
+        # Weights and bias of a single number are literals.
+        row = f"{weight.text}[i * {inputs} + k]" if weight.is_array else weight.text
+        begin = f"{bias.text}[i]" if bias.is_array else bias.text
+        if not result.is_array:
+            sums = " + ".join(
+                f"{x.text}[{k}] * {weight.text}[{k}]" if x.is_array else f"{x.text} * {weight.text}"
+                for k in range(inputs)
+            )
+            self._set(result, f"{begin} + {sums}")
+            return
+        self._lines += [
+            f"for (int i = 0; i < {outputs}; ++i) {{",
+            f"    float sum = {begin};",
+            f"    for (int k = 0; k < {inputs}; ++k) {{ sum += {row} * {left}; }}",
+            f"    {target} = sum;",
+            "}",
+        ]
+
+    def _argmax(self, name: str, value: _Value) -> None:
+        result = _Value("v_" + re.sub(r"\W", "_", name), (1,), "int")
+        self._known[name] = result
+        self._lines += [
+            f"int {result.text} = 0;",
+            f"for (int i = 1; i < {value.size}; ++i) {{",
+            f"    if ({value.text}[i] > {value.text}[{result.text}]) {{ {result.text} = i; }}",
+            "}",
+        ]
+
+
+def _needed(program: Program, given: Architecture) -> list[Step]:
+    """The steps without which a command or the memory after it would differ."""
+    wanted = {"command", *(["memory_out"] if given.memory else [])}
+    kept = []
+    for step in reversed(program.steps):
+        if wanted.intersection(step.outputs):
+            wanted.update(step.inputs)
+            kept.append(step)
+    return kept[::-1]
+
+
+def _table(name: str) -> str:
+    return "t_" + re.sub(r"\W", "_", name)
+
+
+def _check_text(pairs: Mapping[str, Any]) -> str:
+    count = len(pairs["begins"])
+
+    def flat(rows: Sequence[Sequence[float]]) -> str:
+        return _rows([_number(float(x)) for row in rows for x in row])
+
+    return _filled(
+        _CHECK,
+        {
+            "COUNT": count,
+            "TOLERANCE": _number(float(pairs["tolerance"])),
+            "BEGINS": _rows([str(int(x)) for x in pairs["begins"]]),
+            "OBSERVATIONS": flat(pairs["observation"]),
+            "EXPECTED": flat(pairs["command"]),
+        },
+    )
+
+
+_HEADER = """/* @TITLE@
+ *
+ * Control period: @PERIOD@ s. contract.json says everything that an engineer needs to know of this agent.
+ *
+ * Columns of an observation:
+@COLUMNS@
+ *
+ * Commands:
+@ORDER@
+ */
+#ifndef RANS_AGENT_H
+#define RANS_AGENT_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define RANS_OBSERVATION @WIDTH@
+#define RANS_COMMANDS @COMMANDS@
+#define RANS_MEMORY @MEMORY@
+
+/* What rans_agent_act returns: a sum of these, 0 where all is well. */
+#define RANS_HELD 1      /* the observation was no reading: the last one was held */
+#define RANS_SHUT 2      /* there is none that is young enough: all commands are 0 */
+#define RANS_FORGOTTEN 4 /* the memory was not finite and is forgotten */
+#define RANS_UNTRIED 8   /* the agent was not tried with such an observation */
+
+typedef struct {
+    float memory[@KEPT@];
+    float last[RANS_OBSERVATION];
+    int held; /* control periods since a reading */
+} rans_agent;
+
+/* Begin an episode: what the agent remembers is forgotten. */
+void rans_agent_reset(rans_agent *agent);
+
+/* The commands to an observation, once every control period. */
+int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION], float command[RANS_COMMANDS]);
+
+/* The commands and the next memory, of any observation and memory, without a look at ranges. Of an agent without
+ * a memory both may be null. */
+void rans_agent_answer(const float observation[RANS_OBSERVATION], const float *memory,
+                       float command[RANS_COMMANDS], float *after);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
+"""
+
+_FORGET = "    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = 0.0F; }"
+_KEEP = """    int lost = 0;
+    for (int i = 0; i < RANS_MEMORY; ++i) {
+        if (!isfinite(after[i])) { lost = 1; }
+    }
+    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = lost ? 0.0F : after[i]; }
+    if (lost) { status |= RANS_FORGOTTEN; }
+"""
+
+_SOURCE = """/* @TITLE@ */
+#include "agent.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#define PATIENCE @PATIENCE@ /* control periods for which a reading may be held */
+
+@RANGES@
+
+@TABLES@
+
+void rans_agent_answer(const float observation[RANS_OBSERVATION], const float *memory,
+                       float command[RANS_COMMANDS], float *after)
+{
+@UNUSED@@STEPS@
+}
+
+static void forget(rans_agent *agent)
+{
+@FORGET@
+}
+
+void rans_agent_reset(rans_agent *agent)
+{
+    forget(agent);
+    for (int i = 0; i < RANS_OBSERVATION; ++i) { agent->last[i] = 0.0F; }
+    agent->held = PATIENCE; /* at first there is no reading */
+}
+
+int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION], float command[RANS_COMMANDS])
+{
+    int status = 0;
+    int fresh = 1;
+@SCRATCH@    for (int i = 0; i < RANS_OBSERVATION; ++i) {
+        /* Of a number that is none every comparison is false. */
+        if (!(observation[i] >= refused_low[i] && observation[i] <= refused_high[i])) { fresh = 0; }
+    }
+    if (fresh) {
+        agent->held = 0;
+        for (int i = 0; i < RANS_OBSERVATION; ++i) { agent->last[i] = observation[i]; }
+    } else if (agent->held <= PATIENCE) {
+        agent->held += 1;
+    }
+    if (agent->held > PATIENCE) {
+        forget(agent);
+        for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
+        return RANS_SHUT;
+    }
+    if (!fresh) { status |= RANS_HELD; }
+    for (int i = 0; i < RANS_OBSERVATION; ++i) {
+        if (agent->last[i] < valid_low[i] || agent->last[i] > valid_high[i]) { status |= RANS_UNTRIED; }
+    }
+    rans_agent_answer(agent->last, @REMEMBERED@, command, @AFTER@);
+@KEEP@    return status;
+}
+"""
+
+_CHECK = """/* Checks agent.c by the golden pairs, and times it: cc -O2 agent.c agent_check.c -lm && ./a.out */
+#include "agent.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <time.h>
+
+#define COUNT @COUNT@
+#define TOLERANCE @TOLERANCE@
+
+static const int begins[COUNT] = {
+    @BEGINS@};
+static const float observations[COUNT * RANS_OBSERVATION] = {
+    @OBSERVATIONS@};
+static const float expected[COUNT * RANS_COMMANDS] = {
+    @EXPECTED@};
+
+int main(void)
+{
+    rans_agent agent;
+    float command[RANS_COMMANDS];
+    int right = 0;
+    double longest = 0.0;
+    double whole = 0.0;
+    rans_agent_reset(&agent);
+    for (int row = 0; row < COUNT; ++row) {
+        int same = 1;
+        clock_t before;
+        double taken;
+        if (begins[row]) { rans_agent_reset(&agent); }
+        before = clock();
+        (void)rans_agent_act(&agent, observations + row * RANS_OBSERVATION, command);
+        taken = 1e6 * (double)(clock() - before) / (double)CLOCKS_PER_SEC;
+        whole += taken;
+        if (taken > longest) { longest = taken; }
+        for (int i = 0; i < RANS_COMMANDS; ++i) {
+            if (!(fabsf(command[i] - expected[row * RANS_COMMANDS + i]) <= TOLERANCE)) { same = 0; }
+        }
+        right += same;
+    }
+    printf("%d of %d golden pairs come out as they should; %.1f us a command, at most %.0f us; "
+           "%u bytes of state.\\n",
+           right, COUNT, whole / COUNT, longest, (unsigned)sizeof(rans_agent));
+    return right != COUNT;
+}
+"""
