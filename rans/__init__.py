@@ -229,7 +229,10 @@ display.html_renderer = _as_html
 
 def _enrol(task_name: str) -> None:
     """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told of every task."""
+    possible = TASKS[task_name].dimensions if task_name in TASKS.built_in else (2, 3)
     for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
+        if dimension not in possible:
+            continue
         kwargs = {"task_name": task_name, "dimension": dimension}
         known = gymnasium.registry.get(gymnasium_id)
         if known is not None and known.kwargs == kwargs:

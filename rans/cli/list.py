@@ -166,7 +166,7 @@ def _all_tasks() -> Listing:
     return Listing(
         "Tasks",
         ("name, Gymnasium ids", "flag", "what"),
-        [("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS],
+        [("\n  ".join((_named(TASKS, n), *_environments(n))), *_or_why_not(row, n)) for n in TASKS],
     )
 
 
@@ -318,7 +318,11 @@ def _flag(task: object) -> str:
 
 def _environments(task: str) -> tuple[str, ...]:
     """Their Gymnasium ids; those of MODULE:NAME are not registered."""
-    return () if ":" in task else gymnasium_ids(task)
+    if ":" in task:
+        return ()
+    pair = gymnasium_ids(task)
+    possible = TASKS[task].dimensions if task in TASKS.built_in else (2, 3)
+    return tuple(pair[dimension - 2] for dimension in possible)
 
 
 def _task_facts(name: str) -> dict[str, Any]:

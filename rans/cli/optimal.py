@@ -42,8 +42,6 @@ class Optimal:
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default the task's own, or
     floating-platform."""
-    start: tuple[float, float, float, float, float, float] | None = None
-    """Of land: position x y z, m, and velocity, m/s, in place of the task's starts; the site is 0 0 0."""
     objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
     """Least thrust-time, time or squared thrust, least squared distance, or the task's greatest reward."""
     ending: Literal["exact", "set"] = "exact"
@@ -96,8 +94,6 @@ class Optimal:
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
         if isinstance(task, Land):
             return self._land(craft, task)
-        if self.start is not None:
-            raise ConfigError(f"--start is of land alone, not of {self.task}.")
         objective = objective_of(
             self.objective, self.horizon, self.control_period, self.ending, self.intervals
         )
@@ -150,13 +146,10 @@ class Optimal:
         from rans.evaluation.compare.landings import (
             landing_table,
             landings,
-            single_start,
             write_landings,
         )
 
-        starts = scenarios(task, craft, self.seed, self.episodes)
-        if self.start is not None:
-            starts = single_start(task, craft, self.start)
+        starts = self._starts(task, craft)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-propellant"
         folder = ready_folder(self.output or Path("runs") / name)
         with progress() as bars:

@@ -18,6 +18,7 @@ from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.observation_terms import (
     AngularVelocity,
+    Dimension,
     Observation,
     ObservationTerm,
     OwnRotation,
@@ -140,6 +141,8 @@ class Task(Settings, ABC):
     """Reward for the control period in which the mission is won."""
     timing: ClassVar[Timing] = Timing()
     """Control period and length of an episode where nobody says otherwise."""
+    dimensions: ClassVar[tuple[Dimension, ...]] = (2, 3)
+    """Dimensions that the task can be flown in."""
     spacecraft: ClassVar[str | None] = None
     """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
 

@@ -13,7 +13,13 @@ from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
 from rans.tasks.descent import DescentLaw
-from rans.tasks.observation_terms import Information, InformationInW, ObservationTerm, VectorInW
+from rans.tasks.observation_terms import (
+    Dimension,
+    Information,
+    InformationInW,
+    ObservationTerm,
+    VectorInW,
+)
 from rans.tasks.rewards import Transition
 from rans.tasks.shapes import GlideSlope
 
@@ -76,6 +82,7 @@ class Land(SingleTask):
     """Reward lost where the ground, the glide slope or the tilt limit is passed."""
 
     symmetric: ClassVar[bool] = False
+    dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "mars-lander-steered"
     timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, looks=2)
 

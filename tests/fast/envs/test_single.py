@@ -26,7 +26,7 @@ from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation
 
 PLANE = "rans/GoToPose2D-v0"
-IDS = [name for pair in map(gymnasium_ids, TASKS) for name in pair]
+IDS = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
 SHUT = np.zeros(8, dtype=np.int64)
 ALL_IDS = pytest.mark.parametrize("name", IDS)
 
