@@ -18,7 +18,27 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from rans import display
-from rans.api import certify, compare, evaluate, load_agent, optimal_trajectory, train, validate
+from rans.api import (
+    Agent,
+    assure,
+    benchmark,
+    certify,
+    compare,
+    evaluate,
+    export,
+    faults,
+    follow,
+    load_agent,
+    optimal_trajectory,
+    report,
+    state,
+    stress,
+    sweep,
+    train,
+    tune,
+    validate,
+    view,
+)
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -39,9 +59,11 @@ from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
+    Dock,
     GoToPose,
     GoToPosePriced,
     GoToPosition,
+    Land,
     MultiTask,
     TrackTwist,
     TrackVelocity,
@@ -51,6 +73,7 @@ from rans.tasks import (
 )
 
 if TYPE_CHECKING:
+    from rans.api.trajectory import OptimalTrajectory
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
@@ -71,6 +94,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _LAZY = {
+    "OptimalTrajectory": "rans.api.trajectory",
     "Engine": "rans.fast.engine",
     "PPO": "rans.fast.learn.front",
     "PPOSettings": "rans.fast.learn.config",
@@ -95,12 +119,25 @@ _LAZY = {
 
 __all__ = [
     "train",
+    "sweep",
+    "tune",
     "load_agent",
+    "Agent",
     "evaluate",
     "compare",
-    "optimal_trajectory",
-    "certify",
+    "stress",
+    "assure",
+    "follow",
+    "faults",
     "validate",
+    "benchmark",
+    "view",
+    "report",
+    "export",
+    "optimal_trajectory",
+    "OptimalTrajectory",
+    "certify",
+    "state",
     "Spacecraft",
     "Thruster",
     "OnOff",
@@ -111,9 +148,11 @@ __all__ = [
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "TrackVelocity",
     "TrackTwist",
     "TrackVelocityHeading",

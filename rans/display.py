@@ -9,16 +9,16 @@ from collections.abc import Callable
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any
 
-html_renderer: Callable[[Any], str] | None = None
+html_renderer: Callable[[Any], str] = repr
 """Writes a value as HTML. `rans` sets it when it is imported, as the renderer lies in a higher layer."""
 
 
 class NotebookRepr:
     """A value that notebooks display as a table, with a drawing if there is one."""
 
-    def _repr_html_(self) -> str | None:
-        """HTML for Jupyter, which calls this method by name; None displays the text instead."""
-        return None if html_renderer is None else html_renderer(self)
+    def _repr_html_(self) -> str:
+        """HTML for Jupyter, which calls this method by name."""
+        return html_renderer(self)
 
 
 class Settings(NotebookRepr):

@@ -301,15 +301,15 @@ def choose(
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
-    craft = USUAL[dimension] if spacecraft is None else spacecraft
-    craft = load_spacecraft(craft)
+    wanted = TASKS[task_name]
+    usual = wanted.spacecraft or USUAL[dimension]
+    craft = load_spacecraft(usual if spacecraft is None else spacecraft)
     if craft.dimension != dimension:
         raise ConfigError(
             f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
             f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
             "named 3D in space."
         )
-    wanted = TASKS[task_name]
     if task is None:
         return craft, wanted()
     if isinstance(task, Task) and not isinstance(task, wanted):

@@ -22,9 +22,9 @@ from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.randomization.case import Case, Influences, draw, examples
 from rans.randomization.conditions import Conditions
 from rans.randomization.memory import Memory
+from rans.randomization.parameters import EpisodeParameters, StepInputs, draw, examples
 from rans.randomization.sensors import reading
 from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
@@ -43,7 +43,7 @@ class Episode:
     """Of floats where the task's goal never varies."""
     body: Body | None = None
     """What flies: numbers, or fields where spacecraft differ; None: as designed. Conditions change it."""
-    case: Case | None = None
+    parameters: EpisodeParameters | None = None
     """What it drew from its conditions; None: nothing, or what is drawn again in every step."""
     past: tuple[Any, ...] = ()
     """The states before, the last one first: as many as readings may be old."""
@@ -192,10 +192,10 @@ class World:
         """Conditions of the setup."""
         return self.setup.conditions
 
-    def move(self, state: Any, influences: Influences) -> tuple[Any, ...]:
+    def move(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
         """States at the looks of one control period, by our equations; the last one is at its end."""
-        body = influences.body
-        command = influences.commands[0]
+        body = step_inputs.body
+        command = step_inputs.commands[0]
         return states_at_looks(
             state,
             self.craft,
@@ -204,8 +204,8 @@ class World:
             self.timing,
             self.task.drift,
             self.nodes,
-            influences.disturbance,
-            influences.pieces(self.craft, self.timing.control_period),
+            step_inputs.disturbance,
+            step_inputs.pieces(self.craft, self.timing.control_period),
         )
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
@@ -248,7 +248,7 @@ class World:
             ),
             draws,
         )
-        sensors = None if new.case is None else new.case.sensors
+        sensors = None if new.parameters is None else new.parameters.sensors
         if sensors is None or not sensors.repeats:
             return new
         return replace(new, reading=self.read(new, draws))
@@ -281,7 +281,7 @@ class World:
         Raises:
             ConfigError: there is nothing to draw with.
         """
-        if self.conditions is None or episode.case is not None:
+        if self.conditions is None or episode.parameters is not None:
             return episode
         if draws is None:
             raise ConfigError(
@@ -290,7 +290,7 @@ class World:
             )
         return replace(
             episode,
-            case=draw(
+            parameters=draw(
                 self.conditions,
                 self.craft,
                 episode.body or Body.of(self.craft),
@@ -300,17 +300,17 @@ class World:
             ),
         )
 
-    def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:
+    def step_inputs(self, episode: Episode, command: Command, draws: Draws | None) -> StepInputs:
         """What moves the spacecraft while a command is held."""
-        case = episode.case
+        parameters = episode.parameters
         period = self.timing.control_period
-        if case is None or draws is None:
-            return Influences(episode.body or Body.of(self.craft), (command,))
+        if parameters is None or draws is None:
+            return StepInputs(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
         earlier = (tuple(map(draws.real, told)) for told in episode.commands[: self._memory.felt])
-        body, fails = case.flying(step * period)
-        return Influences(
-            body, (command, *earlier), case.lag, case.disturbance(step, period), fails
+        body, fails = parameters.flying(step * period)
+        return StepInputs(
+            body, (command, *earlier), parameters.lag, parameters.disturbance(step, period), fails
         )
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
@@ -319,21 +319,21 @@ class World:
 
     def read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
         """What sensors read anew; the last reading, if there was one, stands where they drop out."""
-        case = episode.case
-        if case is None or case.sensors is None or draws is None:
+        parameters = episode.parameters
+        if parameters is None or parameters.sensors is None or draws is None:
             return episode.state
         step = self.timing.step(episode.clock)
         time = draws.real(step) * self.timing.control_period
         return reading(
             (episode.state, *episode.past),
-            case.sensors,
-            lambda block: draws.random(self.craft.dimension, case.number, step * 16 + block),
+            parameters.sensors,
+            lambda block: draws.random(self.craft.dimension, parameters.number, step * 16 + block),
             last,
             time,
         )
 
 
-Mover = Callable[[Any, Influences], tuple[Any, ...]]
+Mover = Callable[[Any, StepInputs], tuple[Any, ...]]
 """States at the looks of one control period, the last one at its end: `World.move`, or Drake."""
 
 
@@ -346,7 +346,7 @@ def step(
 ) -> Outcome:
     """Hold the command, one number for each of the craft's ``commands``, for one control period.
 
-    Under conditions it takes draws, and an episode that knows its case. By default our equations move.
+    Under conditions it takes draws, and an episode with its parameters. By default our equations move.
     """
     task = world.task
     period = world.timing.control_period
@@ -354,14 +354,14 @@ def step(
     if world.setup.guard is not None:
         sensed = world.sensed(episode, draws)
         command, guarded = world.setup.guard.admitted(world, sensed, episode.goal, command)
-    if episode.case is not None and episode.case.hold is not None:
+    if episode.parameters is not None and episode.parameters.dwell is not None:
         count = len(world.craft.thrusters)
         before = [earlier[:count] for earlier in episode.commands]
-        obeyed = episode.case.hold.obeyed(command[:count], before, period)
+        obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])
 
     # Motion, and what is asked at every look.
-    states = (move or world.move)(episode.state, world.influences(episode, command, draws))
+    states = (move or world.move)(episode.state, world.step_inputs(episode, command, draws))
     state = states[-1]
     looked = _look(task, episode, states, period / world.timing.looks)
     goal = looked.goal
@@ -499,10 +499,10 @@ def step_and_restart(
     What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
     begins none as long as none ended.
     """
-    remembers = episode.case is not None
+    remembers = episode.parameters is not None
     outcome = step(world, world.recalled(episode, draws), command, draws)
     begins = not plain or bool(outcome.ended.any())
     after = restart(world, outcome, draws) if begins else outcome.episode
     seen = world.observe(after, draws)
     final = world.observe(outcome.episode, draws)
-    return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
+    return Seen(after if remembers else replace(after, parameters=None), outcome, seen, final)

@@ -2,7 +2,9 @@
 
 import difflib
 import math
+import os
 import sys
+import traceback
 from collections.abc import Callable, Iterable
 from numbers import Integral
 from os import PathLike
@@ -93,6 +95,20 @@ def named(what: str, value: object, kind: type) -> str:
         if isinstance(value, str | PathLike)
         else checked(f"{what}, unless it is a name or a file,", value, kind)
     )
+
+
+def where_raised(error: BaseException) -> str:
+    """File and line of a user's code that an exception came from, as " (my_file.py, line 12, in act)".
+
+    Frames of this package and of installed ones do not count; empty where there are no others.
+    """
+    own = os.path.dirname(os.path.abspath(__file__))
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        file = os.path.abspath(frame.filename)
+        installed = "site-packages" in file or file.startswith((own, os.path.dirname(os.__file__)))
+        if not installed:
+            return f" ({os.path.basename(file)}, line {frame.lineno}, in {frame.name})"
+    return ""
 
 
 _LONGEST = 4000

@@ -18,7 +18,7 @@ from rans.files import first_line
 
 T = TypeVar("T")
 
-_TRUST = "RANS_TRUST"
+TRUST_VARIABLE = "RANS_TRUST"
 """In the environment, so that processes started from here know too: files may name code."""
 
 
@@ -31,7 +31,7 @@ def trust_files() -> None:
     >>> rans.trust_files()
     >>> agent = rans.load_agent("go-to-pose-2d")
     """
-    os.environ[_TRUST] = "1"
+    os.environ[TRUST_VARIABLE] = "1"
 
 
 class Registry(Mapping[str, T]):
@@ -119,7 +119,7 @@ class Registry(Mapping[str, T]):
         """
         if not isinstance(name, str) or ":" not in name:
             return
-        if os.environ.get(_TRUST) or name in self._vouched:
+        if os.environ.get(TRUST_VARIABLE) or name in self._vouched:
             return
         raise ConfigError(
             f"{file} names the {self._what} {brief(name)}, and to use it would run that "

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import settings
 
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
-from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
@@ -99,9 +99,9 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-@pytest.fixture(params=spacecraft_names())
+@pytest.fixture(params=FREE_CRAFT)
 def shipped(request: pytest.FixtureRequest) -> Spacecraft:
-    """Every spacecraft that comes with the package."""
+    """Every spacecraft that comes with the package and flies every task."""
     return load_spacecraft(request.param)
 
 

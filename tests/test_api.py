@@ -169,8 +169,11 @@ def test_names_do_where_objects_do() -> None:
             lambda: rans.train(total_timesteps=1.5, run="x"),  # type: ignore[arg-type]
             "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5",
         ),
-        (lambda: rans.load_agent(3), "an agent is its name, its run folder or .*, got 3"),  # type: ignore[arg-type]
-        (lambda: rans.load_agent(""), "an agent is its name, its run folder or .*, got ''"),
+        (lambda: rans.load_agent(3), "an agent is its name, its run folder, a policy or .*, got 3"),  # type: ignore[arg-type]
+        (
+            lambda: rans.load_agent(""),
+            "an agent is its name, its run folder, a policy or .*, got ''",
+        ),
         (
             lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
             r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>",
@@ -251,8 +254,8 @@ def test_names_do_where_objects_do() -> None:
             r"named 'lqrr' \(did you mean lqr\?\)",
         ),
         (
-            lambda: rans.compare(rans.load_agent("go-to-pose-2d")),  # type: ignore[arg-type]
-            "a contestant is a name, a run folder, a controller or .*, got <go-to-pose-2d: GoToPose for",
+            lambda: rans.compare(3),
+            "a contestant is a name, a run folder, a controller or .*, got 3",
         ),
         (
             lambda: rans.compare(rans.LQR, "go-to-pose-2d"),

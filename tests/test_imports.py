@@ -46,9 +46,9 @@ LAYERS: list[set[str]] = [
     {"benchmarks"},
     {"validation.records"},
     {"validation.speed"},
+    {"rans.api"},
     {"rans.cli"},
     {"validation.breaking"},
-    {"rans.api"},
     {"rans.__main__"},
 ]
 """From the bottom up: a module imports from its own package and from lower layers only, so that engines

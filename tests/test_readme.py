@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
 import os
 import re
@@ -125,7 +126,8 @@ def test_the_python_page_has_every_function() -> None:
     assert sorted(told) == sorted(
         name
         for name in rans.__all__
-        if getattr(getattr(rans, name), "__module__", "") == "rans.api"
+        if getattr(getattr(rans, name), "__module__", "").startswith("rans.api")
+        and inspect.isfunction(getattr(rans, name))
     )
 
 
@@ -161,8 +163,8 @@ def test_the_glossary_has_the_words_of_the_tables() -> None:
     for task in (GoToPose(), TASKS["track-twist"]()):
         starts = scenarios(task, CRAFT, seed=0, count=1)
         for sample in samples(fly(CRAFT, task, Random(CRAFT), starts, Timing(episode_steps=40))):
-            name = re.split(r" ?\d| after| at rest", sample.name)[0]
-            assert name in known, sample.name
+            name = re.split(r" ?\d| after", sample.name)[0]
+            assert name in known or name.removesuffix(" at rest") in known, sample.name
     assert {"late", "left", "unsettled"} <= known
 
 

@@ -35,7 +35,8 @@ class Assure:
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
-    """A run folder, or pretrained:NAME."""
+    """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
+    sb3:FILE.zip:TASK-2d, which flies more slowly."""
     conditions: str | None = None
     """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
     default those of its training."""
@@ -85,7 +86,9 @@ class Assure:
             _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         )
         planned = plan(self.confidence, episodes, self.failure_below)
-        assurance = made(self.agent, self.conditions, planned, self.seed, command_line())
+        assurance = made(
+            self.agent, self.conditions, planned, self.seed, command_line(), self.trust
+        )
         if self.plan:
             _print_plan(assurance)
             return 0
@@ -106,15 +109,10 @@ class Assure:
 
         Whether this is the first of torchrun's processes, which share the flights: the others only fly.
         """
-        import torch
-
+        from rans.evaluation.assure.assurance import chosen_device
         from rans.fast.distributed import join
 
-        device = (
-            ("cuda" if torch.cuda.is_available() else "cpu")
-            if self.device == "auto"
-            else self.device
-        )
+        device = chosen_device(self.device)
         campaign = assurance.campaign
         written = time.monotonic()
         processes = join(device, apart=True)

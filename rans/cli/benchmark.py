@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import gc
-import os
-import shutil
-import sys
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.cli import laboratory
+from rans.api import laboratory
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import TASKS
 from rans.terminal import Terminal, kept, table
 
 if TYPE_CHECKING:
@@ -50,19 +45,14 @@ class Benchmark:
 
     def run(self) -> int:
         """Print ratios first, then every figure behind them; all there is, if it is interrupted."""
-        import torch
-
-        from rans.fast.learn.trainer import check_device
+        from rans.api.speed import chosen_device
 
         laboratory.enter()
         if self.output is not None:
             if self.output.suffix != ".json":
                 raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
             ready_folder(self.output.parent)
-        device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
-        check_device(device)
-        if not (device.startswith("cuda") or self.quick):
-            _check_compiler()
+        device = chosen_device(self.device, self.quick)
         console = Terminal()
         measured: list[Measurement] = []
         peers: list[tuple[PeerResult, list[Ratio]]] = []
@@ -72,19 +62,13 @@ class Benchmark:
         return 0
 
     def _measure(self, console: Terminal, device: str, found: list[Measurement]) -> None:
-        from validation.speed.suite import effort, measurements
+        from rans.api.speed import measured
 
         crafts = [load_spacecraft(name) for name in self.spacecraft]
-        task = TASKS[self.task]()
-        usual = (
-            (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
-        )
-        sizes = self.num_envs or ((1024,) if self.quick else usual)
         with console.status("measuring ...") as status:
-            for m in measurements(crafts, self.task, task, sizes, effort(device, self.quick)):
-                found.append(m)
-                gc.collect()  # engines hang in reference cycles, and with them the device's memory
-                status.update(f"measured {m.name}")
+            for one in measured(crafts, self.task, self.num_envs, device, self.quick):
+                found.append(one)
+                status.update(f"measured {one.name}")
 
     def _compare(
         self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]
@@ -205,13 +189,3 @@ def _peer(p: PeerResult) -> tuple[str, ...]:
         theirs.get("task") or p.reason,
         p.command,
     )
-
-
-def _check_compiler() -> None:
-    """On a CPU torch compiles the engine with the system's C++ compiler; nothing else here needs one."""
-    compiler = os.environ.get("CXX") or ("clang++" if sys.platform == "darwin" else "g++")
-    if shutil.which(compiler) is None:
-        raise ConfigError(
-            f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
-            "training works without one, only this measurement does not; --quick does too."
-        )

@@ -75,7 +75,9 @@ class Compare:
         named = [
             turned(spec, self.positions) if self.front else [spec] for spec in self.contestants
         ]
-        contest = contest_of(named[0][0], self.episodes, self.seed, self.engine, self.conditions)
+        contest = contest_of(
+            named[0][0], self.episodes, self.seed, self.engine, self.conditions, self.trust
+        )
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)
         between = {

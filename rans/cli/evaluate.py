@@ -82,7 +82,7 @@ class Evaluate:
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
 
-        run = contestant(self.contestant, self.protocol).under(self.conditions)
+        run = contestant(self.contestant, self.protocol, trust=self.trust).under(self.conditions)
         ready_folder(output_folder(self.contestant))
         self._file(run)  # a link in its place is told before anybody flies
         if self._many(run):

@@ -32,6 +32,9 @@ class Export:
     """What to write the agent as."""
     episodes: int = 1024
     """Flights behind the card's figures."""
+    margins: int = 64
+    """Flights of every latency, mass and sensor noise behind what the contract says that the agent bears; 0:
+    it does not say."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -49,7 +52,9 @@ class Export:
             )
         if folder.parent == FOLDER and self.format == "rans":
             raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
-        card = export(folder, self.output, self.format, self.episodes)
+        if self.margins:
+            check_count("--margins", self.margins)
+        card = export(folder, self.output, self.format, self.episodes, margins=self.margins)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
         from rans.terminal import Terminal
 

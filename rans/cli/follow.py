@@ -41,18 +41,24 @@ class Follow:
 
     def run(self) -> int:
         """Print a table of how well the flights followed."""
+        from rans.api.judging import follow
         from rans.evaluation.fly.contestants import contestant, output_folder
-        from rans.evaluation.fly.follow import follow
         from rans.evaluation.fly.paths import LookAhead, find_path
         from rans.show.figures.path_figures import following_figure
         from rans.show.figures.svg import svg
 
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
-        tracker, craft, task, timing, _ = contestant(self.contestant)
+        contestant(self.contestant)  # refused before a folder is made
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.label}.json"
         following = follow(
-            craft, task, tracker, planner, timing, self.seed, self.flights, self.engine
+            self.contestant,
+            self.path,
+            speed=self.speed,
+            look_ahead=self.look_ahead,
+            flights=self.flights,
+            seed=self.seed,
+            engine=self.engine,
         )
         Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})

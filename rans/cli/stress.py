@@ -67,9 +67,11 @@ class Stress:
             check_count(f"--{name.replace('_', '-')}", getattr(self, name))
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
-        contest = contest_of(self.contestants[0], self.episodes, self.seed)
+        contest = contest_of(self.contestants[0], self.episodes, self.seed, trust=self.trust)
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
-        stress = prepared(contest, self.contestants, sets, self.only, self.slow_episodes)
+        stress = prepared(
+            contest, self.contestants, sets, self.only, self.slow_episodes, self.trust
+        )
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         inside(
             folder, "stress"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import shlex
-import shutil
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +15,10 @@ from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.progress import NowAndThen
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError, counted
-from rans.files import command_line, environment, inside, plain, write_json, write_text
+from rans.files import command_line
+from rans.show.progress import NowAndThen
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -60,12 +59,17 @@ class Sweep:
     """Continue the sweep in this folder from its last checkpoints."""
     algorithm: Literal["ppo", "gradient"] | None = None
     """What learns, as of `rans train`."""
+    log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
+    """Loggers that the metrics of the best agent also go to, at the end."""
     trust: bool = False
     """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""
+        from rans.fast.learn.loggers import check
+
         compile_in_this_process()
+        check(self.log)
         sweep = self._trainings()
         folder = sweep.path
         first = sweep.processes.is_first
@@ -77,7 +81,9 @@ class Sweep:
             )
         if not first:
             return 130 if stop.asked else 0
-        _save(sweep, folder)
+        from rans.show.sweep_files import save_sweep
+
+        save_sweep(sweep, folder, self.log)
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
@@ -100,7 +106,7 @@ class Sweep:
         from rans.fast.learn.sweep import read_configs
 
         if self.resume is not None:
-            if replace(self, resume=None, trust=False) != Sweep():
+            if replace(self, resume=None, trust=False, log=()) != Sweep():
                 raise ConfigError(
                     "--resume takes everything from the sweep's folder; give nothing else."
                 )
@@ -147,33 +153,6 @@ def _changes(text: str) -> list[str]:
         return [f"{key}={json.dumps(value)}" for value in json.loads(f"[{values}]")]
     except (ValueError, RecursionError):
         return [f"{key}={value}" for value in values.split(",")]
-
-
-def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.show.figures.svg import svg
-    from rans.show.figures.sweep_figure import sweep_figure
-
-    best = sweep.best()
-    rows = [
-        {"member": number} | row
-        for number, member in enumerate(sweep.members)
-        for row in member.rows
-    ]
-    write_text(folder / "metrics.jsonl", "".join(json.dumps(plain(row)) + "\n" for row in rows))
-    write_json(
-        folder / "sweep.json",
-        {
-            "command": sweep.command,
-            "environment": environment(),
-            "seconds": sweep.seconds,
-            "best": sweep.members.index(best),
-            "members": sweep.results(),
-        },
-    )
-    write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
-    agent = inside(folder, "best")
-    shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
-    sweep.save(best, agent)
 
 
 def _table(sweep: Trainings) -> Table:

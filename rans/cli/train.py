@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.progress import TrainingProgress
-from rans.errors import ConfigError, RansError, brief, meant
+from rans.errors import ConfigError, RansError, brief
 from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files
 from rans.show.figures.curve import Rows, drawn_beside
+from rans.show.progress import TrainingProgress
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ class Train:
     go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done. Your own recipe
     is a .toml file (docs/training.md)."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
+    floating-platform."""
     seed: int | None = None
     """Decides everything random: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
     device: str | None = None
@@ -129,7 +130,7 @@ class Train:
         begun = (
             read_config(self.config)
             if self.config
-            else training(str(self.task), self.spacecraft or "floating-platform", self.device)
+            else training(str(self.task), self.spacecraft, self.device)
         )
         if self.algorithm == "gradient" and begun.algorithm != "gradient":
             begun = by_gradient(begun)
@@ -265,24 +266,20 @@ def _watch(run: Path, port: int) -> None:
 
 
 def _change(table: dict[str, Any], change: str) -> None:
-    """Apply one KEY=VALUE to a nested table; the value is JSON, or else text."""
+    """Apply one KEY=VALUE to a nested table; the value is JSON, otherwise text."""
+    from rans.fast.learn.changes import change_entry
+
     key, equals, text = change.partition("=")
     if not equals:
         raise ConfigError(f"--set takes KEY=VALUE, got {brief(change)}.")
-    *parents, last = key.split(".")
-    inner: Any = table
-    for parent in parents:
-        inner = inner.get(parent) if isinstance(inner, dict) else None
-    if not isinstance(inner, dict) or last not in inner:
-        near = meant(key, _keys(table))
-        raise ConfigError(
-            f"--set: the config has no {brief(key)}{near}; `rans list TASK` and `rans list "
-            "TRAINING` tell its entries, and any run's config.json."
-        )
     try:
-        inner[last] = json.loads(text)
+        value = json.loads(text)
     except (ValueError, RecursionError):
-        inner[last] = text
+        value = text
+    try:
+        change_entry(table, key, value)
+    except ConfigError as error:
+        raise ConfigError(f"--set: {error}") from error
 
 
 def _check_unchanged(spacecraft: str, config: Path) -> None:
@@ -300,14 +297,6 @@ def _check_unchanged(spacecraft: str, config: Path) -> None:
             f"{spacecraft} is another spacecraft now than {config} was used with: {then}, "
             f"--spacecraft {shlex.quote(spacecraft)} that of now."
         )
-
-
-def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:
-    """Every entry of a nested table, by its dotted name."""
-    for key, value in table.items():
-        yield place + key
-        if isinstance(value, dict):
-            yield from _keys(value, f"{place}{key}.")
 
 
 class StopGently:

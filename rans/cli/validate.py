@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from rans.cli import laboratory
+from rans.api import laboratory
 from rans.files import ready_folder
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions

@@ -52,8 +52,8 @@ class View:
 
     def run(self) -> int:
         """Serve the page, or write what was asked for."""
-        from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.fly.episodes import fly_episodes
+        from rans.api.judging import flown
+        from rans.api.pages import flyers
 
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
@@ -70,22 +70,8 @@ class View:
             from rans.show.scene.video import check_video
 
             check_video(self.video)
-        runs = [contestant(self.contestants[0]).under(self.conditions)]
-        runs += [
-            contestant(spec, default_setup=runs[0].judged).under(self.conditions)
-            for spec in self.contestants[1:]
-        ]
-        flights = [
-            fly_episodes(
-                run.controller,
-                run.judged,
-                self.seed,
-                self.episodes,
-                self.engine,
-                first=self.episode,
-            ).flight
-            for run in runs
-        ]
+        runs = flyers(self.contestants, self.conditions, self.trust)
+        flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
         if self.frames is not None:
             from rans.show.scene.frames import save_frames
 
@@ -98,11 +84,12 @@ class View:
         return 0
 
     def _show(self, flights: list[Flight]) -> None:
+        from rans.api.pages import title_of
         from rans.show.scene.view import View as Page
         from rans.window import open_browser
 
         page = Page()
-        colours = page.show(flights, self._title(flights))
+        colours = page.show(flights, title_of(flights, self.conditions))
         names = [flight.controller for flight in flights]
         who = ", ".join(f"{name} ({colour})" for name, colour in zip(names, colours, strict=True))
         if self.save is not None:
@@ -125,16 +112,3 @@ class View:
             save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a film of {', '.join(names)}.")
-
-    def _title(self, flights: list[Flight]) -> str:
-        """What is flown: tasks, spacecraft, conditions."""
-        from rans.evaluation.fly.tuned import task_name
-
-        tasks, crafts = (
-            " and ".join(dict.fromkeys(names))
-            for names in (
-                (task_name(flight.task) for flight in flights),
-                (flight.craft.name for flight in flights),
-            )
-        )
-        return f"{tasks}, {crafts}" + (f", conditions {self.conditions}" if self.conditions else "")

@@ -4,69 +4,112 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import asdict, fields, is_dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
+from rans.deploy.columns import meanings, quantities, refused_ranges, valid_ranges
+from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
+from rans.model.dynamics import State
+from rans.model.fields import Vec3, leaves, map_leaves
+from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
+from rans.randomization.conditions import Conditions, largest
+from rans.scenario import drawn, draws
+from rans.tasks import Task
+from rans.tasks.base import observation
 from rans.tasks.derived import example
+from rans.tasks.sight import Knob
 
-FLIGHTS = 64
+FLIGHTS = 2048
+"""Flights of which the columns' ranges are taken."""
 STEPS = 125
+"""Most control periods of each."""
+PAIRED = 64
+"""The first of these flights, among which the golden ones are chosen."""
 GOLDEN = 4
-"""Flights from which the columns' ranges are taken, their most steps, and those kept as golden pairs."""
+"""Flights that are kept as golden pairs."""
 FLIGHT_SEED = 2026
 """Of their starts, which are those of training; no training or judgement uses this seed."""
+WIRED = 64
+"""States and goals whose observation is kept, to check how an observation is put together."""
+_WIRING_SEED = 2029
 DUTY_TOLERANCE = 1e-4
 """How far golden duties may be off: rounding of float32 in another order of sums is a hundredth of it."""
+OBSERVATION_TOLERANCE = 1e-4
+"""How far a column put together elsewhere may be off: single precision of coordinates of up to ten metres is a
+hundredth of it."""
 _FRAMES = {
     "W": "at rest (or, on an orbit, the Hill frame: x outwards, y along the track, z across); right-handed",
     "B": "fixed to the spacecraft: origin at its centre of mass, axes of spacecraft.toml; right-handed",
 }
 
 
+class Flights(NamedTuple):
+    """What an agent met on N flights of T control periods."""
+
+    observations: np.ndarray
+    """(T, N, width), float32."""
+    states: Any
+    """`State` of arrays (T, N), as sensors measured it: the observations are of these."""
+    goals: Any
+    """The same of goals."""
+
+
 class Recorder:
-    """A controller that keeps every observation that it is shown."""
+    """A controller that keeps whatever an agent is given."""
 
     def __init__(self, controller: Agent) -> None:
         self.name = controller.name
         self._controller = controller
-        self._seen = list[np.ndarray]()
+        self._met = list[tuple[np.ndarray, Any, Any]]()
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._controller.reset(count)
-        self._seen.clear()
+        self._met.clear()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`."""
-        self._seen.append(observation)
+        count = len(observation)
+        wide = [map_leaves(lambda x: np.broadcast_to(x, count), one) for one in (state, goal)]
+        self._met.append((observation, *wide))
         return self._controller.act(state, goal, observation)
 
     @property
-    def seen(self) -> np.ndarray:
-        """The last flights' observations (T, N, width)."""
-        return np.stack(self._seen)
+    def flights(self) -> Flights:
+        """The last flights."""
+        observations, states, goals = zip(*self._met, strict=True)
+
+        def stacked(several: Any) -> Any:
+            return map_leaves(lambda *x: np.stack(x), *several)
+
+        return Flights(np.stack(observations), stacked(states), stacked(goals))
 
 
-def observed(
-    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
-) -> np.ndarray:
-    """What the network observes when it flies from the starts of training: (T, N, width) float32."""
+def flown(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS) -> Flights:
+    """Flights of a network from the starts of training, under the setup's conditions."""
     recorder = Recorder(Agent(network, "agent", setup.craft))
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
     fly_episodes(recorder, setup._replace(timing=short), seed, count)
-    return recorder.seen
+    return recorder.flights
+
+
+def observed(
+    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = PAIRED
+) -> np.ndarray:
+    """What the network observes when it flies from the starts of training: (T, N, width) float32."""
+    return flown(network, setup, seed, count).observations
 
 
 def contract(
@@ -76,26 +119,52 @@ def contract(
     spacecraft_text: str,
     memory: int,
     seen: np.ndarray,
+    borne: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The contract of an agent with so much memory that observed (T, N, width) on flights."""
-    shown = example(config.settings, craft.dimension)
-    lows = _short(seen.min(axis=(0, 1)))
-    highs = _short(seen.max(axis=(0, 1)))
+    """The contract of an agent with so much memory that observed (T, N, width) on flights.
+
+    Args:
+        name: of the agent.
+        config: its training.
+        craft: its spacecraft.
+        spacecraft_text: file of the spacecraft.
+        memory: numbers that it remembers.
+        seen: observations of flights under the training's conditions.
+        borne: `rans.deploy.margins.measure_margins`; None: it was not measured.
+    """
+    task = config.settings
+    period = config.timing.control_period
+    observed_as = example(task, craft.dimension)
+    wide = np.array(valid_ranges(task, craft.dimension, seen), dtype=np.float32)
+    valid = [(low, high) for low, high in map(_short, wide)]
     columns = [
         {
             "column": at,
             "name": row.name,
             "unit": row.unit,
             "frame": row.frame,
+            "meaning": meaning,
             "bound": bound if math.isfinite(bound) else None,
-            "valid": [low, high],
+            "valid": [*known],
+            "refused": _short(np.array(beyond))
+            if math.isinf(bound)
+            else [-1.01 * bound, 1.01 * bound],
         }
-        for at, (row, bound, low, high) in enumerate(
-            zip(shown.table(), shown.bounds(), lows, highs, strict=True)
+        for at, (row, bound, meaning, known, beyond) in enumerate(
+            zip(
+                observed_as.table(),
+                observed_as.bounds(),
+                _meanings(task, craft),
+                valid,
+                refused_ranges(valid),
+                strict=True,
+            )
         )
     ]
+    conditions = config.conditions
+    late = largest(conditions.sensors.delay) * period
     return {
-        "format": 1,
+        "format": 2,
         "agent": name,
         "task": config.task,
         "settings": to_table(config)["settings"],
@@ -104,23 +173,154 @@ def contract(
             "file": "spacecraft.toml",
             "sha256": hashlib.sha256(spacecraft_text.encode()).hexdigest(),
         },
-        "control_period": config.timing.control_period,
+        "control_period": period,
         "frames": _FRAMES,
         "observation": columns,
+        "tasks": _flagged(config.task, task, craft),
+        "trade_off": _trade_off(task, craft),
         "command": {
             "actuators": craft.actuators.kind,
             "values": craft.actuators.allowed,
             "thrusters": [_thruster(craft, at) for at in range(len(craft.thrusters))],
+            "thruster_position": "where the force acts, from the centre of mass, axes of B, m",
+            "thruster_direction": "unit vector of the force on the spacecraft, axes of B: the exhaust "
+            "leaves the other way",
             "wheels": [asdict(wheel) for wheel in craft.wheels],
             "ranges": [one._asdict() for one in craft.commands],
+            "shut": [0.0] * len(craft.commands),
         },
         "memory": memory,
-        "valid": f"least and largest of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts "
-        "of training: the agent was not tried beyond",
+        "memory_rule": "zeros where an episode begins; memory_out of one period is memory of the next. It "
+        "counts on every command having been given: while a supervisor gives others, do not ask the agent, "
+        "and begin a new episode when it takes over again. Do so too where a number in it is not finite.",
+        "conditions": {
+            "of_training": changed_settings(conditions),
+            "summary": _conditions_text(conditions),
+            "borne": borne,
+            "borne_meaning": None
+            if borne is None
+            else "holds_to: the size up to which at every size flown 99 % of the flights held the goal, all "
+            "else as designed; null: not even at the smallest",
+        },
+        "readings": {
+            "age_of_training": late,
+            "oldest": late + period + largest(conditions.sensors.outage),
+            "meaning": "age of a reading when a command is decided, s. Those of training were so old; one "
+            "that is older than oldest is stale: shut the valves.",
+        },
+        "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "
+        "under its conditions, and a tenth more on either side; directions are known all around. The agent "
+        "was not tried beyond.",
+        "refused": "a number beyond is an error of measurement, no reading: hold the last one, and shut the "
+        "valves once that is older than readings.oldest",
         "units": {"control_period": "s", "position": "m", "force": "N"},
         "revision": git_revision(),
         "rans": package_version("rans"),
     }
+
+
+def changed_settings(value: Any) -> dict[str, Any]:
+    """What a dataclass has that is not its default, as JSON."""
+    found: dict[str, Any] = {}
+    for one in fields(value):
+        own = getattr(value, one.name)
+        if own == default(one):
+            continue
+        if is_dataclass(own):
+            own = changed_settings(own)
+        elif isinstance(own, tuple) and own and is_dataclass(own[0]):
+            own = [changed_settings(each) for each in own]
+        found[one.name] = own
+    return found
+
+
+def _conditions_text(conditions: Conditions) -> str:
+    """In a sentence, what the training drew of what a robot engineer asks for first."""
+    if conditions.or_none is None:
+        return "everything as designed: no latency, the designed mass, exact readings"
+    every = (conditions, *conditions.others)
+    mass = [x for one in every for x in np.atleast_1d(np.asarray(one.body.mass))]
+    parts = [
+        f"latency up to {max(one.delay for one in every):g} s",
+        f"mass {min(mass):g} to {max(mass):g} times the designed one",
+    ]
+    names = ("position", "m"), ("attitude", "rad"), ("velocity", "m/s"), ("spin", "rad/s")
+    for at, (name, unit) in enumerate(names):
+        noise = max(largest(one.sensors.each()[at].noise) for one in every)
+        parts.append(f"noise of {name} up to {noise:g} {unit}")
+    return ", ".join(parts)
+
+
+def _example_states(task: Task, craft: Spacecraft, count: int) -> tuple[Any, Any]:
+    """States and goals (N,) in which every quantity is something: to tell apart what a column is.
+
+    Start and goal are those of episodes; both are moved, and the start is turned, set in motion and spun.
+    """
+    own = draws(_WIRING_SEED, count)
+    scenario = drawn(task, craft, own)
+    start = scenario.start
+    goal = scenario.goal
+    random = own.random(craft.dimension, own.first, 2**20)
+
+    def vector(like: Any, size: float) -> Any:
+        return map_leaves(lambda _: random.uniform(-size, size), like)
+
+    attitude: Any = start.attitude
+    if isinstance(start.w, Vec3):
+        attitude = attitude.times(exponential(vector(start.p, 1.0)))
+        spin = vector(start.w, 0.5)
+    else:
+        attitude = type(attitude)(attitude.angle + random.uniform(-1.0, 1.0))
+        spin = random.uniform(-0.5, 0.5)
+    stores = tuple(np.full(count, store.initial) for store in craft.stores)
+    state = replace(
+        start,
+        p=start.p + vector(start.p, 1.0),
+        attitude=attitude,
+        v=vector(start.v, 0.3),
+        w=spin,
+        stores=stores,
+    )
+    return state, replace(goal, p=goal.p + vector(goal.p, 1.0))
+
+
+def _meanings(task: Task, craft: Spacecraft) -> list[str]:
+    """Of each column; of a multi-task those that its tasks share (see `_flagged`)."""
+    state, goal = _example_states(task, craft, WIRED)
+    return meanings(task, state, goal)
+
+
+def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]:
+    """Flag and columns of every task that the agent flies."""
+    parts: dict[str, Task] = {"": task} if is_one_task(task) else dict(task.parts())
+    found = []
+    for name, part in parts.items():
+        state, goal = _example_states(part, craft, WIRED)
+        flag = float(np.atleast_1d(part.flag_of(goal))[0])
+        rows = zip(example(part, craft.dimension).table(), meanings(part, state, goal), strict=True)
+        columns = [
+            {"column": at, **row._asdict(), "meaning": meaning}
+            for at, (row, meaning) in enumerate(rows)
+        ]
+        found.append({"task": name or called, "flag": flag, "columns": columns})
+    return found
+
+
+def is_one_task(task: Task) -> bool:
+    """Whether all of the task's parts are observed in the same columns."""
+    return all(type(part) is type(task) for part in task.parts().values())
+
+
+def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
+    """Which column trades time for thrust, and which of its ends is fast."""
+    at = 0
+    for entry in example(task, craft.dimension).entries:
+        if isinstance(entry, Knob):
+            low, high = getattr(task, "price", (0.0, 1.0))
+            ends = ("fast", "thrifty") if high >= low else ("thrifty", "fast")
+            return {"column": at, "0": ends[0], "1": ends[1], "valid": [0.0, 1.0]}
+        at += len(entry.columns())
+    return None
 
 
 def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
@@ -136,11 +336,22 @@ def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
 
 
 @torch.no_grad()
-def golden(network: Network, seen: np.ndarray, craft: Spacecraft | None = None) -> dict[str, Any]:
+def golden(
+    network: Network,
+    seen: np.ndarray | Flights,
+    craft: Spacecraft | None = None,
+    task: Task | None = None,
+) -> dict[str, Any]:
     """Pairs of observations and commands, episode after episode; ``begins`` where the memory is zero.
 
-    Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none.
+    Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none. Of
+    flights the states and goals are kept beside the observations that they gave; with a craft and a task
+    also ``wiring``, of states and goals that differ in everything, with the observation of each.
     """
+    flights = None
+    if isinstance(seen, Flights):
+        flights = seen
+        seen = seen.observations
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
     memory = exact.blank(seen.shape[1])
     commands = []
@@ -155,12 +366,45 @@ def golden(network: Network, seen: np.ndarray, craft: Spacecraft | None = None) 
         x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())
     )
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
-    return {
+    result = {
         "begins": begins,
         "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
         "observation": [_short(row) for row in kept.reshape(len(begins), -1)],
         "command": [_short(row) for row in _in_ranges(pairs.reshape(len(begins), -1), craft)],
     }
+    if flights is not None:
+        places = [(step, int(k)) for k in clearest for step in range(len(seen))]
+        result |= {
+            "state": [quantities(_at(flights.states, place)) for place in places],
+            "goal": [quantities(_at(flights.goals, place)) for place in places],
+        }
+    if craft is not None and task is not None:
+        result["wiring"] = wiring(task, craft)
+    return result
+
+
+def wiring(task: Task, craft: Spacecraft) -> dict[str, Any]:
+    """States and goals that differ in everything, with the observation of each and its tolerance.
+
+    Whoever mixes up a sign, a frame or an order sees it here: on flights of a task whose goal is the origin, a
+    forgotten goal does not show.
+    """
+    state, goal = _example_states(task, craft, WIRED)
+    columns = observation(task, state, goal)
+    rows = np.stack([np.broadcast_to(x, WIRED) for x in columns], axis=1)
+    known = [k for k in range(WIRED) if np.isfinite(rows[k]).all()]
+    return {
+        "tolerance": OBSERVATION_TOLERANCE,
+        "state": [quantities(_at(state, k)) for k in known],
+        "goal": [quantities(_at(goal, k)) for k in known],
+        "observation": [_short(rows[k]) for k in known],
+    }
+
+
+def _at(state: State, place: Any) -> Any:
+    """One state of numbers among many."""
+    shape = np.broadcast_shapes(*(np.shape(x) for x in leaves(state)))
+    return map_leaves(lambda x: float(np.broadcast_to(x, shape)[place]), state)
 
 
 def _in_ranges(outputs: np.ndarray, craft: Spacecraft | None) -> np.ndarray:

@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from rans.deploy.contract import contract, golden, observed
+from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, is_one_task
+from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import agent_program
@@ -32,6 +33,7 @@ from rans.files import (
     write_json,
     write_text,
 )
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
 
@@ -46,7 +48,12 @@ _FILES: dict[Form, tuple[str, ...]] = {
 
 
 def export(
-    run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024, seed: int = EVALUATION_SEED
+    run: Path,
+    folder: Path,
+    form: Form = "sb3",
+    episodes: int = 1024,
+    seed: int = EVALUATION_SEED,
+    margins: int = 64,
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
@@ -58,7 +65,10 @@ def export(
     that was hidden in the run's files is handed on.
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
-    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card.
+    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. For the
+    contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says
+    (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent bears. A multi-task agent's
+    are not measured.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -66,7 +76,7 @@ def export(
     """
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
-    load_agent(run)  # says what is wrong with it, if anything
+    loaded = load_agent(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
     name = folder.resolve().name
@@ -81,12 +91,23 @@ def export(
     saved = read_policy(source.agent_file)
     network = saved.network
     text = source.spacecraft_file.read_text("utf-8")
-    seen = observed(
-        network, Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    )
-    pairs = json.dumps(golden(network, seen, craft)) + "\n"
+    setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
+    flights = flown(network, setup, count=FLIGHTS)
+    few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    pairs = json.dumps(golden(network, few, craft, config.settings)) + "\n"
     _check_alone(folder, form, pairs)
-    about = contract(name, config, craft, text, network.architecture.memory, seen)
+    borne = None
+    if margins and is_one_task(loaded.task):
+        borne = measure_margins(loaded.controller, loaded.judged, margins)
+    about = contract(
+        name,
+        config,
+        craft,
+        text,
+        network.architecture.memory,
+        flights.observations,
+        borne,
+    )
     write_agent(
         folder,
         form,

@@ -26,9 +26,7 @@ def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping
         import onnx
         from onnx import helper, numpy_helper
     except ImportError as error:
-        raise ConfigError(
-            "--format onnx needs the package onnx: pip install 'rans[onnx]'."
-        ) from error
+        raise ConfigError("--format onnx needs the package onnx: pip install onnx.") from error
 
     def rows(name: str, width: int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", width])

@@ -34,8 +34,8 @@ def states_at_looks(
     The last one is the state at the end of the period. Headings and quaternions are normalised.
 
     The craft says how it takes commands (`rans.model.spacecraft.Spacecraft.commands`); ``pieces`` are instead
-    what late valves and failing thrusters make of it (`rans.randomization.case.Influences.pieces`). Each takes the
-    share of the substeps that is its share of the period at most; the rest is as for `advance`.
+    what late valves and failing thrusters make of it (`rans.randomization.parameters.StepInputs.pieces`). Each
+    takes the share of the substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period

@@ -189,7 +189,10 @@ class Engine:
         begun = world.begin(
             *world.scenario(now.clock, self._draws), now.clock, self._draws, now.body
         )
-        write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
+        write(
+            leaves(now),
+            leaves(begun if now.parameters is not None else replace(begun, parameters=None)),
+        )
         return self.observe()
 
     def stagger(self, *generators: torch.Generator) -> None:

@@ -15,7 +15,7 @@ from rans.episode import Episode, World
 from rans.model.body import Body
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
-from rans.randomization.case import examples
+from rans.randomization.parameters import examples
 
 
 class Known:
@@ -53,8 +53,8 @@ class Known:
             return torch.stack(
                 [self._everywhere * x for x in relative(self._body, self._craft)], dim=1
             )
-        case = leaves(episode.case)
-        drawn = torch.stack([torch.as_tensor(case[one.place]) for one in self._drawn], dim=1)
+        parameters = leaves(episode.parameters)
+        drawn = torch.stack([torch.as_tensor(parameters[one.place]) for one in self._drawn], dim=1)
         return (drawn - self._mean) * self._scale
 
 
@@ -62,7 +62,7 @@ class Quantity(NamedTuple):
     """A number that differs from episode to episode, told with zero mean and unit variance."""
 
     place: int
-    """Among the leaves of `rans.randomization.case.Case`."""
+    """Among the leaves of `rans.randomization.parameters.EpisodeParameters`."""
     mean: float
     """Over many episodes."""
     spread: float

@@ -175,16 +175,17 @@ class Backend:
         new = world.begin(start, goal, clock, draws, body)
         anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
         moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
-        case = None
-        if remember and new.case is not None:
-            case = replace(
-                map_leaves(buffer, new.case, new.case), number=self.put(zeros, torch.int32)
+        parameters = None
+        if remember and new.parameters is not None:
+            parameters = replace(
+                map_leaves(buffer, new.parameters, new.parameters),
+                number=self.put(zeros, torch.int32),
             )
         return replace(
             new,
             state=map_leaves(buffer, new.state),
             goal=map_leaves(buffer, goal, moved),
-            case=case,
+            parameters=parameters,
             past=map_leaves(buffer, new.past),
             reading=map_leaves(buffer, new.reading),
             commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
@@ -249,7 +250,7 @@ def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
 def varying(episode: Episode, like: Episode) -> list[Tensor]:
     """What `begin_as` takes of N others' episodes: all that varies in those like these, each (N,)."""
     zero = leaves(episode.state)[0] * 0.0
-    told = replace(episode, case=episode.case if like.case is not None else None)
+    told = replace(episode, parameters=episode.parameters if like.parameters is not None else None)
     return [
         torch.as_tensor(x + zero if isinstance(x, int | float) else x)
         for x, own in zip(_own(told), _own(like), strict=True)

@@ -18,8 +18,8 @@ from rans.model.fields import leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.randomization.case import Influences
 from rans.randomization.conditions import Conditions
+from rans.randomization.parameters import StepInputs
 from rans.randomization.valves import Lag
 from rans.reference.nozzles import Failure, Nozzles
 from rans.reference.parts import designed
@@ -94,15 +94,15 @@ class DrakeMover:
         self._spin_up = spin_up(craft)
         self._plant = self._plant_for(designed(craft), 1)
 
-    def __call__(self, state: Any, influences: Influences) -> tuple[Any, ...]:
+    def __call__(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
         """States at the looks of one control period, the last one at its end."""
         rows = rows_from_states(state)
-        body = influences.body
-        disturbance = influences.disturbance
-        late = _lateness(influences.lag)
-        fails = influences.failing
+        body = step_inputs.body
+        disturbance = step_inputs.disturbance
+        late = _lateness(step_inputs.lag)
+        fails = step_inputs.failing
         many = np.atleast_2d(rows)
-        command, *earlier = (_columns(told, len(many)) for told in influences.commands)
+        command, *earlier = (_columns(told, len(many)) for told in step_inputs.commands)
         failure = None
         if fails is not None:
             failure = Failure(

@@ -12,9 +12,11 @@ from rans.errors import ConfigError, brief
 from rans.registry import Registry
 from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
+from rans.tasks.dock import Dock
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
@@ -84,6 +86,8 @@ TASKS = Registry(
         "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
         "multi-task": "rans.tasks:MultiTask",
         "go-to-pose-priced": "rans.tasks:GoToPosePriced",
+        "dock": "rans.tasks:Dock",
+        "land": "rans.tasks:Land",
     },
     _checked,
 )
@@ -139,9 +143,11 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 __all__ = [
     "TASKS",
+    "Dock",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
+    "Land",
     "MultiTask",
     "SingleTask",
     "Task",

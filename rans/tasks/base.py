@@ -118,6 +118,8 @@ class Task(Settings, ABC):
     """Reward for the control period in which the mission is won."""
     timing: ClassVar[Timing] = Timing()
     """Control period and length of an episode where nobody says otherwise."""
+    spacecraft: ClassVar[str | None] = None
+    """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
 
     @abstractmethod
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:

@@ -30,6 +30,15 @@ def aims(task: Task) -> frozenset[str]:
     return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
 
 
+def asks_rest(task: Task) -> bool:
+    """Whether the goal set asks for rest: the task names a place or an attitude, but no rate of its own.
+
+    Raises:
+        ConfigError: a multi-task has no goal of its own.
+    """
+    return bool(aims(task) - task.tolerances().keys())
+
+
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
     """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
 

@@ -14,13 +14,13 @@ import validation.study.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details
-from rans.cli.progress import TrainingProgress, describe, describe_terms
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import objective_of
+from rans.show.progress import TrainingProgress, describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.show.tables.listing import Listing
 from validation.study.checks import Check, Skipped, Study

@@ -117,7 +117,7 @@ def test_an_interrupt_keeps_what_there_is(
 ) -> None:
     signals = iter([signal.SIGINT])
     monkeypatch.setattr(
-        "rans.cli.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)]
+        "rans.show.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)]
     )
     assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out

@@ -155,7 +155,7 @@ def test_every_option_reaches_the_flights(
     asked = []
     framed = []
 
-    def flown(controller: Any, _: Any, *given: Any, first: int) -> Any:
+    def flown(controller: Any, _: Any, *given: Any, first: int, progress: Any) -> Any:
         asked.append((controller.name, *given, first))
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 

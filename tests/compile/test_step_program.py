@@ -11,10 +11,11 @@ from rans.fast.engine import Engine
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, ordered
 from rans.tasks import TASKS
+from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import both_crafts
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ANY_CRAFT)
 @both_crafts
 def test_draws_are_for_an_episodes_end_only(craft: Spacecraft, task: Any) -> None:
     """Whatever is made of the seed is rare, up to where the end of the episode chooses it.

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,6 +24,14 @@ from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_flights() -> Iterator[None]:
+    """Ranges of few flights: `tests/deploy/test_contract.py` has those of thousands."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        yield
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder with a briefly trained agent."""
@@ -34,7 +43,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pretrained") / "small-pose-2d"
-    assert main(["export", str(run), "--output", str(folder), "--episodes", "16"]) == 0
+    assert (
+        main(["export", str(run), "--output", str(folder), "--episodes", "16", "--margins", "0"])
+        == 0
+    )
     return folder
 
 
@@ -89,7 +101,7 @@ def test_it_comes_with_rans_by_name(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    export(shipped, tmp_path / "pretrained" / "small-pose-2d", "rans")
+    export(shipped, tmp_path / "pretrained" / "small-pose-2d", "rans", margins=0)
     monkeypatch.setattr(rans.pretrained, "FOLDER", tmp_path / "pretrained")
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
@@ -105,7 +117,9 @@ def test_it_comes_with_rans_by_name(
 
 def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
     before = json.loads((shipped / "card.json").read_text("utf-8"))
-    assert export(shipped, tmp_path / "again", "numpy", episodes=1) == before | {"name": "again"}
+    assert export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before | {
+        "name": "again"
+    }
 
 
 def test_what_comes_with_the_package_is_exported_already(
@@ -120,7 +134,7 @@ def test_what_comes_with_the_package_is_exported_already(
 def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:
     """A shipped agent is no file of Stable-Baselines3; its export is, and the same agent."""
     folder = tmp_path / "go-to-pose-2d"
-    assert main(["export", "go-to-pose-2d", "--output", str(folder)]) == 0
+    assert main(["export", "go-to-pose-2d", "--output", str(folder), "--margins", "0"]) == 0
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     expected = contestant("pretrained:go-to-pose-2d").controller.act(None, None, observations)
     again = load_agent(folder).controller.act(None, None, observations)
@@ -134,7 +148,12 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
     run: Path, shipped: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "small"
-    assert main(["export", str(shipped), "--format", "rans", "--output", str(folder)]) == 0
+    assert (
+        main(
+            ["export", str(shipped), "--format", "rans", "--output", str(folder), "--margins", "0"]
+        )
+        == 0
+    )
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     expected = load_agent(run).controller.act(None, None, observations)
     np.testing.assert_array_equal(
@@ -168,16 +187,16 @@ def test_an_agent_leaves_whole(
 
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
-        export(run, run)
+        export(run, run, margins=0)
     odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
     (odd / "card.json").unlink()
     with pytest.raises(ConfigError, match=r"has no metrics\.jsonl and no card"):
-        export(odd, tmp_path / "again")
+        export(odd, tmp_path / "again", margins=0)
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "policy.zip").unlink()
     with pytest.raises(ConfigError, match=r"has no policy\.zip: its training has not come"):
-        export(bare, tmp_path / "again")
+        export(bare, tmp_path / "again", margins=0)
 
 
 def test_a_copy_of_the_sources_that_is_not_installed(
@@ -187,7 +206,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(
         raise PackageNotFoundError(package)
 
     monkeypatch.setattr("rans.files.version", unknown)
-    export(run, tmp_path / "first", episodes=2)
+    export(run, tmp_path / "first", episodes=2, margins=0)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"
 
@@ -197,16 +216,16 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     folder = tmp_path / "agents"
     other = tmp_path / "other"
     tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
-    export(run, folder, "numpy", episodes=4)
-    export(run, folder, "onnx", episodes=4)
+    export(run, folder, "numpy", episodes=4, margins=0)
+    export(run, folder, "onnx", episodes=4, margins=0)
     before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
     with pytest.raises(
         ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"
     ):
-        export(other, folder, "onnx", episodes=4)
+        export(other, folder, "onnx", episodes=4, margins=0)
     with pytest.raises(ConfigError, match="other is the run folder of a training"):
-        export(run, other, episodes=4)
+        export(run, other, episodes=4, margins=0)
     assert before == {file: file.read_bytes() for file in before}
     (folder / "agent.onnx").unlink()
-    export(other, folder, "numpy", episodes=4)
+    export(other, folder, "numpy", episodes=4, margins=0)
     assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]

@@ -20,13 +20,13 @@ from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.randomization.case import Influences
 from rans.randomization.conditions import (
     Conditions,
     DisturbanceConditions,
     FaultConditions,
     ThrusterConditions,
 )
+from rans.randomization.parameters import StepInputs
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -222,7 +222,7 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     start = scenarios(GoToPose(), craft, 0, 1).start
     spin = fastest(craft, world.timing) / math.sqrt(3)
     start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
-    told = Influences(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
+    told = StepInputs(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
     ends = [
         World(Setup(craft, GoToPose(), Timing(0.2, substeps=n))).move(start, told)[-1]
         for n in (number, 8 * number, 1)

@@ -61,12 +61,14 @@ def edited(old: str, new: str) -> str:
 
 def test_shipped_spacecraft_are_found() -> None:
     assert spacecraft_names() == [
+        "afrl-deputy",
         "atmos",
         "floating-platform",
         "floating-platform-air-tank",
         "floating-platform-shared",
         "free-flyer",
         "free-flyer-shared",
+        "mars-lander-steered",
     ]
 
 

@@ -13,16 +13,16 @@ from scipy import stats
 from rans.episode import Episode, Setup, World
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.randomization.case import draw
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.randomization.faults import fault_sets
+from rans.randomization.parameters import draw
 from rans.scenario import draws
-from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
+from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, parameters
 
 
 def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -> Any:
     """Gains and leaks, (thrusters, N) each."""
-    body = case(Conditions(faults=conditions), count=count).body_at(time)
+    body = parameters(Conditions(faults=conditions), count=count).body_at(time)
     return [np.array([np.broadcast_to(x, count) for x in part]) for part in (body.gain, body.leak)]
 
 
@@ -79,9 +79,9 @@ def test_sets_that_are_recoverable_or_not_are_each_as_likely(
         with pytest.raises(
             ConfigError, match=f"un.* of 1 {kind} thruster, but .* has none; `rans faults`"
         ):
-            case(Conditions(faults=faults), dimension)
+            parameters(Conditions(faults=faults), dimension)
         return
-    body = case(Conditions(faults=faults), dimension).body_at(0.0)
+    body = parameters(Conditions(faults=faults), dimension).body_at(0.0)
     hit = np.array([np.broadcast_to(x, COUNT) for x in body.gain]) == 0.0
     assert (
         np.array([np.broadcast_to(x, COUNT) for x in body.leak])[hit] == (kind == "stuck-open")
@@ -108,7 +108,7 @@ def test_kinds_with_sets_of_their_own_keep_them() -> None:
     faults = FaultConditions(1.0, ("dead", "stuck-open"), among="recoverable")
     own = draws(11, COUNT)
     world = World(Setup(strong, TASK, conditions=Conditions(faults=faults)))
-    body = world.recalled(Episode(None, None), own).case.body_at(0.0)  # type: ignore[union-attr]
+    body = world.recalled(Episode(None, None), own).parameters.body_at(0.0)  # type: ignore[union-attr]
     assert (np.array(body.gain[0]) == 0.0).any()
     assert not np.array(body.leak[0]).any()
     dead = (np.array(body.gain) == 0.0) & (np.array(body.leak) == 0.0)
@@ -128,7 +128,7 @@ def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
         thrusters=ThrusterConditions(thrust=(0.7, 0.9)),
         faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=5.0),
     )
-    found = case(drawn, count=50)
+    found = parameters(drawn, count=50)
     sound = found.body_at(0.0)
     failed = found.body_at(5.0)
     whole = np.array(failed.gain) + np.array(failed.leak)

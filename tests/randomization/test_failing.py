@@ -16,7 +16,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, at_once
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.timing import Timing
-from rans.randomization.case import Failing, Influences
+from rans.randomization.parameters import Failing, StepInputs
 from rans.randomization.valves import Lag, failing
 from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -73,7 +73,7 @@ class Period:
         commands = random.integers(0, most + 1, (4, thrusters)) / most
         told = tuple(tuple(row) for row in commands.tolist())
         within = lag is not None and lag.latest < PERIOD
-        self._sound = Influences(Body.of(craft), told[:2] if within else told, lag)
+        self._sound = StepInputs(Body.of(craft), told[:2] if within else told, lag)
         self._start = STARTS[dimension]
         self.world = World(Setup(craft, GoToPose(), Timing(PERIOD, substeps=4)))
         self.sound = self._sound.body

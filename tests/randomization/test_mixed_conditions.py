@@ -13,7 +13,6 @@ from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.case import Case
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
@@ -22,6 +21,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.randomization.parameters import EpisodeParameters
 from rans.structure import structure
 from rans.tasks import GoToPose
 
@@ -33,12 +33,12 @@ MIXED = replace(LATE, others=(HEAVY, NOISY, Conditions()))
 COUNT = 40_000
 
 
-def drawn(conditions: Conditions, dtype: type = np.float64) -> Case:
+def drawn(conditions: Conditions, dtype: type = np.float64) -> EpisodeParameters:
     draws = Draws(1, 2, np.arange(COUNT, dtype=np.int32), 0, dtype)
     case = (
         World(Setup(PLATFORM, GoToPose(), conditions=conditions))
         .recalled(Episode(None, None), draws)
-        .case
+        .parameters
     )
     assert case is not None
     return case

@@ -91,7 +91,7 @@ def test_attitudes_err_about_the_axes_of_the_body() -> None:
         level = replace(now, state=replace(now.state, attitude=upright))
         error = rotations(world.sensed(level, own).attitude)
         if what == "bias":
-            drawn: Any = now.case.sensors.bias[1]  # type: ignore[index, union-attr]
+            drawn: Any = now.parameters.sensors.bias[1]  # type: ignore[index, union-attr]
             expected = np.stack(drawn.columns(), axis=1)
             np.testing.assert_allclose(error.as_rotvec(), expected, rtol=0, atol=1e-12)
         told = rotations(world.sensed(now, own).attitude)
@@ -156,7 +156,7 @@ def test_outages_end_before_the_next_begins(wrong: dict[str, Any]) -> None:
 @BOTH
 def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None:
     world, own, now = begun(Conditions(sensors=SensorsConditions(delay=(0.0, 3.0))), dimension, 40)
-    delay = np.asarray(now.case.sensors.delay)  # type: ignore[union-attr]
+    delay = np.asarray(now.parameters.sensors.delay)  # type: ignore[union-attr]
     assert sorted(set(delay)) == [0.0, 1.0, 2.0, 3.0]
     track = [np.array(leaves(now.state))]
     for k in range(8):

@@ -12,7 +12,7 @@ import pytest
 
 import rans.episode
 import rans.model.dynamics
-import rans.randomization.case
+import rans.randomization.parameters
 import rans.randomization.valves
 from rans.flight import Flight
 from rans.model.dynamics import Wrench
@@ -43,9 +43,9 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.randomization.case.pieces
+        true = rans.randomization.parameters.pieces
         monkeypatch.setattr(
-            rans.randomization.case,
+            rans.randomization.parameters,
             "pieces",
             lambda craft, body, commands, lag, period: true(
                 craft, body, commands, change(lag), period
@@ -64,9 +64,9 @@ swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.randomization.case.pieces
+    true = rans.randomization.parameters.pieces
     monkeypatch.setattr(
-        rans.randomization.case,
+        rans.randomization.parameters,
         "pieces",
         lambda craft, body, commands, *rest: true(
             craft, body, (commands[0], *reversed(commands[1:])), *rest
@@ -92,10 +92,10 @@ def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.randomization.case.failing
+    true = rans.randomization.parameters.failing
     period = 0.2
     monkeypatch.setattr(
-        rans.randomization.case,
+        rans.randomization.parameters,
         "failing",
         lambda sound, failed, instant: true(sound, failed, np.ceil(instant / period) * period),
     )

@@ -14,6 +14,15 @@ from rans.model.actuators import Throttle
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import spacecraft_names
+from rans.tasks import TASKS
+
+OWN_CRAFT = {name: TASKS[name].spacecraft for name in TASKS if TASKS[name].spacecraft}
+"""Missions that only a craft of their own can fly, which tests of their own do."""
+ANY_CRAFT = [name for name in TASKS if name not in OWN_CRAFT]
+"""Tasks that every craft of the right dimension flies."""
+FREE_CRAFT = [name for name in spacecraft_names() if name not in OWN_CRAFT.values()]
+"""Craft that fly every task."""
 
 Tensor = tuple[tuple[float, float, float], ...]
 Triple = tuple[float, float, float]

@@ -32,5 +32,5 @@ def begun(
     return world, own, world.begin(starts.start, starts.goal, 0, own)
 
 
-def case(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> Any:
-    return begun(conditions, dimension, count)[2].case
+def parameters(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> Any:
+    return begun(conditions, dimension, count)[2].parameters

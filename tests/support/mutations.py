@@ -15,7 +15,7 @@ import rans.episode
 import rans.model.dynamics
 import rans.model.fields
 import rans.model.rotation
-import rans.randomization.case
+import rans.randomization.parameters
 import rans.randomization.sensors
 import rans.tasks.go_to_pose
 import validation.study.dynamics
@@ -304,7 +304,9 @@ def torques_to_one_side(true: Any, random: Random, size: Any) -> Any:
 
 def pushes_from_the_stream_of_swings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(
-        rans.randomization.case._STREAMS, "push", rans.randomization.case._STREAMS["swing"]
+        rans.randomization.parameters._STREAMS,
+        "push",
+        rans.randomization.parameters._STREAMS["swing"],
     )
 
 
@@ -394,7 +396,11 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
     ),
     (PLANE, changed(World, "influences", a_period_early), "onsets"),
     (SPACE, changed(World, "influences", a_period_late), "onsets"),
-    (PLANE, changed(rans.randomization.case.Hold, "obeyed", valves_that_need_not_stay), "onsets"),
+    (
+        PLANE,
+        changed(rans.randomization.parameters.MinimumDwell, "obeyed", valves_that_need_not_stay),
+        "onsets",
+    ),
     (PLANE, changed(rans.episode, "Transition", reward_of_the_state_before), "tasks"),
     (SPACE, changed(Prices, "prices", a_price_left_out), "tasks"),
     (PLANE, changed(rans.tasks.go_to_pose, "nearness", reward_of_one_scale), "tasks"),

@@ -9,16 +9,23 @@ import numpy as np
 import pytest
 
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
-from tests.support.crafts import random_states
+from rans.tasks.rewards import Transition
+from tests.support.crafts import ANY_CRAFT, FREE_CRAFT, random_states
 
 COUNT = 64
 """Spacecraft in every batch."""
 
 
-@pytest.fixture(params=sorted(TASKS))
+def arrival(state: Any, goal: Any, command: Any, previous: Any) -> Transition:
+    """A control period of 0.2 s that ends in the state it began in, of thrusters of 1 N."""
+    forces = (1.0,) * len(command)
+    return Transition(state, goal, tuple(command), tuple(previous), state, 0.2, forces)
+
+
+@pytest.fixture(params=sorted(ANY_CRAFT))
 def task(request: pytest.FixtureRequest) -> Any:
     return priced(TASKS[request.param]())
 
@@ -32,7 +39,7 @@ def priced(task: Any) -> Any:
     )
 
 
-@pytest.fixture(params=spacecraft_names())
+@pytest.fixture(params=FREE_CRAFT)
 def craft(request: pytest.FixtureRequest) -> Spacecraft:
     return load_spacecraft(request.param)
 

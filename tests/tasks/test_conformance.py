@@ -24,8 +24,7 @@ from rans.tasks import (
 )
 from rans.tasks.base import UNITS
 from rans.tasks.derived import residual
-from rans.tasks.rewards import Transition
-from tests.tasks.conftest import COUNT
+from tests.tasks.conftest import COUNT, arrival
 
 PAPER_WIDTH = {2: 10, 3: 22}
 """Section 3.2 of the paper."""
@@ -36,7 +35,7 @@ def everything(task: Any, state: Any, goal: Any, command: Any, previous: Any) ->
     numbered = {f"observation {i}": x for i, x in enumerate(observation(task, state, goal))}
     residual = {f"residual {i}": x for i, x in enumerate(data(task, state, goal))}
     errors = {f"error {name}": x for name, x in task.errors(state, goal).items()}
-    reward = task.reward(Transition(state, goal, command, previous))
+    reward = task.reward(arrival(state, goal, command, previous))
     terms = {f"reward {name}": x for name, x in reward.items()}
     flags = {"failed": task.failed(state, goal), "reached": task.reached(state, goal)}
     return {**numbered, **residual, **errors, **terms, **flags}
@@ -139,9 +138,9 @@ def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: 
     numbers = [[float(c[5]) for c in command] for command in commands]
     x, *pairs = (casadi.SX.sym("x", len(values)) for values in (here, *numbers))
     symbolic = unflatten(state, casadi.vertsplit(x))
-    terms = task.reward(Transition(symbolic, goal, *map(casadi.vertsplit, pairs)))
+    terms = task.reward(arrival(symbolic, goal, *map(casadi.vertsplit, pairs)))
     traced = casadi.Function("reward", [x, *pairs], [casadi.vertcat(*terms.values())])
-    expected = task.reward(Transition(state, goal, tuple(numbers[0]), tuple(numbers[1])))
+    expected = task.reward(arrival(state, goal, *numbers))
     assert terms.keys() == expected.keys()
     # last digits of exp and atan2
     np.testing.assert_allclose(
@@ -214,8 +213,8 @@ def drawn(task: Any, goal: Any) -> Any:
 
 def test_reward_is_best_at_the_goal(task: Any, states: Any, goals: Any, commands: Any) -> None:
     idle = tuple(0.0 * c for c in commands[0])
-    there = np.sum(list(task.reward(Transition(goals, goals, idle, idle)).values()), axis=0)
-    elsewhere = np.sum(list(task.reward(Transition(states, goals, *commands)).values()), axis=0)
+    there = np.sum(list(task.reward(arrival(goals, goals, idle, idle)).values()), axis=0)
+    elsewhere = np.sum(list(task.reward(arrival(states, goals, *commands)).values()), axis=0)
     assert (there > elsewhere).all()
 
 

@@ -15,6 +15,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose, GoToPosePriced, SingleTask
 from rans.tasks.rewards import Prices, Transition, nearness
+from tests.support.crafts import ANY_CRAFT
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
@@ -46,7 +47,7 @@ def test_a_price_of_zero_is_no_term(name: str) -> None:
     "kind",
     [
         kind
-        for kind in TASKS.values()
+        for kind in map(TASKS.__getitem__, ANY_CRAFT)
         if issubclass(kind, SingleTask) and kind is not GoToPosePriced
     ],
 )

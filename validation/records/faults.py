@@ -97,7 +97,7 @@ def met(
     task = setup.task
     own = draws(seed, episodes)
     world = World(Setup(setup.craft, task, setup.timing, Conditions(faults=faults).or_none))
-    case = world.recalled(Episode(None, None), own).case
+    case = world.recalled(Episode(None, None), own).parameters
     health = [Health.sound(setup.craft)] * episodes
     if case is not None:
         left = [

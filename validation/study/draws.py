@@ -110,7 +110,7 @@ def _case(craft: Spacecraft, conditions: Conditions, seed: int) -> Any:
     task = GoToPose()
     starts = scenarios(task, craft, seed, _COUNT)
     world = World(Setup(craft, task, conditions=conditions))
-    return world.begin(starts.start, starts.goal, 0, draws(seed, _COUNT)).case
+    return world.begin(starts.start, starts.goal, 0, draws(seed, _COUNT)).parameters
 
 
 def _scenario(craft: Spacecraft, seed: int) -> Ranged:

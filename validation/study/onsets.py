@@ -105,7 +105,7 @@ def _swing_check(craft: Spacecraft, seed: int) -> Check:
     period = 8.0
     force = 0.05 * craft.mass
     swing = Conditions(disturbances=DisturbanceConditions(slow_force=force, slow_period=period))
-    drawn = _begun(craft, swing, seed, _FLIGHTS).case.swing
+    drawn = _begun(craft, swing, seed, _FLIGHTS).parameters.swing
     flight = _flown(craft, swing, Told(craft), seed, 20)
     rate = 2.0 * np.pi / period
     gained = (np.cos(drawn.phase) - np.cos(rate * flight.times[:, None] + drawn.phase)) / rate

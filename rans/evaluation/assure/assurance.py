@@ -20,6 +20,7 @@ from rans.evaluation.assure.replay import Replays, replays
 from rans.evaluation.assure.search import Searched, on_device, searched, unit
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
+from rans.evaluation.fly.controllers import split_policy
 from rans.fast.distributed import ALONE, Processes
 from rans.files import environment as this_environment
 from rans.files import read_json
@@ -49,6 +50,10 @@ class Assurance:
     """Command line that made the assurance."""
     environment: dict[str, str] = field(default_factory=this_environment)
     """Environment of the machine that flew last; another may fly the failures again."""
+    trust: bool = False
+    """Whether the policy may be a pickle, which runs the code in it."""
+    given: LoadedRun | None = None
+    """Agent or controller to fly instead of the one of that name."""
 
     @cached_property
     def run(self) -> LoadedRun:
@@ -57,11 +62,9 @@ class Assurance:
         Raises:
             ConfigError: there is no such agent, or it has several tasks, of which none was picked.
         """
-        found = contestant(self.spec).under(self.conditions)
-        if not isinstance(found.controller, Agent):
-            raise ConfigError(
-                f"{self.spec} is no trained agent: name a run folder, or pretrained:NAME."
-            )
+        if self.given is not None:
+            return self.given
+        found = contestant(self.spec, trust=self.trust).under(self.conditions)
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
                 f"{self.spec} has several tasks, and each is assured by itself: name one of "
@@ -72,7 +75,22 @@ class Assurance:
     @cached_property
     def hashes(self) -> dict[str, str]:
         """See `rans.evaluation.assure.evidence.hashes`."""
-        return hashes(self.spec, self.run.judged)
+        network = self._network
+        return hashes(self.spec if network is not None else "", self.run.judged, self._file)
+
+    @property
+    def _file(self) -> Path | None:
+        """File of a policy made elsewhere; None: it has none."""
+        kind, _, name = split_policy(self.spec)[0].partition(":")
+        return Path(name) if kind in ("sb3", "onnx") and Path(name).is_file() else None
+
+    def __repr__(self) -> str:
+        bound = self.campaign.bound()
+        return (
+            f"<Assurance of {self.spec}: {bound.events:,} of {bound.flights:,} flights failed, "
+            f"probability of failure {bound.low:.2g} to {bound.high:.2g} at "
+            f"{self.campaign.plan.confidence:.3g} confidence>"
+        )
 
     @property
     def about(self) -> dict[str, Any]:
@@ -100,7 +118,8 @@ class Assurance:
             self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
         progress = stages("flights", self.campaign.plan.flights)
         progress(self.campaign.flights)
-        self.campaign.fly(self._network, self.run.judged, device, progress, keep, processes)
+        policy = self._network or self.run.controller
+        self.campaign.fly(policy, self.run.judged, device, progress, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""
@@ -112,7 +131,7 @@ class Assurance:
     def sample(self, count: int, device: str) -> None:
         """Estimate the probability of failure by so many flights where failures are likely."""
         chances = Chances.of(self.run.judged)
-        network = on_device(self._network, device)
+        network = on_device(self._needed_network("importance sampling"), device)
         self.rare = rare(
             chances.scores(network, torch.device(device)),
             len(chances.places),
@@ -126,16 +145,25 @@ class Assurance:
             world,
             unit(world),
             self.run.controller,
-            on_device(self._network, device),
+            on_device(self._needed_network("the search for the worst case"), device),
             self.run.judged,
             self.campaign.seed,
             progress,
         )
 
     @property
-    def _network(self) -> Network:
-        agent: Any = self.run.controller
-        return agent.network
+    def _network(self) -> Network | None:
+        """The network of a trained agent; None: this is another controller."""
+        controller = self.run.controller
+        return controller.network if isinstance(controller, Agent) else None
+
+    def _needed_network(self, needed_for: str) -> Network:
+        network = self._network
+        if network is None:
+            raise ConfigError(
+                f"{needed_for} needs an agent that RANS trained; {self.spec} is another controller."
+            )
+        return network
 
     def view(self, number: int) -> str:
         """The command that shows a flight again."""
@@ -221,8 +249,17 @@ def _bound(bound: Bound) -> dict[str, float]:
     }
 
 
-def made(spec: str, conditions: str | None, plan: Plan, seed: int, command: str) -> Assurance:
+def made(
+    spec: str, conditions: str | None, plan: Plan, seed: int, command: str, trust: bool = False
+) -> Assurance:
     """An assurance of which nothing is flown yet; `ConfigError` see `Assurance.run`."""
-    new = Assurance(spec, conditions, Campaign(plan, seed), command=command)
+    new = Assurance(spec, conditions, Campaign(plan, seed), command=command, trust=trust)
     _ = new.run
     return new
+
+
+def chosen_device(device: str) -> str:
+    """The torch device of "auto", "cpu" or "cuda": a GPU if there is one."""
+    if device != "auto":
+        return device
+    return "cuda" if torch.cuda.is_available() else "cpu"

@@ -8,13 +8,15 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, cast
 
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
+from rans.evaluation.assure.fleet import ControllerFleet
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
+from rans.flight import Controller
 from rans.flight_statistics import FlightStatistics
 from rans.policy.network import Network
 from rans.progress import Progress, unseen
@@ -78,7 +80,7 @@ class Campaign:
 
     def fly(
         self,
-        network: Network,
+        policy: Network | Controller,
         setup: Setup,
         device: str,
         progress: Progress = unseen,
@@ -88,14 +90,18 @@ class Campaign:
         """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
 
         Args:
-            network: of one member.
+            policy: a network of one member, or any controller, which flies in NumPy on the CPU.
             setup: what flies, with the starts to fly from.
             device: torch device.
             progress: reports flights.
             keep: called after every part.
             processes: those that share the flights, and all learn of all.
         """
-        fleet = Flights(network, setup, device, listed=LISTED)
+        fleet: Flights | ControllerFleet
+        if hasattr(policy, "act"):
+            fleet = ControllerFleet(cast("Controller", policy), setup, LISTED)
+        else:
+            fleet = Flights(cast("Network", policy), setup, device, listed=LISTED)
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
@@ -148,7 +154,7 @@ class Campaign:
 
 
 def _parts(
-    fleet: Flights, first: int, end: int, seed: int, processes: Processes
+    fleet: Flights | ControllerFleet, first: int, end: int, seed: int, processes: Processes
 ) -> Generator[FlightStatistics]:
     """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together."""
     if processes.size == 1:

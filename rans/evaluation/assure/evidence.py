@@ -10,22 +10,36 @@ import rans
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import agent_folder
 from rans.fast.learn.run_folder import RunFolder
+from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text
 
 
-def hashes(spec: str, setup: Setup) -> dict[str, str]:
+def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
     """SHA-256 of everything that decides how flights end, by name.
 
     Weights and spacecraft are those of the files, as ``sha256sum`` prints them; conditions those of the text
     that `conditions_text` gives; the code is all source files of the package, by their names.
+
+    Args:
+        spec: text of a trained agent; empty: it is another controller.
+        setup: what it flies.
+        file: such a controller's own file; None: it has none, and only what it flies is told.
     """
-    run = RunFolder(agent_folder(spec))
+    if spec:
+        run = RunFolder(agent_folder(spec))
+        files = {
+            f"weights ({run.agent_file.name})": sha256([run.agent_file.read_bytes()]),
+            "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
+        }
+    else:
+        files = {"spacecraft": sha256([to_toml(setup.craft).encode()])}
+        if file is not None:
+            files |= {f"policy ({file.name})": sha256([file.read_bytes()])}
     package = Path(rans.__file__).parent
     code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
     return {
-        f"weights ({run.agent_file.name})": sha256([run.agent_file.read_bytes()]),
-        "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
+        **files,
         "task and timing": sha256([repr(setup[1:3]).encode()]),
         "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),
         "code of RANS": sha256(

@@ -268,34 +268,40 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     craft = chances.setup.craft
     world = World(chances.setup)
     start, goal = world.scenario(draws.first * 0, draws)
-    case: Any = world.begin(start, goal, draws.first * 0, draws).case
+    parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
     given = Conditions() if conditions is None else conditions
     said = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
     if given.body != BodyConditions():
         shares = (
-            _one(case.body.mass) / craft.mass,
-            _one(case.body.inertia[-1]) / craft.inertia[2][2],
+            _one(parameters.body.mass) / craft.mass,
+            _one(parameters.body.inertia[-1]) / craft.inertia[2][2],
         )
         said["body"] = (
             f"mass {shares[0]:.3f} and inertia {shares[1]:.3f} of the designed, centre of mass "
-            f"{100.0 * _size(case.body.centre):.2g} cm off"
+            f"{100.0 * _size(parameters.body.centre):.2g} cm off"
         )
     if (
         replace(given.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
         != ThrusterConditions()
     ):
-        said["thrust"] = ", ".join(f"{_one(x):.3f}" for x in case.body.gain) + " of the designed"
-    if case.lag is not None:
-        rise = 0.0 if case.lag.rise is None else _one(case.lag.rise)
-        late = _one(case.lag.latency)
+        said["thrust"] = (
+            ", ".join(f"{_one(x):.3f}" for x in parameters.body.gain) + " of the designed"
+        )
+    if parameters.lag is not None:
+        rise = 0.0 if parameters.lag.rise is None else _one(parameters.lag.rise)
+        late = _one(parameters.lag.latency)
         said["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
-    if case.push is not None:
-        torque = case.push.torque.columns() if craft.dimension == 3 else (case.push.torque,)
-        said["steady push"] = f"{_size(case.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
-    if case.sensors is not None and case.sensors.noise is not None:
+    if parameters.push is not None:
+        torque = (
+            parameters.push.torque.columns() if craft.dimension == 3 else (parameters.push.torque,)
+        )
+        said["steady push"] = (
+            f"{_size(parameters.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
+        )
+    if parameters.sensors is not None and parameters.sensors.noise is not None:
         units = ("m", "rad", "m/s", "rad/s")
         said["noise"] = ", ".join(
-            f"{_one(x):.2g} {unit}" for x, unit in zip(case.sensors.noise, units, strict=True)
+            f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
         )
     return said
 

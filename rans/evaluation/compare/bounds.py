@@ -52,22 +52,24 @@ _LONGEST = 25.0
 
 
 Kind = Literal["arrival", "settling"]
+"""What a bound of its own exists of."""
 
 
 class Event(NamedTuple):
     """What numbers are about; those of different events are not compared."""
 
-    kind: Kind = "arrival"
-    """In the goal set, which asks for rest (see `goal_set`); or within the task's tolerances for good."""
+    kind: Kind | Literal["staying"] = "arrival"
+    """Arrival: in the goal set, which asks for rest (see `goal_set`), whatever follows. Settling: within the
+    task's tolerances for good. Staying: in the goal set for good."""
     horizon: float | None = None
     """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
 
     @property
     def text(self) -> str:
         """As a heading, without units."""
-        return (
-            f"time of {self.kind}" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
-        )
+        if self.horizon is not None:
+            return f"thrust-time by {self.horizon:g} s"
+        return "time of arrival for good" if self.kind == "staying" else f"time of {self.kind}"
 
 
 class Question(NamedTuple):
@@ -170,8 +172,11 @@ def question(
     """What is asked about an event from one start.
 
     Raises:
-        ConfigError: see `goal_set`; or the event is thrust-time to settle by a horizon.
+        ConfigError: see `goal_set`; or the event is thrust-time to settle by a horizon, or staying, whose
+            bound is the greater one of arrival and settling.
     """
+    if event.kind == "staying":
+        raise ConfigError("staying has no bound of its own: ask for those of arrival and settling.")
     if event.kind == "arrival":
         wanted = aims(task)
         goals = goal_set(task)

@@ -15,7 +15,15 @@ from rans.episode import Setup
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
 from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
-from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
+from rans.evaluation.measure.metrics import (
+    arrival_times,
+    final_errors,
+    forces,
+    in_goal_set,
+    returns,
+    settling_times,
+    staying_times,
+)
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -24,7 +32,6 @@ from rans.progress import Progress, unseen
 from rans.randomization.conditions import Conditions
 from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
-from rans.tasks.goal_set import arrived
 
 _TIMED_STARTS = 4
 
@@ -143,8 +150,8 @@ class Entry:
 
     @cached_property
     def at_goal(self) -> np.ndarray:
-        """(T + 1, N), see `arrived`."""
-        return arrived(self.flight.task, self.flight.states, self.flight.goals)
+        """(T + 1, N) whether flights are in the goal set, see `rans.tasks.goal_set.arrived`."""
+        return in_goal_set(self.flight)
 
     @cached_property
     def spent(self) -> np.ndarray:
@@ -155,8 +162,17 @@ class Entry:
     @cached_property
     def arrival(self) -> np.ndarray:
         """First time in the goal set, (N,) s; infinite if never."""
-        first = self.at_goal.argmax(axis=0)
-        return np.where(self.at_goal.any(axis=0), first * self._period, np.inf)
+        return arrival_times(self.flight)
+
+    @cached_property
+    def staying(self) -> np.ndarray:
+        """Time since which flights are in the goal set at every instant to the end, (N,) s; or infinite."""
+        return staying_times(self.flight)
+
+    @cached_property
+    def stays(self) -> np.ndarray:
+        """(N,) whether flights are in the goal set at every instant from the first one on."""
+        return np.isfinite(self.staying) & (self.staying == self.arrival)
 
     @cached_property
     def arrival_thrust(self) -> np.ndarray:
@@ -165,19 +181,34 @@ class Entry:
         return np.where(np.isfinite(self.arrival), spent, np.inf)
 
     def thrust_by(self, horizon: float) -> np.ndarray:
-        """Thrust-time of a flight that is in the goal set at this time, (N,) N s; infinite elsewhere."""
+        """Thrust-time until a horizon (s) of flights in the goal set by then, (N,) N s; else infinite.
+
+        A flight that begins at rest is there by the horizon if it was in the goal set at any instant up to
+        it: it could have waited first and been there at the horizon on the same thrust, so that no bound of
+        being there at the horizon is above what it has spent. One that begins moving cannot wait; it must be
+        in the goal set at the horizon itself.
+        """
         k = whole_periods(horizon, self._period)
-        return np.where(self.at_goal[k], self.spent[k], np.inf)
+        there = np.where(self._begins_at_rest, self.at_goal[: k + 1].any(axis=0), self.at_goal[k])
+        return np.where(there, self.spent[k], np.inf)
+
+    @cached_property
+    def _begins_at_rest(self) -> np.ndarray:
+        """(N,) whether a flight begins with neither velocity nor spin."""
+        rates = (*self.flight.states.v.columns(), *self.flight.states.spin())
+        return np.all([rate[0] == 0.0 for rate in rates], axis=0)
 
     def amounts(self, event: Event) -> Amounts:
         """What a bound of an event is compared with."""
         if event == Event():
             return Amounts(event, self.arrival)
-        if event.horizon is None:
+        if event == Event("staying"):
+            return Amounts(event, np.where(self._turns_unseen, np.inf, self.staying))
+        if event == Event("settling"):
             return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
-        if event.kind == "settling":
+        if event.kind != "arrival" or event.horizon is None:
             raise ConfigError(
-                "thrust-time by a horizon is scored for arrival only, not for settling."
+                f"thrust-time by a horizon is scored for arrival only, not for {event.kind}."
             )
         return Amounts(event, self.thrust_by(event.horizon))
 

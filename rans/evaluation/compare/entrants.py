@@ -11,18 +11,20 @@ from typing import Any, cast
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
     CheckedController,
+    GivenPolicy,
     Maker,
     controller,
     is_user_policy,
 )
 from rans.evaluation.fly.episodes import EngineName
+from rans.evaluation.fly.exported import OBSERVERS, is_exported
 from rans.evaluation.fly.knob import without_knob
-from rans.evaluation.fly.lookahead import PREFIX
+from rans.evaluation.fly.lookahead import PREFIX, Lookahead
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
@@ -42,22 +44,31 @@ _UNTUNED = "none: default settings"
 _UNKNOWN = "not known"
 
 
-def invitations(contestants: Sequence[object]) -> tuple[str, list[str | Guest]]:
-    """The name of the first contestant, and all of them as `enlisted` takes them.
+Invited = str | LoadedRun | Guest
+"""A contestant as `enlisted` takes it: by its text, with its setup, or made for the contest's setup."""
+
+
+def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[Invited]]:
+    """The first contestant, and all of them as `enlisted` takes them.
 
     Raises:
-        ConfigError: there is none, the first one is not named, or one is neither a name nor a controller.
+        ConfigError: there is none, the first one knows no task, or one is neither a name nor a controller.
     """
     if not contestants:
         raise ConfigError("name at least one contestant, for example the folder of a run.")
-    invited: list[Any] = [str(one) if isinstance(one, PathLike) else one for one in contestants]
+    invited: list[Any] = [_invited(one) for one in contestants]
     for one in invited:
-        if not (isinstance(one, str) or callable(one) or hasattr(one, "act")):
+        if not (
+            isinstance(one, str | LoadedRun)
+            or callable(one)
+            or hasattr(one, "act")
+            or hasattr(one, "predict")
+        ):
             raise ConfigError(
                 "a contestant is a name, a run folder, a controller or what makes one of "
                 f"spacecraft, task and timing, got {brief(one)}."
             )
-    if not isinstance(first := invited[0], str):
+    if not isinstance(first := invited[0], str | LoadedRun):
         raise ConfigError(
             "the first contestant gives task, spacecraft and rate, which a controller does not "
             f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
@@ -65,12 +76,23 @@ def invitations(contestants: Sequence[object]) -> tuple[str, list[str | Guest]]:
     return first, invited
 
 
+def _invited(given: object) -> object:
+    """A path as a text; an agent as the text that names it, or the run that it is."""
+    if isinstance(given, PathLike):
+        return str(given)
+    run = run_of(given)
+    if run is None or isinstance(given, Lookahead):
+        return given
+    return getattr(given, "spec", "") or run
+
+
 def contest_of(
-    spec: str,
+    spec: str | LoadedRun,
     episodes: int,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
     conditions: str | Path | Conditions | None = None,
+    trust: bool = False,
 ) -> Contest:
     """The setup of the first contestant, for all others too.
 
@@ -80,7 +102,10 @@ def contest_of(
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    run = _single(spec, contestant(spec)).under(conditions)
+    if isinstance(spec, str):
+        run = _single(spec, contestant(spec, trust=trust)).under(conditions)
+    else:
+        run = _single(spec.controller.name, spec).under(conditions)
     craft, task, timing, world, _ = run.judged
     seed_words(seed)  # what is wrong here is told once: else every contestant would
     check_dimension(task, craft.dimension)
@@ -106,7 +131,7 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
 
 
 def enlisted(
-    specs: Sequence[str | Guest], contest: Contest, trust: bool = False
+    specs: Sequence[Invited], contest: Contest, trust: bool = False
 ) -> dict[str, Contestant]:
     """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
 
@@ -118,7 +143,12 @@ def enlisted(
         if isinstance(spec, str) and spec in found:
             continue
         try:
-            one = enlist(spec, contest, trust) if isinstance(spec, str) else _guest(spec, contest)
+            if isinstance(spec, str):
+                one = enlist(spec, contest, trust)
+            elif isinstance(spec, LoadedRun):
+                one = _with_setup(spec, contest)
+            else:
+                one = _guest(spec, contest)
         except RansError as error:
             wrong.append(str(error))
             continue
@@ -130,8 +160,19 @@ def enlisted(
     return found
 
 
+def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
+    """A contestant that is an object with its own setup, which must be the contest's."""
+    name = run.controller.name
+    _check_same(name, run, contest)
+    sees = _OBSERVATION if isinstance(run.controller, (Agent, *OBSERVERS)) else _MODEL
+    return Contestant(name, run.controller, sees, _UNKNOWN)
+
+
 def _guest(given: Guest, contest: Contest) -> Contestant:
     """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
+    if hasattr(given, "predict") and not hasattr(given, "act"):  # a model of Stable-Baselines3
+        policy = GivenPolicy(given, contest.craft, contest.task)
+        return Contestant(policy.name, policy, _OBSERVATION, _UNKNOWN)
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)
     made = CheckedController(
@@ -157,6 +198,21 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
     """
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
+    _check_same(spec, run, contest)
+    if name := controller_name(spec):
+        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
+    sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
+    return Contestant(
+        run.controller.name,
+        run.controller,
+        sees,
+        _tuning(spec),
+        getattr(run.controller, "knob", None),
+    )
+
+
+def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
+    """Refuse (`ConfigError`) who is for another task, craft or control period."""
     if type(run.task) is not type(contest.task):
         raise ConfigError(
             f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
@@ -173,16 +229,6 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
             f"{spec} acts every {periods[0]:g} s, but the first contestant every "
             f"{periods[1]:g} s; compare them separately."
         )
-    if name := controller_name(spec):
-        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
-    sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
-    return Contestant(
-        run.controller.name,
-        run.controller,
-        sees,
-        _tuning(spec),
-        getattr(run.controller, "knob", None),
-    )
 
 
 def _tuning(spec: str) -> str:
@@ -190,6 +236,8 @@ def _tuning(spec: str) -> str:
     if is_user_policy(spec):
         return _UNKNOWN
     folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
+    if is_exported(folder) and not (folder / "card.json").exists():
+        return _UNKNOWN
     card = inside(folder, "card.json")
     run = RunFolder(folder)
     if card.exists():

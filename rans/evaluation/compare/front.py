@@ -15,6 +15,7 @@ import numpy as np
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.certified import certify_each
 from rans.evaluation.compare.contest import Contest, Entry
+from rans.evaluation.measure.pareto import epsilon_indicator, hypervolume
 from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.certificate.certificate import Effort
 from rans.progress import Progress, unseen
@@ -29,7 +30,7 @@ class Point(NamedTuple):
     """Somebody's means over all starts; a place between two of them is theirs in proportion."""
 
     time: float
-    """To be at rest in the goal set, s; who never is counts with the whole episode."""
+    """First at rest in the goal set, s; a flight that never is counts with the whole episode."""
     impulse: float
     """Thrust-time of the episode, N s."""
     error: float
@@ -98,8 +99,23 @@ class Multiple(NamedTuple):
     """Mean of the bounds, N s."""
     time: float
     """Mean of when these flights were there, s."""
+    behind: float
+    """By how much both are above the front at once, see `Front.behind`: its mean over the starts."""
+    starts: int
+
+
+class Indicators(NamedTuple):
+    """How much of the certified front a set of flights covers."""
+
     epsilon: float
-    """By how much both are above the front at once, see `Front.epsilon`: its mean over the starts."""
+    """Multiplicative epsilon indicator (`rans.evaluation.measure.pareto.epsilon_indicator`), median over the
+    starts; 1 is the front, infinite where no flight arrives."""
+    hypervolume: float
+    """Dominated area, as a share of that above the certified front, mean over the starts; 1 is the front."""
+    first: float
+    """Time of the first point of the front, s."""
+    last: float
+    """Time of its last point, s."""
     starts: int
 
 
@@ -188,17 +204,17 @@ class Front:
             float(entry.arrival_thrust[starts].sum() / bound),
             bound / len(starts),
             float(entry.arrival[starts].mean()),
-            float(np.mean([self.epsilon(entry, k) for k in starts])),
+            float(np.mean([self.behind(entry, k) for k in starts])),
             len(starts),
         )
 
-    def epsilon(self, entry: Entry, start: int) -> float:
+    def behind(self, entry: Entry, start: int) -> float:
         """The factor f of which is certified that nobody is there f times sooner with f times less impulse.
 
-        It is the multiplicative epsilon by which a flight lies behind the front (Zitzler et al., IEEE Trans.
-        Evol. Comput. 7(2), 2003), or a little more, for the front is known at some times only: who is there
-        less than a period after one of them could have waited first, and is bounded as there. From a start
-        that moves nobody can wait; there it is infinite.
+        It is the distance of one flight from the nearest point of the front, as a factor, and says nothing of
+        the rest of the front: `indicators` does. It may be a little too large, for the front is known at some
+        times only: who is there less than a period after one of them could have waited first, and is bounded
+        as there. From a start that moves nobody can wait; there it is infinite.
         """
         begun = self.contest.start(start).start
         if any(np.any(x) for x in (*begun.v.columns(), *begun.spin())):
@@ -214,6 +230,39 @@ class Front:
             max(own / (time + period), spent / bound) for time, bound in known.items() if bound
         ]
         return min([*behind, own / least] if least else behind, default=math.inf)
+
+    def indicators(self, entries: Sequence[Entry]) -> Indicators | None:
+        """How much of the certified front some flights cover together, None where no front is known.
+
+        From each start the set is that of (arrival, impulse until then) of all these entries. The reference
+        are the bounds at the horizons at which anything can be there: points that nothing dominates, so that
+        the epsilon indicator against what is really possible is no larger. The area is compared with that
+        above the bounds, where the front between two horizons is taken from the later one, so that the share
+        is no larger either. Its corner is the last horizon and twice the impulse of the first one.
+        """
+        known = self._known()
+        epsilons = []
+        shares = []
+        first = math.inf
+        for start in self.starts():
+            bounds = [(t, known[start, Event(horizon=t)]) for t in sorted(self.horizons)]
+            reference = np.array([(t, b) for t, b in bounds if 0.0 < b < math.inf])
+            least = known[start, Event()]
+            if not len(reference) or not 0.0 < least < math.inf:
+                continue
+            first = min(first, float(reference[0, 0]))
+            flown = np.array([(one.arrival[start], one.arrival_thrust[start]) for one in entries])
+            epsilons.append(epsilon_indicator(flown, reference))
+            corner = np.array([reference[-1, 0], 2.0 * reference[0, 1]])
+            since = np.append(min(least, reference[0, 0]), reference[:-1, 0])
+            above = np.column_stack([since, reference[:, 1]])
+            shares.append(hypervolume(flown, corner) / hypervolume(above, corner))
+        if not epsilons:
+            return None
+        last = max(self.horizons)
+        return Indicators(
+            float(np.median(epsilons)), float(np.mean(shares)), first, last, len(shares)
+        )
 
     def impossible(self) -> Iterator[str]:
         """Flights below a bound: each would prove an error of ours."""

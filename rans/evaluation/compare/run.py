@@ -31,13 +31,13 @@ from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import check_goal
 from rans.progress import Stages, unseen_stages
-from rans.tasks.goal_set import aims
+from rans.tasks.goal_set import aims, asks_rest
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
-"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.epsilon`)."""
+"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.behind`)."""
 
 _RELAXED = (0.4, 0.8)
 """Shares of an episode for which the relaxed optimum is found too."""
@@ -78,18 +78,33 @@ class Comparison(NotebookRepr):
     def certified_starts(self) -> list[int]:
         """Numbers of the starts of which every bound is known."""
         counts = [c.start for c in self.certified]
-        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.events())]
+        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.asked())]
 
-    def events(self) -> list[Event]:
-        """What is bounded: the times of arrival at rest and of settling, and thrust-time by each horizon."""
+    def asked(self) -> list[Event]:
+        """What bounds are searched for: times of arrival and of settling, and thrust-time by each horizon."""
         return [
             Event(),
             Event("settling"),
             *(Event(horizon=horizon) for horizon in self.horizons()),
         ]
 
+    def events(self) -> list[Event]:
+        """What flights are measured by: what is asked for, and arrival for good where it asks for rest."""
+        arrival, *others = self.asked()
+        staying = [Event("staying")] if asks_rest(self.contest.task) else []
+        return [arrival, *staying, *others]
+
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
-        """Lower and upper bounds of the certified starts for one event."""
+        """Lower and upper bounds of the certified starts for one event.
+
+        A flight that is in the goal set for good has arrived and has settled, no later: the bound of that is
+        the greater one of both. No controls are known that reach it.
+        """
+        if event == Event("staying"):
+            arrival, _ = self.bounds(Event())
+            settling, _ = self.bounds(Event("settling"))
+            lower = np.maximum(arrival.values, settling.values)
+            return Amounts(event, lower), Amounts(event, np.full_like(lower, np.inf))
         answers = {c.start: c for c in self.certified if c.event == event}
         rows = [answers[k] for k in self.certified_starts()]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
@@ -280,7 +295,7 @@ def _find_certified(
     comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
 ) -> None:
     contest = comparison.contest
-    events = comparison.events()
+    events = comparison.asked()
     if reason := _uncertified(contest):
         comparison.notes.append(reason)
         return

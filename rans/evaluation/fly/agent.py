@@ -89,6 +89,12 @@ class LoadedRun(NamedTuple):
         )
 
 
+def run_of(given: object) -> LoadedRun | None:
+    """The run that an object is, or has as its ``run``, as `rans.Agent` and `Lookahead` do; otherwise None."""
+    found = given if isinstance(given, LoadedRun) else getattr(given, "run", None)
+    return found if isinstance(found, LoadedRun) else None
+
+
 def load_agent(path: Path) -> LoadedRun:
     """The agent in a run folder; `ConfigError` if that holds no run, or no policy that fits its craft."""
     run = RunFolder(path)

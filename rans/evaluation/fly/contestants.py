@@ -10,9 +10,16 @@ from pathlib import Path
 
 from rans.episode import Setup
 from rans.errors import ConfigError, brief, meant
-from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
-from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
+from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent, run_of
+from rans.evaluation.fly.controllers import (
+    CONTROLLERS,
+    controller,
+    is_user_policy,
+    split_policy,
+    user_policy,
+)
+from rans.evaluation.fly.exported import is_exported, load_exported
+from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -22,8 +29,8 @@ from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (
     f"a run folder, pretrained:NAME, either after {PREFIX}:, "
-    f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
-    "MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
+    f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
+    "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
 """What `contestant` understands, for messages."""
 
@@ -45,8 +52,9 @@ def contestant(
             the floating platform or the free flyer, or another spacecraft as in
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
-            position of a knob. Policies made elsewhere (see `user_policy`) know no task of their own:
-            `ConfigError` if they have none.
+            position of a knob. Policies made elsewhere (see `user_policy`) end in the same
+            ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
+            (`rans.evaluation.fly.exported`).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: what policies made elsewhere fly, and a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
@@ -55,14 +63,17 @@ def contestant(
     if default_setup is not None and _is_controller(spec):
         return LoadedRun(controller(spec, default_setup), *default_setup[:4])
     if is_user_policy(spec):
-        if default_setup is None:
+        policy, tail = split_policy(spec)
+        if tail:
+            setup = under_protocol(protocol, _named_setup(policy, tail, spec))
+        elif default_setup is not None:
+            setup = default_setup
+        else:
             raise ConfigError(
-                f"{spec} knows no task: name somebody who does before it, as in rans compare "
-                f"RUN {spec}."
+                f"{spec} knows no task: add one, as in {spec}:go-to-pose-2d, or name before it an "
+                f"agent that has one, as in rans compare RUN {spec}."
             )
-        return LoadedRun(
-            user_policy(spec, default_setup.craft, default_setup.task, trust), *default_setup[:4]
-        )
+        return LoadedRun(user_policy(policy, setup.craft, setup.task, trust), *setup[:4])
     kind, name, part = _parse(spec)
     if kind == PREFIX:
         run = contestant(f"{name}#{part}" if part else name, protocol)
@@ -70,7 +81,8 @@ def contestant(
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(kind, name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup[:4])
-    run = load_agent(agent_folder(spec))
+    folder = agent_folder(spec)
+    run = load_exported(folder) if is_exported(folder) else load_agent(folder)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
 
@@ -85,24 +97,23 @@ def text_of(agent: object) -> str:
     )
 
 
-def in_protocol(agent: str | Path | LoadedRun | Lookahead, protocol: ProtocolName) -> LoadedRun:
+def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
     """Who flies, by its text or as such, in the setup of a protocol.
 
     Raises:
         ConfigError: see `contestant`; or a controller was made for another setup, which takes its name.
     """
-    if isinstance(agent, Lookahead):
-        agent = agent.run
-    if not isinstance(agent, LoadedRun):
+    run = run_of(agent)
+    if run is None:
         return contestant(text_of(agent), protocol)
-    own = Setup(*agent[1:])
+    own = Setup(*run[1:])
     changed = under_protocol(protocol, own)
-    if changed is not own and not isinstance(agent.controller, Agent):
+    if changed is not own and not isinstance(run.controller, Agent):
         raise ConfigError(
-            f"{agent.controller.name} was made for its own setup; give its name instead, as in "
+            f"{run.controller.name} was made for its own setup; give its name instead, as in "
             f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r})."
         )
-    return LoadedRun(agent.controller, *changed[:4])
+    return LoadedRun(run.controller, *changed[:4])
 
 
 def agent_folder(spec: str) -> Path:
@@ -121,11 +132,20 @@ def agent_folder(spec: str) -> Path:
 
 def judged_separately(spec: str) -> list[str]:
     """The contestant itself, or where it is a multi-task agent, it with each of its tasks."""
+    if is_user_policy(spec):
+        return [spec]
     return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
 
 
 def output_folder(spec: str) -> Path:
     """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
+    if is_user_policy(spec):
+        policy, tail = split_policy(spec)
+        kind, _, name = policy.partition(":")
+        stem = Path(name).stem if kind != "python" else name
+        return EVALUATIONS / "-".join(
+            distinct(part) for part in re.split("[:@]+", f"{kind}:{stem}:{tail}") if part
+        )
     kind, name, _ = _parse(spec)
     if not kind:
         return Path(name)
@@ -143,7 +163,7 @@ def controller_name(spec: str) -> str:
 
 def picked_task(spec: str) -> str:
     """Name of the task that was picked from a multi-task agent's, or nothing."""
-    return _parse(spec)[2]
+    return "" if is_user_policy(spec) else _parse(spec)[2]
 
 
 def view_command(
@@ -223,13 +243,13 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
             f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d."
         )
     axes = int(dimension[0])
-    craft = load_spacecraft(spacecraft or USUAL[axes])
+    found = TASKS[task]()
+    craft = load_spacecraft(spacecraft or found.spacecraft or USUAL[axes])
     if craft.dimension != axes:
         raise ConfigError(
             f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
             "dimensions."
         )
-    found = TASKS[task]()
     return Setup(craft, found, found.timing)
 
 

@@ -10,11 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import numpy as np
 
 from rans.effectors.commands import action_space, allowed, check, of_outputs
 from rans.episode import Setup
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller
@@ -98,7 +99,8 @@ class CheckedController:
             raise
         except Exception as error:  # somebody else's code raises anything
             raise ConfigError(
-                f"{self._who} cannot be made: {type(error).__name__}: {first_line(error)}."
+                f"{self._who} cannot be made: {type(error).__name__}: "
+                f"{first_line(error)}{where_raised(error)}."
             ) from error
         _check_methods(self._who, self._made)
 
@@ -122,7 +124,10 @@ class CheckedController:
 
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
-"""Forms of names that `user_policy` understands, for messages and help."""
+"""Forms of names that `user_policy` understands, for messages and help.
+
+Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
+"""
 
 Policy = Callable[[np.ndarray], Any]
 """(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, commands) what the
@@ -130,12 +135,22 @@ craft takes: zeros and ones, or numbers between."""
 
 
 class UserPolicy:
-    """A function of the observation, by its `user_policy` name; each answer is checked before it flies."""
+    """A function of the observation that was made elsewhere; each answer is checked before it flies.
+
+    Args:
+        spec: text that `user_policy` opens.
+        policy: the function.
+        craft: what it flies.
+        task: what its observations are of.
+        trust: see `user_policy`.
+    """
 
     def __init__(
-        self, name: str, policy: Policy, craft: Spacecraft, task: Task, trust: bool = False
+        self, spec: str, policy: Policy, craft: Spacecraft, task: Task, trust: bool = False
     ) -> None:
-        self.name = name
+        kind, _, file = spec.partition(":")
+        self.name = f"{kind}:{Path(file).name}" if kind in ("sb3", "onnx") else spec
+        self._spec = spec
         self._policy = policy
         self._craft = craft
         self._task = task
@@ -143,7 +158,7 @@ class UserPolicy:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads it anew: not every policy can be pickled."""
-        return user_policy, (self.name, self._craft, self._task, self._trust)
+        return user_policy, (self._spec, self._craft, self._task, self._trust)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; most policies have no memory."""
@@ -155,6 +170,69 @@ class UserPolicy:
         return answered(self.name, lambda: self._policy(observation), self._craft, len(observation))
 
 
+class GivenPolicy(UserPolicy):
+    """A policy that is an object: a Stable-Baselines3 model, a torch module, or a function of observations.
+
+    Args:
+        policy: the object; see `policy_of`.
+        craft: what it flies.
+        task: what it was trained for.
+        name: in tables; None: the name of its class or function.
+
+    Raises:
+        ConfigError: the object is no policy, or one for other observations or actions.
+    """
+
+    def __init__(
+        self, policy: object, craft: Spacecraft, task: Task, name: str | None = None
+    ) -> None:
+        self._given = policy
+        own = getattr(policy, "__name__", type(policy).__name__)
+        super().__init__(name or own, policy_of(policy, craft, task), craft, task)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process gets a copy of the object, pickled by value where it is of a script."""
+        given = cloudpickle.dumps((self._given, self._craft, self._task, self.name))
+        return _unpickled_policy, (given,)
+
+
+def _unpickled_policy(content: bytes) -> GivenPolicy:
+    """What `GivenPolicy` pickled in another process of this session."""
+    policy, craft, task, name = cloudpickle.loads(content)
+    return GivenPolicy(policy, craft, task, name)
+
+
+def policy_of(given: Any, craft: Spacecraft, task: Task) -> Policy:
+    """The function behind an object: SB3's ``predict``, a torch module's call, or the function itself.
+
+    Raises:
+        ConfigError: it is none of these, or its spaces are not those of the task and the craft.
+    """
+    if callable(getattr(given, "predict", None)):
+        seen, action = (
+            getattr(given, name, None) for name in ("observation_space", "action_space")
+        )
+        if seen is not None and action is not None:
+            _check_spaces(f"the {type(given).__name__}", seen, action, craft, task)
+        return lambda observation: given.predict(observation, deterministic=True)[0]
+    if not callable(given) or isinstance(given, type):
+        raise ConfigError(
+            "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
+            f"(N, width), got {brief(given)}."
+        )
+    return partial(_called, given)
+
+
+def _called(given: Callable[[Any], Any], observation: np.ndarray) -> Any:
+    """What a torch module or a function answers."""
+    import torch
+
+    if not isinstance(given, torch.nn.Module):
+        return given(observation)
+    with torch.no_grad():
+        return given(torch.from_numpy(observation)).cpu().numpy()
+
+
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
     """The commands (N, commands) that somebody else's code answers N observations with.
 
@@ -163,7 +241,9 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
     try:
         commands = np.asarray(ask(), dtype=np.float64)
     except (Exception, SystemExit) as error:  # somebody else's code raises anything
-        raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
+        raise ConfigError(
+            f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
+        ) from error
     wanted = count, len(craft.commands)
     if commands.shape != wanted:
         raise ConfigError(
@@ -180,9 +260,38 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
     return commands
 
 
+_LONGEST_REASON = 400
+"""Characters of an exception's text in a sentence."""
+
+
+def _whole(error: BaseException) -> str:
+    """The text of somebody else's exception in one line: its useful end may not be in the first."""
+    text = " ".join(str(error).split()).rstrip(".")
+    return text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]} ..."
+
+
 def is_user_policy(spec: str) -> bool:
     """Whether a text names a policy of `USER_POLICIES`."""
     return spec.partition(":")[0] in _LOADERS and ":" in spec
+
+
+def split_policy(spec: str) -> tuple[str, str]:
+    """The text of a policy in two parts: what `user_policy` opens, and its TASK-2d@SPACECRAFT or nothing.
+
+    >>> split_policy("sb3:policy.zip:go-to-pose-2d@atmos")
+    ('sb3:policy.zip', 'go-to-pose-2d@atmos')
+    >>> split_policy("python:mine:act")
+    ('python:mine:act', '')
+    """
+    kind, _, rest = spec.partition(":")
+    if kind == "python":
+        module, _, rest = rest.partition(":")
+        function, _, setup = rest.partition(":")
+        return f"python:{module}:{function}", setup
+    if Path(rest).is_file():
+        return spec, ""
+    file, _, setup = rest.partition(":")
+    return f"{kind}:{file}", setup
 
 
 def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
@@ -264,13 +373,13 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
         from onnxruntime import InferenceSession
     except ImportError as error:
         raise ConfigError(
-            f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'."
+            f"onnx:{name} needs the package onnxruntime: pip install onnxruntime."
         ) from error
     _check_file(name)
     try:
         session = InferenceSession(name, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no common class
-        raise ConfigError(f"{name} is no ONNX network: {first_line(error)}.") from error
+        raise ConfigError(f"{name} is no ONNX network: {_whole(error)}.") from error
     inputs = [node.name for node in session.get_inputs()]
     if not 1 <= len(inputs) <= min(2, len(session.get_outputs())):
         raise ConfigError(
@@ -288,12 +397,16 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
 
 
 class OnnxPolicy:
-    """A session of ONNX Runtime; what it remembers is None where episodes begin, which is zeros."""
+    """A session of ONNX Runtime; what it remembers is None where episodes begin, which is zeros.
+
+    A network that was exported for a batch of one is asked for one observation after the other.
+    """
 
     def __init__(self, session: Any) -> None:
         self._session = session
         self.memory: np.ndarray | None = None
         self._names = [node.name for node in session.get_inputs()]
+        self._is_single = session.get_inputs()[0].shape[:1] == [1]
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """The commands (N, thrusters) to observations (N, width)."""
@@ -303,9 +416,20 @@ class OnnxPolicy:
                 width = self._session.get_inputs()[1].shape[1]
                 self.memory = np.zeros((len(observation), width), np.float32)
             given[self._names[1]] = self.memory
-        command, *after = self._session.run(None, given)
-        self.memory = after[0] if after else None
+        command, *after = self._run(given)
+        self.memory = after[0] if len(self._names) == 2 else None
         return command
+
+    def _run(self, given: dict[str, np.ndarray]) -> list[np.ndarray]:
+        """The network's outputs, rows as given."""
+        if not self._is_single:
+            return self._session.run(None, given)
+        count = len(given[self._names[0]])
+        rows = [
+            self._session.run(None, {name: x[k : k + 1] for name, x in given.items()})
+            for k in range(count)
+        ]
+        return [np.concatenate(output) for output in zip(*rows, strict=True)]
 
 
 def _python(name: str, *_: object) -> Policy:

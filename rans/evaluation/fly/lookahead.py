@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rans.episode import Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, is_finite
-from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.tasks import GoToPosePriced
@@ -90,19 +90,20 @@ class Lookahead:
 
     def __init__(
         self,
-        run: LoadedRun,
+        run: object,
         horizon: float = HORIZON,
         change_within: float = CHANGE_WITHIN,
         arrival: ArrivalCost | None = None,
     ) -> None:
-        if not isinstance(run, LoadedRun):
+        given = run_of(run)
+        if given is None:
             raise ConfigError(
                 "who looks ahead is what rans.load_agent gave, as in rans.Lookahead("
                 f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}."
             )
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
-        agent, craft, task, timing, _ = run
+        agent, craft, task, timing, _ = given
         if not isinstance(agent, Agent):
             raise ConfigError(f"{agent.name} cannot look ahead: only trained agents do.")
         self._knob = np.zeros((1, 0), np.float32)
@@ -125,16 +126,16 @@ class Lookahead:
                 f"{agent.name} cannot look ahead: {craft.name} has reaction wheels, and it would open and shut "
                 "single thrusters."
             )
-        for what, given in (
+        for what, seconds in (
             ("the horizon", horizon),
             ("the time that changes come within", change_within),
         ):
-            if not (is_finite(given) and given > 0):
-                raise ConfigError(f"{what} must be finite and > 0 s, got {given!r}.")
+            if not (is_finite(seconds) and seconds > 0):
+                raise ConfigError(f"{what} must be finite and > 0 s, got {seconds!r}.")
         self.name = f"{PREFIX}:{agent.name}"
         self._horizon = horizon
         self.arrival = arrival
-        self._run = run
+        self._run = given
         self._network = agent.network
         self._world = World(Setup(craft, task, timing))
         self._periods, last = (

@@ -10,9 +10,8 @@ import numpy as np
 from rans.environment import Environment
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
-from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.agent import run_of
 from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.lookahead import Lookahead
 from rans.flight import Controller
 from rans.model.fields import map_leaves
 
@@ -35,7 +34,7 @@ class Pilot:
         ConfigError: it is another environment, there is no such controller, or not for this craft.
     """
 
-    def __init__(self, who: str | LoadedRun | Lookahead, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, who: object, env: gymnasium.Env[Any, Any]) -> None:
         found = env.unwrapped if isinstance(env, gymnasium.Env) else env
         if not isinstance(found, Environment):
             raise ConfigError(
@@ -63,11 +62,11 @@ class Pilot:
         return self._controller.act(state, goal, observation[None])[0].astype(self._space.dtype)
 
 
-def _agent(who: LoadedRun | Lookahead, setup: Setup) -> Controller:
-    run = who.run if isinstance(who, Lookahead) else who
-    if not isinstance(run, LoadedRun):
+def _agent(who: object, setup: Setup) -> Controller:
+    run = run_of(who)
+    if run is None:
         raise ConfigError(
-            f"a pilot is the name of a controller, or what rans.load_agent gave, got {brief(run)}."
+            f"a pilot is the name of a controller, or what rans.load_agent gave, got {brief(who)}."
         )
     if run.craft != setup.craft or type(run.task) is not type(setup.task):
         raise ConfigError(

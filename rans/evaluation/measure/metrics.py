@@ -17,8 +17,8 @@ from rans import verdict
 from rans.flight import Flight
 from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
-from rans.model.fields import map_leaves
 from rans.tasks.base import UNITS
+from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
 
 DISPLAY = {
     "position": (100.0, "cm"),
@@ -75,6 +75,8 @@ class Sample(NamedTuple):
 def samples(flight: Flight) -> Iterator[Sample]:
     """Everything that is measured on a flight of any task."""
     yield from _success(flight)
+    if asks_rest(flight.task):
+        yield from _rest(flight)
     yield from _held(flight)
     for quantity, error in flight.errors().items():
         yield from _accuracy(flight, quantity, error)
@@ -86,6 +88,32 @@ def settling_times(flight: Flight) -> np.ndarray:
     """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
     found = flight.verdict
     return np.where(found.settles, found.settled * flight.timing.control_period, np.inf)
+
+
+def in_goal_set(flight: Flight) -> np.ndarray:
+    """Whether each episode is in the goal set (`rans.tasks.goal_set.arrived`), (T + 1, N) at every instant."""
+    return arrived(flight.task, flight.states, flight.goals)
+
+
+def arrival_times(flight: Flight) -> np.ndarray:
+    """First instant at which each episode is in the goal set, (N,) s; infinite if there is none.
+
+    Nothing is said of later instants: `staying_times` asks for these too.
+    """
+    inside = in_goal_set(flight)
+    first = inside.argmax(axis=0) * flight.timing.control_period
+    return np.where(inside.any(axis=0), first, np.inf)
+
+
+def staying_times(flight: Flight) -> np.ndarray:
+    """Instant from which each episode is in the goal set at every later instant, (N,) s.
+
+    Infinite if the episode fails, or is outside at its last instant.
+    """
+    inside = in_goal_set(flight)
+    outside_until_end = np.logical_or.accumulate(~inside[::-1], axis=0)[::-1]
+    since = outside_until_end.sum(axis=0) * flight.timing.control_period
+    return np.where(inside[-1] & ~flight.failed(), since, np.inf)
 
 
 def on_times(flight: Flight) -> np.ndarray:
@@ -135,7 +163,7 @@ def solved(flight: Flight) -> np.ndarray:
 
 
 def last_fifth(instants: np.ndarray) -> np.ndarray:
-    """The end of an array whose first axis is the T + 1 instants."""
+    """The last fifth of an array whose first axis is the T + 1 instants, the start included."""
     return instants[-verdict.last_fifth(len(instants) - 1) :]
 
 
@@ -154,6 +182,36 @@ def _success(flight: Flight) -> Iterator[Sample]:
     )
     yield Sample(
         "success", "failed", "declared failed by the task at any time", "%", flight.failed()
+    )
+
+
+def _rest(flight: Flight) -> Iterator[Sample]:
+    """Of tasks with a place or an attitude to keep; of others arriving for good is settling."""
+    slow = f"{100.0 * REST_SPEED:g} cm/s, {math.degrees(REST_SPIN):g} deg/s"
+    first = arrival_times(flight)
+    staying = staying_times(flight)
+    yield Sample(
+        "success",
+        "first at rest",
+        f"median first time within all tolerances and {slow}",
+        "s",
+        first,
+        np.median,
+    )
+    yield Sample(
+        "success",
+        "at rest for good",
+        "within all of these from then on, at every instant",
+        "%",
+        np.isfinite(staying) & (staying == first),
+    )
+    yield Sample(
+        "success",
+        "time at rest for good",
+        "median time from which that is so, be it later",
+        "s",
+        staying,
+        np.median,
     )
 
 
@@ -230,10 +288,10 @@ def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def _motion(flight: Flight) -> Iterator[Sample]:
-    after = map_leaves(lambda x: x[1:], flight.states)
-    spin: Any = np.linalg.norm(after.spin(), axis=0)
-    yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", after.v.norm().mean(axis=0))
-    yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin.mean(axis=0))
+    speed: Any = flight.states.v.norm()
+    spin: Any = np.linalg.norm(flight.states.spin(), axis=0)
+    yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", speed[1:].mean(axis=0))
+    yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin[1:].mean(axis=0))
     yield Sample(
         "motion",
         "spin at rest",

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.compare.entrants import enlisted
+from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
@@ -136,10 +136,11 @@ class Stress:
 
 def prepared(
     contest: Contest,
-    specs: Sequence[str],
+    specs: Sequence[Invited],
     conditions: Sequence[str],
     only: Sequence[str],
     slow_episodes: int,
+    trust: bool = False,
 ) -> Stress:
     """What is to be flown.
 
@@ -149,6 +150,7 @@ def prepared(
         conditions: by name or file.
         only: names of effects, or nothing for all, and for failed thrusters too.
         slow_episodes: see `Stress`.
+        trust: see `enlisted`.
 
     Raises:
         ConfigError: there is no such contestant, effect or conditions, or they are not for this craft.
@@ -177,7 +179,7 @@ def prepared(
         named,
         [e for e in known if not only or e.name in only],
         slow_episodes,
-        enlisted(specs, contest),
+        enlisted(specs, contest, trust),
     )
 
 

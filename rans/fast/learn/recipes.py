@@ -17,7 +17,7 @@ import torch
 from rans.errors import ConfigError, brief, meant
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT, USUAL, load_spacecraft
 from rans.pretrained import RECIPE_FOLDER
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS, load_conditions
@@ -61,14 +61,12 @@ def recipe(name: str, device: str) -> TrainConfig:
     return _config(RECIPE_FOLDER / f"{name}.toml", device)
 
 
-def training(
-    task: str, spacecraft: str = "floating-platform", device: str | None = None
-) -> TrainConfig:
+def training(task: str, spacecraft: str | None = None, device: str | None = None) -> TrainConfig:
     """The training of this name: a task with its defaults and known-good settings, or a recipe.
 
     Args:
         task: of `TASKS` or `RECIPES`, MODULE:NAME of a task, or your own recipe's file, which ends in .toml.
-        spacecraft: name or TOML file; a recipe has its own.
+        spacecraft: name or TOML file; None: the task's own, or floating-platform. A recipe has its own.
         device: cpu or cuda; None: a GPU if there is one.
 
     Raises:
@@ -86,10 +84,16 @@ def training(
             f"recipes are {', '.join(RECIPES)}; your own recipe is a file whose name ends in .toml."
         )
     settings = TASKS[task]()
+    spacecraft = spacecraft or settings.spacecraft or USUAL[2]
     craft = load_spacecraft(spacecraft)
     TASKS.vouch_for(task)  # typed or given as an object: what is trained with it can be opened here
     return TrainConfig(
-        task, settings, spacecraft, preset(task, craft.dimension, device), device=device
+        task,
+        settings,
+        spacecraft,
+        preset(task, craft.dimension, device),
+        timing=settings.timing,
+        device=device,
     )
 
 

@@ -43,9 +43,9 @@ def logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)
 
 @styled
 def plane(comparison: Comparison) -> Figure:
-    """Time and thrust-time to arrive: bounds, controls found and contestants, medians over the same starts.
+    """First arrival, and thrust-time until then: bounds, controls found and contestants, by medians.
 
-    These are the certified starts if there are any, else all.
+    All are over the same starts: the certified ones if there are any, otherwise all.
     """
     starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
@@ -64,9 +64,9 @@ def plane(comparison: Comparison) -> Figure:
         logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
     label(
         axes,
-        f"time and thrust-time to arrive, medians over {counted(len(starts), 'start')}",
-        "time to arrive, s",
-        "thrust-time to arrive, N s",
+        f"first arrival in the goal set, medians over {counted(len(starts), 'start')}",
+        "time of first arrival, s",
+        "thrust-time until then, N s",
     )
     panels.legend_beside(right, axes)
     return figure

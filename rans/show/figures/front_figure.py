@@ -56,7 +56,7 @@ def front_figure(front: Front, curve: Sequence[Entry] = ()) -> Figure:
     label(
         axes,
         f"time against impulse, means over {counted(front.contest.episodes, 'start')}",
-        "time to be at rest in the goal set, s",
+        "time first at rest in the goal set, s",
         f"impulse of {front.contest.duration:g} s, N s",
     )
     panels.legend_beside(right, axes)

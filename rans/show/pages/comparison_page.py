@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from rans.errors import counted
-from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
 from rans.files import environment
@@ -23,11 +22,12 @@ from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
 
 TEXT = (
-    "All fly the same craft from the same starts at the same rate. Arrival is the first "
-    "time within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s); settling "
-    "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
-    "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "
-    "bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
+    "All fly the same craft from the same starts at the same rate. Arrival is the first instant in the goal "
+    "set: within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s). Nothing is "
+    "said of later instants: a flight is at rest for good if it is in the goal set at all of them too. "
+    "Settling is when the errors enter their tolerances for good. Thrust-time is force times open time, summed "
+    "over the thrusters. A flight that never gets there counts as infinitely late. Medians and means stand with "
+    "95 % bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
     "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
     "know the future and are only locally optimal."
 )
@@ -41,7 +41,7 @@ _FRONT = (
 )
 _FRONT_BOUNDS = (
     " Bounds are means over {starts}. A bar is the least impulse of being at rest in the goal set at this "
-    'time, the same from each start, and nothing spent afterwards. "Over its bound" divides by the least '
+    'instant, the same from each start, and nothing spent afterwards. "Over its bound" divides by the least '
     'impulse of being there when the flight was, start by start: "until there" is the same event above and '
     "below; the whole episode has to hold the pose as well, which is in no bound."
 )
@@ -123,7 +123,7 @@ def _front(comparison: Comparison, front: Front) -> Section:
     starts = front.starts()
     text = _FRONT + (_FRONT_BOUNDS.format(starts=counted(len(starts), "start")) if starts else "")
     picture = Picture.of(
-        front_figure(front, comparison.curve), "Time to be at rest in the goal set against impulse."
+        front_figure(front, comparison.curve), "Time first at rest against impulse."
     )
     findings = [Finding(sentence) for sentence in front_tables.sentences(front)]
     if starts:
@@ -162,17 +162,20 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         lower, upper = (bound.values for bound in comparison.bounds(event))
         best = float(np.median(upper))
         closed = (upper <= lower + 1e-9).sum()
-        proven = None if event.kind == "settling" else f"{closed} of {len(lower)}"
+        proven = None if event.kind != "arrival" else f"{closed} of {len(lower)}"
         bounds.append(
             [event.text, float(np.median(lower)), best if np.isfinite(best) else None, proven]
         )
     text = (
         f"From {counted(len(starts), 'start')}, times the certified lower bound of the same event: 1 "
         "cannot be beaten. Who settles must first be slow enough to stay, and the bound of settling is "
-        "of that moment. Thrust-time by a time counts for flights that are in the goal set at that time, "
-        "in brackets how many; it is infinite for the others."
+        "of that moment; that of arrival for good is the greater one of arrival and settling. Thrust-time by "
+        "a time is all that is spent until then by flights that have been in the goal set by then, in brackets "
+        "how many; it is infinite for the others."
     )
-    shown = [event.text for event in (Event(), Event("settling"), comparison.events()[-1])]
+    first, *_, last = events = comparison.events()
+    middle = [event for event in events if event.kind != "arrival"]
+    shown = [event.text for event in (first, *middle, last)]
     yield Section(
         "Gaps to the certified bounds",
         text,
@@ -263,5 +266,5 @@ def _differences(comparison: Comparison) -> Iterator[Section]:
         f"Everybody less {first} from the same start: median over starts, "
         f"with its interval; 0 where neither gets there, never where only {first} does, -never "
         f"where only {first} does not.",
-        [Table(("contestant", *tables.DIFFERENCES), rows)],
+        [Table(("contestant", *tables.measures(comparison.contest.task)), rows)],
     )

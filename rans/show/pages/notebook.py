@@ -14,6 +14,7 @@ from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.show.figures.svg import data_uri, svg
+from rans.show.pages.stress_page import StressReport
 from rans.show.tables.comparison_tables import scoreboard
 from rans.show.tables.listing import (
     Listing,
@@ -72,6 +73,26 @@ def _(comparison: Comparison) -> str:
     rows = [(key, *(row[key].text() for row in board.values())) for key in keys]
     said = "".join(f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures))
     return _table(Listing(comparison.contest.title(), ("", *board), rows)) + said
+
+
+@html.register
+def _(report: StressReport) -> str:
+    held = Listing(
+        f"Share held, %: {report.title()}",
+        ("scenario", *report.stress.names),
+        [tuple(cell or "-" for cell in row) for row in report.named_rows()],
+    )
+    borne = Listing(
+        "Size of a disturbance up to which 99 % are held",
+        tuple(report.effect_columns()),
+        [tuple(row) for row in report.effect_rows()],
+    )
+    return _table(held) + (_table(borne) if report.stress.effects else "")
+
+
+def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as HTML, of what has no form of its own here."""
+    return _table(Listing(title, tuple(columns), [tuple(row) for row in rows]))
 
 
 def _table(listing: Listing) -> str:

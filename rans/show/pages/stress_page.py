@@ -8,6 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.measure.metrics import DISPLAY
@@ -30,7 +31,7 @@ TEXT = (
 
 
 @dataclass(frozen=True)
-class StressReport:
+class StressReport(NotebookRepr):
     """What was flown, in the folder that it is written to."""
 
     stress: Stress
@@ -39,6 +40,12 @@ class StressReport:
     """Episodes that are listed of each contestant in each world."""
     made_by: str = ""
     """The command."""
+
+    def __repr__(self) -> str:
+        held = ", ".join(
+            f"{row[0]} {'/'.join(cell or '-' for cell in row[1:])} %" for row in self.named_rows()
+        )
+        return f"<StressReport of {self.title()}: held in {held}>"
 
     def write(self) -> None:
         """Write stress.html, stress.json and a file of conditions for every world."""

@@ -72,7 +72,7 @@ def check_video(file: Path) -> None:
         raise ConfigError(f"{file} exists already; choose another name for the film.")
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ConfigError(
-            "films are encoded by FFmpeg, which is not installed: pip install 'rans[video]'."
+            "films are encoded by FFmpeg, which is not installed: pip install imageio-ffmpeg moviepy."
         )
     require_egl()
 

@@ -18,6 +18,8 @@ from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, shar
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.tables import front_tables
+from rans.tasks.base import Task
+from rans.tasks.goal_set import asks_rest
 
 Scores = dict[str, Estimate]
 """By heading, unit included."""
@@ -25,21 +27,32 @@ Scores = dict[str, Estimate]
 RETURN = "return, % of relaxed optimum"
 """Heading of the share of what is possible in the task's own reward."""
 
-DIFFERENCES: dict[str, Callable[[Entry], np.ndarray]] = {
-    "settling time, s": lambda entry: entry.settling,
-    "arrival, s": lambda entry: entry.arrival,
-    "thrust-time to arrive, N s": lambda entry: entry.arrival_thrust,
-    "thrust-time of the episode, N s": lambda entry: entry.thrust,
-    "return": lambda entry: entry.returns,
-}
-"""What is compared start by start."""
+
+def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
+    """What is compared start by start, by heading; arrival is named by what the task's goal set asks for."""
+    found: dict[str, Callable[[Entry], np.ndarray]] = {
+        "settling time, s": lambda entry: entry.settling
+    }
+    if asks_rest(task):
+        found["first at rest, s"] = lambda entry: entry.arrival
+        found["thrust-time until first at rest, N s"] = lambda entry: entry.arrival_thrust
+        found["at rest for good from, s"] = lambda entry: entry.staying
+    else:
+        found["first within tolerances, s"] = lambda entry: entry.arrival
+        found["thrust-time until then, N s"] = lambda entry: entry.arrival_thrust
+    found["thrust-time of the episode, N s"] = lambda entry: entry.thrust
+    found["return"] = lambda entry: entry.returns
+    return found
 
 
 def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
     """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
     found = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
-    for name in ("settling time, s", "arrival, s", "thrust-time to arrive, N s"):
-        found[name] = bootstrap.median(DIFFERENCES[name](entry))
+    if asks_rest(entry.flight.task):
+        found["at rest for good, %"] = share(entry.stays).scaled(100.0)
+    for name, of in measures(entry.flight.task).items():
+        if name not in ("thrust-time of the episode, N s", "return"):
+            found[name] = bootstrap.median(of(entry))
     found["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
     found["failed, %"] = share(entry.flight.failed()).scaled(100.0)
     found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
@@ -73,11 +86,10 @@ def best_returns(comparison: Comparison) -> np.ndarray | None:
 def differences(comparison: Comparison) -> dict[str, Scores]:
     """Median over starts of everybody's score less that of the first contestant from the same start."""
     first = comparison.entries[0]
+    measured = measures(comparison.contest.task).items()
     bootstrap = Bootstrap(comparison.contest.episodes)
     return {
-        entry.name: {
-            name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()
-        }
+        entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in measured}
         for entry in comparison.entries[1:]
     }
 
@@ -85,9 +97,9 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
     """Scores over certified bounds, by event and contestant, of the certified starts; 1 cannot be beaten.
 
-    Every score is divided by the bound of its own event. A flight counts at a horizon if it is in the goal
-    set at that time, and is infinite if not: the bound is for exactly that. Starts whose bound is infinite
-    (nobody can be there) or 0 are left out.
+    Every score is divided by the bound of its own event. A flight counts at a horizon if it has been in the
+    goal set by then (`Entry.thrust_by`), and is infinite if not. Starts whose bound is infinite (nobody can be
+    there) or 0 are left out.
     """
     events = comparison.events() if comparison.certified_starts() else []
     return {event.text: _ratios(comparison, event) for event in events}
@@ -240,6 +252,7 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
             "failed": bool(failed),
             "settling_time": float(entry.settling[k]),
             "arrival": float(entry.arrival[k]),
+            "arrival_for_good": float(entry.staying[k]),
             "thrust_to_arrive": float(entry.arrival_thrust[k]),
             "thrust": float(entry.thrust[k]),
             "return": float(entry.returns[k]),

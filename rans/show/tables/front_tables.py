@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from rans.errors import counted
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.front import Front, Point, Verdict, point
 from rans.evaluation.measure.metrics import DISPLAY
@@ -20,7 +21,7 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
         place = point(entry)
         multiple = front.multiple(entry)
         over = (
-            (multiple.epsilon, multiple.until, multiple.episode)
+            (multiple.behind, multiple.until, multiple.episode)
             if multiple
             else (math.nan, math.nan, math.nan)
         )
@@ -32,7 +33,7 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
         "time, s",
         "impulse, N s",
         f"{quantity} error, {unit}",
-        "behind the front",
+        "behind its nearest point",
         "until there over its bound",
         "impulse over its bound",
     ], rows
@@ -53,8 +54,8 @@ def sentences(front: Front) -> Iterator[str]:
         over = {one.contestant.knob: own for one in line if (own := front.multiple(one))}
         for says, name in (
             (
-                "is behind the certified front, in time and impulse at once, by factors of",
-                "epsilon",
+                "is behind the nearest point of the certified front, in time and impulse at once, by factors of",
+                "behind",
             ),
             ("spends, in multiples of the certified least impulse for its own times,", "episode"),
         ):
@@ -63,6 +64,14 @@ def sentences(front: Front) -> Iterator[str]:
                     f"{getattr(own, name):.2f} at {knob:g}" for knob, own in over.items()
                 )
                 yield f"{agent} {says} {told}."
+    sets = {**front.lines(), "Everybody together": front.entries}
+    for name, entries in sets.items():
+        if found := front.indicators(entries):
+            yield (
+                f"{name} against the whole certified front from {found.first:.3g} to {found.last:.3g} s: "
+                f"epsilon indicator {found.epsilon:.3g} (median), {100.0 * found.hypervolume:.3g} % of its "
+                f"hypervolume (mean), {counted(found.starts, 'start')}."
+            )
 
 
 def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:
@@ -100,6 +109,10 @@ def to_json(front: Front) -> dict[str, Any]:
         "dominates": {
             agent: {other.name: front.verdict(line, other).dominates for other in front.others()}
             for agent, line in front.lines().items()
+        },
+        "indicators": {
+            name: found._asdict() if (found := front.indicators(entries)) else None
+            for name, entries in {**front.lines(), "everybody": front.entries}.items()
         },
         "said": [*sentences(front)],
         "certified": {

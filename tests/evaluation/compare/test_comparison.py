@@ -14,7 +14,8 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import user_policy
 from rans.model.timing import Timing
 from rans.show.figures.comparison_figures import gap_histograms
-from rans.show.tables.comparison_tables import gap_rows, gaps
+from rans.show.tables.comparison_tables import gap_rows, gaps, measures
+from rans.tasks import TrackVelocity
 from tests.evaluation.compare.test_run import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
@@ -80,12 +81,32 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     lower, upper = gap.bounds(Event())
     assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
     assert lower.event == upper.event == Event()
-    assert gap.events() == [Event(), Event("settling"), *(Event(horizon=h) for h in gap.horizons())]
+    thrusts = [Event(horizon=h) for h in gap.horizons()]
+    assert gap.asked() == [Event(), Event("settling"), *thrusts]
+    assert gap.events() == [Event(), Event("staying"), Event("settling"), *thrusts]
     ratios = gaps(gap)
     assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
     assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
     assert ratios["thrust-time by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
     assert np.isinf(ratios["thrust-time by 1.4 s"]["x"]).all()
+
+
+def test_arrival_for_good_is_bounded_by_arrival_and_by_settling() -> None:
+    """Who is there for good has arrived and settled: bounds of 1.8 s and 1.5 s leave 1.8 s, 1.9 s leave 1.9."""
+    for settling, value in ((1.5, 1.8), (1.9, 1.9)):
+        found = by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}, settling)
+        lower, upper = found.bounds(Event("staying"))
+        assert lower.values.tolist() == [settling, value]
+        assert np.isinf(upper.values).all()
+        assert found.impossible() == []
+        assert gaps(found)["time of arrival for good"]["x"][1] == pytest.approx(2.0 / value)
+
+
+def test_a_task_of_velocities_has_no_rest() -> None:
+    """What tracks a velocity moves: arriving there for good is settling, and is not listed twice."""
+    found = Comparison(replace(CONTEST, task=TrackVelocity()))
+    assert Event("staying") not in found.events()
+    assert not any("rest" in name for name in measures(TrackVelocity()))
 
 
 def test_horizons_are_shares_of_an_episode() -> None:

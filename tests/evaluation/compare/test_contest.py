@@ -82,9 +82,28 @@ def test_scores_worked_out() -> None:
     entry = entry_of(flight_of(distance, 0.0, commands))
     assert (entry.arrival[0], entry.settling[0]) == (1.5, 3.0)
     assert (entry.arrival_thrust[0], entry.thrust[0]) == (3.0, 3.5)
-    assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, math.inf, 3.5]
+    # Out of the set at 2 s, but there before: it could have waited half a second and be there at 2 s.
+    assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, 3.0, 3.5]
     assert entry.duty[0] == pytest.approx(7 / 56)
     assert entry.errors["position"][0] == pytest.approx(0.03)
+
+
+def test_who_begins_moving_cannot_wait() -> None:
+    """The same path of a craft that moves from the beginning counts at the very instants only."""
+    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    moving = entry_of(flight_of(distance, 0.0, speed=(0.03, 0.0)))
+    assert [moving.thrust_by(t)[0] for t in (1.5, 2.0, 3.0)] == [0.0, math.inf, 0.0]
+
+
+def test_first_at_rest_is_not_at_rest_for_good() -> None:
+    """In the set at 1.5 s, out at 2 s, back from 3 s to the end; the second flight is out at the end."""
+    first = [1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]
+    second = [1.0, 0.5, 0.2, 0.04, 0.04, 0.04, 0.04, 0.06]
+    entry = entry_of(flight_of(np.transpose([first, second]), 0.0))
+    assert entry.arrival.tolist() == [1.5, 1.5]
+    assert entry.staying.tolist() == [3.0, math.inf]
+    assert entry.stays.tolist() == [False, False]
+    assert entry.amounts(Event("staying")).values.tolist() == [3.0, math.inf]
 
 
 def test_who_never_arrives_is_infinitely_late() -> None:

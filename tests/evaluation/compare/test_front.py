@@ -149,7 +149,7 @@ def test_behind_the_front_by_trying_factors(own: int, least_time: int, falls: li
         periods = math.floor(own / factor)
         return periods < min(least_time, own) or spent / factor < bounds[max(periods, 1) - 1]
 
-    factor = found.epsilon(one, 0)
+    factor = found.behind(one, 0)
     assert math.isinf(factor) or excluded(factor * (1.0 + 1e-9))
     assert not excluded(min(factor, 1e9) * (1.0 - 1e-9))
 
@@ -158,8 +158,8 @@ def test_from_a_start_that_moves_nobody_can_wait() -> None:
     found = front(named("agent"), certified=answers())
     vars(found.contest)["starts"] = moved = deepcopy(found.contest.starts)
     moved.start.v.x[0] = 0.01
-    assert math.isinf(found.epsilon(found.entries[0], 0))
-    assert found.epsilon(found.entries[0], 1) == pytest.approx(1.0 / 0.6)
+    assert math.isinf(found.behind(found.entries[0], 0))
+    assert found.behind(found.entries[0], 1) == pytest.approx(1.0 / 0.6)
 
 
 @pytest.mark.parametrize("wrong", [(1.1, 0.6), (0.4, 1.1)])
@@ -179,6 +179,22 @@ def knobs() -> Front:
     thrifty.flight.commands[:] *= 0.5
     dear.flight.commands[:] *= 4.0
     return front(thrifty, dear, fast, named("held#0.5", 0.5), certified=answers())
+
+
+def test_indicators_of_a_line_by_hand() -> None:
+    """The thrifty position is there after 1, 2 s and never, with 0.5 N s.
+
+    Of the first start 0.2 N s are certified by 2 and 5 s: it spends 2.5 times that, more than the corner's
+    0.4 N s. Of the second 0.6 and 0.2 N s: 2.5 times the latter, and it dominates 3 s x 0.7 N s up to the
+    corner (5 s, 1.2 N s), where the bounds leave 4.5 x 0.6 + 3 x 0.4. From the third nothing arrives.
+    """
+    found = knobs()
+    indicators = found.indicators(found.lines()["agent"])
+    assert indicators is not None
+    assert indicators.epsilon == pytest.approx(2.5)
+    assert indicators.hypervolume == pytest.approx(2.1 / 3.9 / 3)
+    assert (indicators.first, indicators.last, indicators.starts) == (2.0, 5.0, 3)
+    assert front(named("agent")).indicators([named("agent")]) is None
 
 
 def test_how_sure_a_line_is() -> None:
@@ -205,9 +221,13 @@ def test_words_and_figures_of_a_front() -> None:
     assert [*sentences(found)] == [
         "agent does not dominate dear: in 2.667 s 0.5 N s instead of 4, but with 4 N s it is no quicker.",
         "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
-        "agent is behind the certified front, in time and impulse at once, by factors of 1.83 at 0, "
-        "1.04 at 1.",
+        "agent is behind the nearest point of the certified front, in time and impulse at once, by factors "
+        "of 1.83 at 0, 1.04 at 1.",
         "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1.",
+        "agent against the whole certified front from 2 to 5 s: epsilon indicator 2.5 (median), 17.9 % of its "
+        "hypervolume (mean), 3 starts.",
+        "Everybody together against the whole certified front from 2 to 5 s: epsilon indicator 2.5 (median), "
+        "17.9 % of its hypervolume (mean), 3 starts.",
     ]
     axes, _ = front_figure(found).axes
     drawn = points(axes)

@@ -115,11 +115,11 @@ def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
 def test_who_never_arrives_counts(comparison: Comparison) -> None:
     idle = scoreboard(comparison)[IDLE]
     lqr = scoreboard(comparison)["LQR"]
-    assert idle["arrival, s"].value == idle["settling time, s"].value == math.inf
+    assert idle["first at rest, s"].value == idle["settling time, s"].value == math.inf
     assert (idle["settled, %"].value, idle["duty, %"].value) == (0.0, 0.0)
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
     assert lqr["settled, %"].value == 100.0
-    assert differences(comparison)[IDLE]["arrival, s"].value == math.inf
+    assert differences(comparison)[IDLE]["first at rest, s"].value == math.inf
 
 
 def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
@@ -128,6 +128,7 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     ratios = gaps(comparison)
     assert list(ratios) == [
         "time of arrival",
+        "time of arrival for good",
         "time of settling",
         *(f"thrust-time by {t:g} s" for t in comparison.horizons()),
     ]
@@ -189,7 +190,7 @@ def test_bounds_are_kept_for_the_next_time(
     monkeypatch.setattr(
         "rans.evaluation.compare.certified.bounds", lambda asked, *_: searched.extend(asked) or ()
     )
-    again = list(certify(CONTEST, 2, comparison.events(), cache))
+    again = list(certify(CONTEST, 2, comparison.asked(), cache))
     assert not searched
     key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)

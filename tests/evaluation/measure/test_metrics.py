@@ -13,11 +13,13 @@ from scipy import stats
 
 from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.evaluation.measure.metrics import (
+    arrival_times,
     final_errors,
     impulses,
     on_times,
     outran,
     settling_times,
+    staying_times,
     worst_errors,
 )
 from rans.files import plain
@@ -101,6 +103,41 @@ def test_tracking_errors_count_after_five_seconds() -> None:
 def test_settling_times_by_hand() -> None:
     # The first is within 5 cm from 1.5 s, within 5 degrees from 2.5 s; the second leaves at the end.
     assert settling_times(two_episodes()).tolist() == [2.5, math.inf]
+
+
+def test_rest_by_hand() -> None:
+    """Below 5 cm: first at 0.5 s, then lost at 1 s; lost at the end; and kept, which is for good."""
+    leaves = [1.0, 0.04, 0.06, 0.04, 0.01]
+    ends_outside = [1.0, 0.04, 0.04, 0.04, 0.06]
+    stays = [1.0, 0.04, 0.04, 0.01, 0.01]
+    measured = measure(flight_of(np.transpose([leaves, ends_outside, stays]), 0.0))
+    assert measured["first at rest"].value == 0.5
+    assert measured["at rest for good"].value == pytest.approx(100 / 3)
+    assert measured["time at rest for good"].value == 1.5  # median of 1.5 s, never and 0.5 s
+
+
+def test_a_flight_that_failed_is_not_at_rest_for_good() -> None:
+    """Beyond 8 m the task is lost, whatever follows."""
+    flight = flight_of(np.transpose([[9.0, 9.0, 0.01, 0.01]]), 0.0)
+    assert arrival_times(flight).tolist() == [1.0]
+    assert staying_times(flight).tolist() == [math.inf]
+
+
+@given(distances)
+def test_staying_times_agree_with_a_search(distance: np.ndarray) -> None:
+    """Of a craft that never moves nor turns at any instant, rest is being near."""
+    flight = flight_of(distance, 0.0)
+    assert staying_times(flight).tolist() == settling_times(flight).tolist()
+    assert (staying_times(flight) >= arrival_times(flight)).all()
+
+
+def test_the_last_fifth_of_spins_is_that_of_all_else() -> None:
+    """Of 25 steps the last 5 instants count: a spin of 1 rad/s at the first of these alone is 0.2 in the mean."""
+    flight = flight_of(np.full((26, 1), 0.01), 0.0)
+    spin = np.zeros((26, 1))
+    spin[21] = 1.0
+    spinning = replace(flight, states=replace(flight.states, w=spin))
+    assert measure(spinning)["spin at rest"].value == pytest.approx(0.2)
 
 
 def test_settled_from_the_start_is_zero() -> None:

@@ -68,8 +68,8 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     # there after 1 and 2 s, both with 1 N s; the third start, from where it never gets there, has no bound
     assert drawn["agent"] == [[1.5, 1.0]]
     assert (axes.get_xlabel(), axes.get_ylabel()) == (
-        "time to arrive, s",
-        "thrust-time to arrive, N s",
+        "time of first arrival, s",
+        "thrust-time until then, N s",
     )
     assert axes.get_title(loc="left").endswith("medians over 2 starts")
 

@@ -1,7 +1,7 @@
-"""What one episode drew from its conditions, and what that does to it, written over fields.
+"""Parameters that an episode draws from its conditions, and their effect in each control period.
 
-A part that the conditions leave out is None: it is in no memory and in no kernel. Every effect draws from a
-stream of its own, so that switching one on changes no other.
+All is written over fields. An effect that the conditions leave out is None: it takes no memory and no place in
+kernels. Every effect draws from a random stream of its own, so that switching one on changes no other.
 """
 
 from __future__ import annotations
@@ -27,20 +27,23 @@ from rans.randomization.valves import Lag, failing, pieces
 
 
 @dataclass(frozen=True)
-class Hold:
-    """How long on/off valves stay as they are, at least."""
+class MinimumDwell:
+    """Shortest times for which an on/off valve stays open and shut."""
 
     on: Field
     """s."""
     off: Field
     """s."""
 
-    def obeyed(
+    def enforced(
         self, command: Sequence[Field], before: Sequence[Sequence[Field]], period: float
     ) -> tuple[Field, ...]:
-        """What valves do of a command: one that has just moved stays for as long as it must.
+        """Commands that the valves carry out: a valve that has just moved keeps its position for its dwell time.
 
-        The commands before, the newest first, were each held for the period, s.
+        Args:
+            command: one field per valve, 0 or 1.
+            before: the commands of earlier periods, the newest first.
+            period: control period, s.
         """
         result = []
         for told, *last in zip(command, *before, strict=True):
@@ -54,7 +57,7 @@ class Hold:
 
 
 def _age(open_before: Sequence[Field]) -> Field:
-    """For how many control periods a valve has been open until now, as far as is remembered."""
+    """Number of control periods for which a valve has been open until now, as far as is remembered."""
     still: Field = 1.0
     age: Field = 0.0
     for was_open in open_before:
@@ -64,8 +67,8 @@ def _age(open_before: Sequence[Field]) -> Field:
 
 
 @dataclass(frozen=True)
-class Swing:
-    """A wrench in W that goes to and fro: amplitude times sin(rate t + phase)."""
+class SinusoidalWrench:
+    """A sinusoidal disturbance wrench in W: amplitude times sin(rate t + phase)."""
 
     amplitude: Wrench
     rate: Field
@@ -75,8 +78,8 @@ class Swing:
 
 
 @dataclass(frozen=True)
-class Kick:
-    """A sudden push, spread over the control period it falls in."""
+class ImpulsiveWrench:
+    """An impulsive disturbance, spread evenly over the control period that it falls in."""
 
     step: Field
     """Which control period, a whole number."""
@@ -91,17 +94,17 @@ class Failing:
     instant: Field
     """s from the start of the control period; negative: they failed before; longer than it: not yet."""
     body: Body
-    """What flies from then on; but for gain and leak it is that of before."""
+    """Body after the failure; it differs from the sound one in gain and leak only."""
 
 
 @dataclass(frozen=True)
-class Influences:
-    """What moves a spacecraft in one control period."""
+class StepInputs:
+    """Body, commands and disturbances that move a spacecraft in one control period."""
 
     body: Body
-    """What flies, until thrusters fail."""
+    """Body until thrusters fail."""
     commands: tuple[tuple[Field, ...], ...]
-    """This period's, and earlier ones that may still be felt, the newest first."""
+    """Commands of this period and of earlier ones that late valves still carry out, the newest first."""
     lag: Lag | None = None
     """None: valves obey at once."""
     disturbance: Wrench | None = None
@@ -110,22 +113,22 @@ class Influences:
     """None: no thruster fails meanwhile."""
 
     def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
-        """What the thrusters give in the control period, s, of a craft."""
+        """Wrenches of the thrusters over the control period (s), piece by piece."""
         if self.failing is None:
             return self._with(self.body, craft, period)
         sound, failed = (self._with(body, craft, period) for body in (self.body, self.failing.body))
         return failing(sound, failed, self.failing.instant)
 
     def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
-        """The same of thrusters that stay as a body has them."""
+        """Wrenches of thrusters whose state does not change within the period."""
         if self.lag is None:
             return at_once(craft, body, self.commands[0], period)
         return pieces(craft, body, self.commands, self.lag, period)
 
 
 @dataclass(frozen=True)
-class Case:
-    """What one episode drew, or N did."""
+class EpisodeParameters:
+    """Parameters that one episode drew, or N episodes as fields (N,)."""
 
     number: Field
     """Of the episode."""
@@ -133,15 +136,15 @@ class Case:
     """What flies."""
     fault: Fault | None
     lag: Lag | None
-    hold: Hold | None
+    dwell: MinimumDwell | None
     push: Wrench | None
     """Steady, in W."""
-    swing: Swing | None
-    kicks: tuple[Kick, ...]
+    swing: SinusoidalWrench | None
+    kicks: tuple[ImpulsiveWrench, ...]
     sensors: Sensors | None
 
     def body_at(self, time: Field) -> Body:
-        """What flies at an instant, s after the start."""
+        """Body at an instant, s after the start."""
         if self.fault is None:
             return self.body
         failed = time >= self.fault.begins
@@ -163,7 +166,7 @@ class Case:
         return self.body, Failing(self.fault.begins - time, failed)
 
     def strongest(self) -> Body:
-        """What flies, with thrusters that are always as strong as before or after their fault."""
+        """Body whose thrusters have the larger of their strengths before and after the fault."""
         if self.fault is None:
             return self.body
         gain = (
@@ -175,9 +178,9 @@ class Case:
         return replace(self.body, gain=tuple(gain), leak=(0.0,) * len(self.body.leak))
 
     def disturbance(self, step: Field, period: float) -> Wrench | None:
-        """What pushes in this control period beside the thrusters, constant in W; None: nothing ever.
+        """Disturbance wrench of a control period, constant in W; None: there is never any.
 
-        What swings has its value in the middle of the period.
+        A sinusoidal disturbance has its value at the middle of the period.
         """
         parts = [] if self.push is None else [self.push]
         if self.swing is not None:
@@ -189,8 +192,8 @@ class Case:
         return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
 
 
-def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> Case:
-    """What the first 1,024 episodes of so many steps draw under the seed 0: arrays (1024,).
+def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodeParameters:
+    """Parameters of the first 1,024 episodes of so many steps under seed 0, as arrays (1024,).
 
     Raises:
         ConfigError: conditions are none, or not for the craft's valves.
@@ -222,8 +225,8 @@ given stays: else agents would meet other episodes under the same seed."""
 
 def draw(
     conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field, draws: Draws
-) -> Case:
-    """One episode's case.
+) -> EpisodeParameters:
+    """Draw the parameters of an episode.
 
     Args:
         conditions: distributions.
@@ -241,12 +244,12 @@ def draw(
         conditions = conditions.met(random("mixture").unit())
     body = _body(conditions, base, random("body"), random("thrusters"))
     pushes = conditions.disturbances
-    return Case(
+    return EpisodeParameters(
         number=number,
         body=body,
         fault=drawn_fault(conditions.faults, craft, body, random("fault")),
         lag=_lag(conditions, random("lag")),
-        hold=_hold(conditions, random("hold")),
+        dwell=_dwell(conditions, random("hold")),
         push=_push(pushes.force, pushes.torque, random("push")),
         swing=_swing(conditions, random("swing")),
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
@@ -294,11 +297,13 @@ def _lag(conditions: Conditions, random: Random) -> Lag | None:
     return Lag(latency, rise, fall, conditions.delay, conditions.lasting - conditions.delay)
 
 
-def _hold(conditions: Conditions, random: Random) -> Hold | None:
+def _dwell(conditions: Conditions, random: Random) -> MinimumDwell | None:
     on = conditions.thrusters.least_on
     off = conditions.thrusters.least_off
     return (
-        Hold(random.within(on), random.within(off)) if largest(on) > 0 or largest(off) > 0 else None
+        MinimumDwell(random.within(on), random.within(off))
+        if largest(on) > 0 or largest(off) > 0
+        else None
     )
 
 
@@ -308,19 +313,19 @@ def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
     return Wrench(random.vector(force), random.turn(torque))
 
 
-def _swing(conditions: Conditions, random: Random) -> Swing | None:
+def _swing(conditions: Conditions, random: Random) -> SinusoidalWrench | None:
     given = conditions.disturbances
     amplitude = _push(given.slow_force, given.slow_torque, random)
     if amplitude is None:
         return None
-    return Swing(
+    return SinusoidalWrench(
         amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau)
     )
 
 
-def _kick(conditions: Conditions, steps: int, random: Random) -> Kick:
+def _kick(conditions: Conditions, steps: int, random: Random) -> ImpulsiveWrench:
     given = conditions.disturbances
-    return Kick(
+    return ImpulsiveWrench(
         floor(random.unit() * float(steps)),
         Wrench(random.vector(given.kick), random.turn(given.kick_spin)),
     )

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rans.cli.progress import _BAR, TrainingProgress, describe
+from rans.show.progress import _BAR, TrainingProgress, describe
 
 
 def row(steps: int) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from scipy import stats
 
 from rans.episode import step
 from rans.model.fields import leaves
-from rans.randomization.case import Case
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
@@ -22,8 +21,9 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.randomization.parameters import EpisodeParameters
 from rans.scenario import scenarios
-from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, case
+from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, parameters
 from tests.support.worlds import EFFECTS
 
 
@@ -38,7 +38,7 @@ def assert_uniform(values: Any, low: float, high: float) -> None:
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LIKELY
 
 
-UNIFORM: dict[str, tuple[Conditions, Callable[[Case], Any], float, float]] = {
+UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, float]] = {
     "mass": (
         Conditions(BodyConditions(mass=(0.7, 1.4))),
         lambda c: c.body.mass / PLATFORM.mass,
@@ -89,7 +89,7 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[Case], Any], float, float]] = {
     ),
     "least on": (
         Conditions(thrusters=ThrusterConditions(least_on=(0.0, 0.6))),
-        lambda c: c.hold and c.hold.on,
+        lambda c: c.dwell and c.dwell.on,
         0.0,
         0.6,
     ),
@@ -135,20 +135,22 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[Case], Any], float, float]] = {
 @pytest.mark.parametrize("name", UNIFORM)
 def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
     conditions, value, low, high = UNIFORM[name]
-    assert_uniform(value(case(conditions)), low, high)
+    assert_uniform(value(parameters(conditions)), low, high)
 
 
 @BOTH
 def test_a_number_is_no_distribution(dimension: int) -> None:
     late = ThrusterConditions(latency=0.05, command_delay=0.1)
-    fixed = case(Conditions(BodyConditions(mass=1.2), late), dimension)
+    fixed = parameters(Conditions(BodyConditions(mass=1.2), late), dimension)
     assert fixed.body.mass == CRAFTS[dimension].mass * 1.2
     assert fixed.lag.latency == pytest.approx(0.15)
 
 
 def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
-    thrust = np.array(case(EFFECTS["thrust"]).body.gain)
-    own = np.array(case(Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3)))).body.gain)
+    thrust = np.array(parameters(EFFECTS["thrust"]).body.gain)
+    own = np.array(
+        parameters(Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3)))).body.gain
+    )
     assert np.abs(np.corrcoef(own) - np.eye(8)).max() < 5 / math.sqrt(COUNT)  # five standard errors
     ratio = thrust / own
     np.testing.assert_allclose(ratio, ratio[:1].repeat(8, axis=0), rtol=1e-12)
@@ -156,7 +158,7 @@ def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
 
 
 def test_directions_in_space_are_uniform_on_the_sphere() -> None:
-    push = case(EFFECTS["push"], 3).push
+    push = parameters(EFFECTS["push"], 3).push
     for vector in (push.force, push.torque):  # Archimedes: every coordinate is
         for x in vector.columns():
             assert_uniform(x / vector.norm(), -1.0, 1.0)
@@ -166,7 +168,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "body": lambda c: (c.body.mass, c.body.inertia, c.body.centre),
     "thrust": lambda c: (c.body.gain, c.body.droop),
     "latency": lambda c: c.lag.latency,
-    "hold": lambda c: c.hold,
+    "hold": lambda c: c.dwell,
     "push": lambda c: c.push,
     "swing": lambda c: c.swing,
     "kicks": lambda c: c.kicks,
@@ -177,7 +179,9 @@ PARTS: dict[str, Callable[[Any], Any]] = {
 @BOTH
 @pytest.mark.parametrize("effect", PARTS)
 def test_an_effect_draws_the_same_beside_others(effect: str, dimension: int) -> None:
-    alone, among = (PARTS[effect](case(EFFECTS[name], dimension, 50)) for name in (effect, "all"))
+    alone, among = (
+        PARTS[effect](parameters(EFFECTS[name], dimension, 50)) for name in (effect, "all")
+    )
     assert leaves(alone)
     for a, b in zip(leaves(alone), leaves(among), strict=True):
         assert np.array_equal(a, b)
@@ -192,7 +196,7 @@ def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
 # What pushes.
 
 
-def disturbances(found: Case, steps: int, period: float = 0.2) -> np.ndarray:
+def disturbances(found: EpisodeParameters, steps: int, period: float = 0.2) -> np.ndarray:
     """(steps, components, N)."""
     return np.array([leaves(found.disturbance(np.float64(k), period)) for k in range(steps)])
 
@@ -200,7 +204,7 @@ def disturbances(found: Case, steps: int, period: float = 0.2) -> np.ndarray:
 @BOTH
 def test_kicks_give_their_impulse_in_one_period(dimension: int) -> None:
     kicked = DisturbanceConditions(kicks=1, kick=0.5, kick_spin=0.1)
-    found = case(Conditions(disturbances=kicked), dimension, 40)
+    found = parameters(Conditions(disturbances=kicked), dimension, 40)
     pushed = disturbances(found, 125)
     assert ((pushed != 0.0).any(axis=1).sum(axis=0) == 1).all()
     total = pushed.sum(axis=0) * 0.2
@@ -215,7 +219,7 @@ def test_a_kicked_spacecraft_is_faster_by_impulse_over_mass() -> None:
     for _ in range(125):
         now = step(world, now, tuple(np.zeros((8, 10))), own).episode
     gained = now.state.v - first.v
-    both: Any = [kick.impulse.force for kick in now.case.kicks]  # type: ignore[union-attr]
+    both: Any = [kick.impulse.force for kick in now.parameters.kicks]  # type: ignore[union-attr]
     for axis in ("x", "y"):
         expected = sum(getattr(force, axis) for force in both) / PLATFORM.mass
         np.testing.assert_allclose(getattr(gained, axis), expected, rtol=0, atol=1e-13)
@@ -226,7 +230,7 @@ def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
     """That of the first one too: it is the velocity after it that has changed."""
     kicked = Conditions(disturbances=DisturbanceConditions(kicks=1, kick=0.5))
     world, own, now = begun(kicked, dimension, 1000)
-    drawn = np.asarray(now.case.kicks[0].step)  # type: ignore[union-attr]
+    drawn = np.asarray(now.parameters.kicks[0].step)  # type: ignore[union-attr]
     shut = tuple(np.zeros((len(world.craft.thrusters), 1000)))
     still = np.zeros(1000)
     for _ in range(125):
@@ -241,7 +245,7 @@ def test_a_swing_is_felt_from_the_first_period_on(periods: int) -> None:
     """By hand: after t the momentum is A (cos(phase) - cos(rate t + phase)) / rate, here of 10 s."""
     swinging = Conditions(disturbances=DisturbanceConditions(slow_force=0.4, slow_period=10.0))
     world, own, now = begun(swinging, count=50)
-    swing: Any = now.case.swing  # type: ignore[union-attr]
+    swing: Any = now.parameters.swing  # type: ignore[union-attr]
     for _ in range(periods):
         now = step(world, now, tuple(np.zeros((8, 50))), own).episode
     rate = math.tau / 10.0
@@ -274,7 +278,7 @@ def test_a_fault_is_felt_from_its_moment_on() -> None:
 
 
 def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
-    found = case(Conditions(disturbances=DisturbanceConditions(kicks=1, kick=1.0)))
+    found = parameters(Conditions(disturbances=DisturbanceConditions(kicks=1, kick=1.0)))
     seen = np.bincount(found.kicks[0].step.astype(int))
     assert len(seen) == 125
     assert stats.chisquare(seen).pvalue > LIKELY
@@ -283,7 +287,7 @@ def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
 def test_a_swing_has_its_value_in_the_middle_of_each_period() -> None:
     """One of 8 s: a sine through the middles, fitted by least squares, has the phase that was drawn."""
     slow = DisturbanceConditions(slow_force=0.3, slow_torque=0.1, slow_period=8.0)
-    found = case(Conditions(disturbances=slow), count=30)
+    found = parameters(Conditions(disturbances=slow), count=30)
     pushed = disturbances(found, 80)
     t = (np.arange(80) + 0.5) * 0.2
     wave = np.column_stack([np.sin(math.pi / 4 * t), np.cos(math.pi / 4 * t)])

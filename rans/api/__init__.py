@@ -1,0 +1,33 @@
+"""What the commands do, as functions: each takes names, files or objects, and returns what came out.
+
+They are at the top of the package (``rans.evaluate``), load what they need when they are called, and show
+progress on a terminal and in a notebook.
+"""
+
+from rans.api.agent import Agent, load_agent
+from rans.api.judging import assure, benchmark, compare, evaluate, faults, follow, stress, validate
+from rans.api.limits import certify, optimal_trajectory, state
+from rans.api.pages import export, report, view
+from rans.api.training import sweep, train, tune
+
+__all__ = [
+    "Agent",
+    "assure",
+    "benchmark",
+    "certify",
+    "compare",
+    "evaluate",
+    "export",
+    "faults",
+    "follow",
+    "load_agent",
+    "optimal_trajectory",
+    "report",
+    "state",
+    "stress",
+    "sweep",
+    "train",
+    "tune",
+    "validate",
+    "view",
+]

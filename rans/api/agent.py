@@ -1,0 +1,356 @@
+"""An agent, or another controller, with what it is for: it acts, is judged, is shown, and is handed on."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import USUAL, load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.scenario import EVALUATION_SEED
+from rans.tasks import Task, load_task
+from rans.tasks.derived import check_dimension
+
+if TYPE_CHECKING:
+    from rans.api.pages import Replay
+    from rans.deploy.export import Form
+    from rans.evaluation.assure.assurance import Assurance
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.evaluation.measure.aggregate import Metrics
+    from rans.flight import Controller, Flight
+    from rans.show.pages.stress_page import StressReport
+
+_COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
+"""Files of a run that `Agent.save` copies beside the policy."""
+
+
+class Agent:
+    """An agent or a controller with the spacecraft, the task and the conditions that it flies.
+
+    >>> agent = rans.load_agent("go-to-pose-2d")
+    >>> agent
+    <go-to-pose-2d: GoToPose for floating-platform>
+    >>> observation, _ = gymnasium.make("rans/GoToPose2D-v0").reset(seed=0)
+    >>> agent.act(observation).shape
+    (8,)
+    >>> agent.evaluate(episodes=16)["solved"].value
+    100.0
+
+    `rans.train` and `rans.load_agent` make one. Other functions at the top of the package take it where they
+    take a name.
+    """
+
+    def __init__(self, run: LoadedRun, spec: str = "") -> None:
+        self.run = run
+        """The controller, and what it is for."""
+        self.spec = spec
+        """Text that names it in commands: a run folder, or pretrained:NAME; empty where there is none."""
+        self._memory: tuple[np.ndarray, ...] | None = None
+
+    def __repr__(self) -> str:
+        return repr(self.run)
+
+    def _repr_html_(self) -> str:
+        from rans.show.pages.notebook import listed
+
+        conditions = self.conditions
+        rows = [
+            ("task", repr(self.task)),
+            ("spacecraft", self.craft.name),
+            ("conditions", "nominal" if conditions is None else conditions.description or "own"),
+            ("control period", f"{self.timing.control_period:g} s"),
+            ("run folder", str(self.folder or "none")),
+        ]
+        return listed(self.name, ("", ""), rows)
+
+    @property
+    def name(self) -> str:
+        """Its name in tables."""
+        return self.run.controller.name
+
+    @property
+    def controller(self) -> Controller:
+        """What gives the commands, as `rans.fly` takes it."""
+        return self.run.controller
+
+    @property
+    def craft(self) -> Spacecraft:
+        """The spacecraft that it commands."""
+        return self.run.craft
+
+    @property
+    def task(self) -> Task:
+        """The task, with the settings of the training."""
+        return self.run.task
+
+    @property
+    def timing(self) -> Timing:
+        """Control period and length of its episodes."""
+        return self.run.timing
+
+    @property
+    def conditions(self) -> Conditions | None:
+        """Domain randomization, disturbances, faults and sensors of its episodes; None: everything nominal."""
+        return self.run.conditions
+
+    @property
+    def folder(self) -> Path | None:
+        """Its run folder; None: it has none."""
+        from rans.evaluation.fly.agent import Agent as Network
+        from rans.evaluation.fly.contestants import agent_folder
+
+        if not self.spec or not isinstance(self.run.controller, Network):
+            return None
+        return agent_folder(self.spec)
+
+    def under(self, conditions: str | Path | Conditions | None) -> Agent:
+        """The same agent, judged under other conditions: by name, TOML file or as such; None: its own.
+
+        Raises:
+            ConfigError: there are no such conditions.
+        """
+        return Agent(self.run.under(conditions), self.spec)
+
+    def reset(self) -> None:
+        """Forget what `act` remembers: call it where an episode begins."""
+        self._memory = None
+
+    def act(self, observation: Any) -> np.ndarray:
+        """The deterministic action for an observation; an agent with a memory remembers it until `reset`.
+
+        Args:
+            observation: (width,) or (N, width), as the task's environments give it.
+
+        Returns:
+            (commands,) or (N, commands), as the environment's action space takes it.
+
+        Raises:
+            ConfigError: see `predict`.
+        """
+        action, self._memory = self.predict(observation, self._memory)
+        return action
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+        """The action for an observation and the memory after it, as Stable-Baselines3's ``predict``.
+
+        Args:
+            observation: (width,) or (N, width), of NumPy or torch.
+            state: memory that the step before gave; None where all episodes begin.
+            episode_start: (N,) bool, where an episode begins; None: nowhere.
+            deterministic: whether to take the likeliest action instead of a sample.
+
+        Raises:
+            ConfigError: the observation has another width, or this is a controller that decides from the
+                state, which an observation does not have.
+        """
+        from rans.effectors.commands import action_space, of_outputs
+        from rans.evaluation.fly.agent import Agent as Network
+        from rans.evaluation.fly.exported import OBSERVERS
+        from rans.fast.policy import predict
+
+        controller = self.run.controller
+        if hasattr(observation, "detach"):
+            observation = observation.detach().cpu().numpy()
+        observation = np.asarray(observation, dtype=np.float32)
+        dtype = action_space(self.craft).dtype
+        if isinstance(controller, Network):
+            output, memory = predict(
+                controller.network, observation, state, episode_start, deterministic
+            )
+            commands = np.stack(
+                [np.asarray(x) for x in of_outputs(self.craft, tuple(np.moveaxis(output, -1, 0)))],
+                axis=-1,
+            )
+            return commands.astype(dtype), memory
+        if not isinstance(controller, OBSERVERS):
+            raise ConfigError(
+                f"{self.name} decides from the state, which an observation does not have: "
+                "rans.Pilot(agent, env) flies it in a Gymnasium loop."
+            )
+        rows = observation.reshape(-1, observation.shape[-1])
+        commands = controller.act(None, None, rows)
+        return commands.reshape(*observation.shape[:-1], -1).astype(dtype), None
+
+    def fly(
+        self,
+        episodes: int = 1,
+        *,
+        seed: int = EVALUATION_SEED,
+        engine: EngineName = "fast",
+        first: int = 0,
+    ) -> Flight:
+        """Fly episodes from the starts that agents are judged on: states and commands over time.
+
+        >>> rans.load_agent("go-to-pose-2d").fly(2)
+        <Flight of go-to-pose-2d: 2 episodes of 25 s with floating-platform (fast engine)>
+
+        Args:
+            episodes: number of episodes.
+            seed: of starts, goals and conditions.
+            engine: "fast", or "drake" as an independent judge.
+            first: number of the first episode.
+
+        Raises:
+            ConfigError: the engine does not exist, or a number is out of its range.
+        """
+        from rans.api.judging import flown
+
+        return flown(self.run, episodes, seed, engine, first)
+
+    def evaluate(self, **options: Any) -> Metrics:
+        """Metrics with 95 % intervals; options as of `rans.evaluate`."""
+        from rans.api.judging import evaluate
+
+        return evaluate(self, **options)
+
+    def compare(self, *others: Any, **options: Any) -> Comparison:
+        """Fly from the same starts as others, controllers and the optimum; options as of `rans.compare`."""
+        from rans.api.judging import compare
+
+        return compare(self, *others, **options)
+
+    def stress(self, *others: Any, **options: Any) -> StressReport:
+        """Fly under each disturbance at increasing size; options as of `rans.stress`."""
+        from rans.api.judging import stress
+
+        return stress(self, *others, **options)
+
+    def assure(self, **options: Any) -> Assurance:
+        """Bound the probability of failure; options as of `rans.assure`."""
+        from rans.api.judging import assure
+
+        return assure(self, **options)
+
+    def view(self, *others: Any, **options: Any) -> Replay:
+        """A page that replays flights in three dimensions; options as of `rans.view`."""
+        from rans.api.pages import view
+
+        return view(self, *others, **options)
+
+    def export(self, output: str | Path, form: Form = "onnx", **options: Any) -> Path:
+        """Write the agent for other software; form and options as of `rans.export`."""
+        from rans.api.pages import export
+
+        return export(self, output, form, **options)
+
+    def report(self) -> Path:
+        """Gather what its run folder holds on one page; see `rans.report`."""
+        from rans.api.pages import report
+
+        if self.folder is None:
+            raise ConfigError(f"{self.name} has no run folder to report on.")
+        return report(self.folder)
+
+    def save(self, folder: str | Path) -> Path:
+        """Copy the agent into a new folder, which `rans.load_agent` and every command open.
+
+        Raises:
+            ConfigError: it has no run folder, as a controller, or the new one is not empty.
+        """
+        from rans.fast.learn.run_folder import RunFolder
+        from rans.files import inside, ready_folder
+
+        if self.folder is None:
+            raise ConfigError(
+                f"{self.name} cannot be saved: only trained agents have files of their own."
+            )
+        target = Path(folder)
+        if target.exists() and any(target.iterdir()):
+            raise ConfigError(f"{target} is not empty: choose a new folder.")
+        policy = RunFolder(self.folder).agent_file
+        ready_folder(target)
+        target.mkdir(parents=True, exist_ok=True)
+        for name in (policy.name, *_COPIED):
+            source = inside(self.folder, name)
+            if source.is_file():
+                shutil.copyfile(source, target / name)
+        return target
+
+    def __iter__(self) -> Iterator[Any]:
+        """The five parts that `rans.train` and `rans.load_agent` returned as a tuple up to version 0.1."""
+        warnings.warn(
+            "an agent was a tuple up to version 0.1; use its attributes controller, craft, task, timing and "
+            "conditions.",
+            FutureWarning,
+            stacklevel=2,
+        )
+        return iter(tuple(self.run))
+
+
+def load_agent(
+    agent: object,
+    task: str | Task | None = None,
+    spacecraft: str | Path | Spacecraft | None = None,
+    *,
+    trust: bool = False,
+) -> Agent:
+    """An agent, a controller or a policy made elsewhere, with the spacecraft and the task that it is for.
+
+    >>> rans.load_agent("go-to-pose-2d")
+    <go-to-pose-2d: GoToPose for floating-platform>
+    >>> rans.load_agent("lqr:go-to-position-3d")
+    <LQR: GoToPosition for free-flyer>
+    >>> def coast(observation):
+    ...     return observation[:, :8] * 0
+    >>> rans.load_agent(coast, "go-to-pose").evaluate(episodes=4)["solved"].value
+    0.0
+
+    Args:
+        agent: a run folder, an exported folder, the name of an agent that comes with RANS, CONTROLLER:TASK-2d,
+            sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d or python:MODULE:FUNCTION:TASK-2d; or a policy as such: a
+            Stable-Baselines3 model, a torch module or a function of observations (N, width).
+        task: of a policy that knows none, by name or with settings.
+        spacecraft: of such a policy, by name, TOML file or as such; None: the usual one of the plane.
+        trust: whether ``sb3:`` files may be pickles of strangers, which run the code in them.
+
+    Raises:
+        ConfigError: there is none, its files are damaged, or a policy does not fit task and spacecraft.
+            Opening files runs nothing that is in them, unless they are trusted.
+    """
+    from rans.episode import Setup
+    from rans.evaluation.fly.agent import LoadedRun, run_of
+    from rans.evaluation.fly.contestants import contestant
+    from rans.evaluation.fly.controllers import GivenPolicy
+
+    setup = None
+    if task is not None:
+        craft = load_spacecraft(USUAL[2] if spacecraft is None else spacecraft)
+        wanted = load_task(task)
+        check_dimension(wanted, craft.dimension)
+        setup = Setup(craft, wanted, wanted.timing)
+    if isinstance(agent, str | Path) and str(agent):
+        text = str(agent)
+        run = contestant(text, default_setup=setup, trust=trust)
+        return Agent(run, text if setup is None else "")
+    run = run_of(agent)
+    if run is not None:
+        return Agent(run)
+    is_policy = callable(getattr(agent, "predict", None)) or callable(agent)
+    if not is_policy or isinstance(agent, type):
+        raise ConfigError(
+            "an agent is its name, its run folder, a policy or what rans.load_agent gave, as in "
+            f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}."
+        )
+    if setup is None:
+        raise ConfigError(
+            f"{brief(agent)} is a policy that knows no task: give one, as in "
+            "rans.load_agent(policy, 'go-to-pose', 'floating-platform')."
+        )
+    policy = GivenPolicy(agent, setup.craft, setup.task)
+    return Agent(LoadedRun(policy, *setup[:4]))

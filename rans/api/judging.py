@@ -1,0 +1,538 @@
+"""What an agent or a controller is worth: metrics, comparisons, robustness, bounds on failure, checks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from rans.api.agent import Agent
+from rans.errors import ConfigError, brief, one_of, whole
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED
+
+if TYPE_CHECKING:
+    from rans.evaluation.assure.assurance import Assurance
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.evaluation.fly.follow import Following
+    from rans.evaluation.fly.protocols import ProtocolName
+    from rans.evaluation.measure.aggregate import Metrics
+    from rans.flight import Flight
+    from rans.randomization.conditions import FaultKind
+    from rans.randomization.faults import FaultSet
+    from rans.show.pages.stress_page import StressReport
+    from validation.speed.measurement import Measurement
+    from validation.speed.ratios import Ratio
+    from validation.study.checks import Study
+
+SpacecraftLike = str | Path | Spacecraft
+"""By name, TOML file or as such."""
+ConditionsLike = str | Path | Conditions
+"""By name, TOML file or as such."""
+CRAFT = "floating-platform"
+"""Spacecraft where none is named."""
+STRESSED = ("lab", "roboran", "orbit", "harsh")
+"""Conditions of a robustness sweep where none are named."""
+_ASSURED = 100_000
+"""Flights of an assurance where neither their number nor a bound is given."""
+
+
+def flown(run: LoadedRun, episodes: int, seed: int, engine: EngineName, first: int = 0) -> Flight:
+    """Fly consecutive episodes of a seed, with progress.
+
+    Raises:
+        ConfigError: the engine does not exist, or a number is out of its range.
+    """
+    from rans.evaluation.fly.episodes import EngineName, fly_episodes
+    from rans.show.progress import watched
+
+    one_of("engine", engine, get_args(EngineName))
+    count = whole("episodes", episodes)
+    first = whole("first", first, least=0)
+    with watched() as stage:
+        step = stage(f"{run.controller.name}, {engine} engine", count)
+        return fly_episodes(
+            run.controller, run.judged, seed, count, engine, progress=step, first=first
+        ).flight
+
+
+def evaluate(
+    agent: object,
+    *,
+    episodes: int = 1024,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: ConditionsLike | None = None,
+    protocol: ProtocolName = "own",
+) -> Metrics:
+    """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
+
+    >>> found = rans.evaluate("go-to-pose-2d", episodes=16)
+    >>> found["solved"].value, found["solved"].unit
+    (100.0, '%')
+
+    Args:
+        agent: an `Agent`, a `Lookahead`, or a text as `load_agent` takes it.
+        episodes: number of flights.
+        seed: of starts and goals.
+        engine: "fast", or "drake" as an independent judge.
+        conditions: domain randomization, disturbances, faults and sensors, by name, TOML file or as such;
+            None: those of the training.
+        protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
+
+    Raises:
+        ConfigError: one of these does not exist, or the agent knows several tasks and none is picked, as in
+            NAME#TASK.
+    """
+    from rans.evaluation.fly.contestants import in_protocol
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.evaluation.measure.aggregate import measure
+
+    one_of("engine", engine, get_args(EngineName))
+    run = in_protocol(agent, protocol)
+    if first := next(iter(run.task.parts())):
+        raise ConfigError(
+            f"{run.controller.name} knows several tasks: pick one, as in "
+            f"{run.controller.name}#{first}."
+        )
+    count = whole("episodes", episodes)
+    return measure(flown(run.under(conditions), count, seed, engine))
+
+
+def compare(
+    *contestants: object,
+    beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
+    episodes: int = 128,
+    certified: int = 4,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    conditions: ConditionsLike | None = None,
+    trust: bool = False,
+    workers: int | None = None,
+) -> Comparison:
+    """Fly agents, policies and simple controllers from the same starts, beside what is possible.
+
+    >>> found = rans.compare("go-to-pose-2d", beside=["lqr"], episodes=4)
+    >>> [entry.name for entry in found.entries]
+    ['go-to-pose-2d', 'LQR']
+
+    Args:
+        *contestants: agents, or texts as of `rans compare`; the first gives task, spacecraft and rate. Others
+            may also be models of Stable-Baselines3, controllers made for these (`Controller`), or what makes
+            one of them, such as a class.
+        beside: controllers that join them, unless one of that name is there, and "optimal", the best that
+            is possible; a name, or several.
+        episodes: number of starts.
+        certified: starts whose bounds are certified, about 25 processor seconds each.
+        seed: of the starts.
+        engine: see `evaluate`.
+        conditions: see `evaluate`.
+        trust: whether ``sb3:`` files may be pickles of strangers, which run the code in them.
+        workers: processes; None: one per processor.
+
+    Raises:
+        ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
+    """
+    from rans.evaluation.compare.entrants import contest_of, enlisted, invitations
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.controllers import CONTROLLERS
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.show.progress import watched
+
+    first, invited = invitations(contestants)
+    one_of("engine", engine, get_args(EngineName))
+    beside = (beside,) if isinstance(beside, str) else beside
+    if not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside):
+        raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
+    for name in {*beside} - {"optimal"}:
+        CONTROLLERS[name]  # a wrong name is refused before anybody flies
+    whole("certified", certified, least=0)
+    contest = contest_of(
+        first,
+        whole("episodes", episodes),
+        seed,
+        engine,
+        _conditions(contestants[0], conditions),
+        trust,
+    )
+    found = Comparison(contest)
+    entrants = enlisted(invited, contest, trust)
+    with watched() as stage:
+        found.fly(entrants, beside, certified, stages=stage, workers=workers)
+    return found
+
+
+def _conditions(first: object, conditions: ConditionsLike | None) -> ConditionsLike | None:
+    """What is flown under: as asked for, otherwise what the first contestant is judged under."""
+    if conditions is None and isinstance(first, Agent):
+        return first.conditions or Conditions()
+    return conditions
+
+
+def stress(
+    *contestants: object,
+    conditions: Sequence[str] | None = None,
+    only: Sequence[str] = (),
+    episodes: int = 256,
+    slow_episodes: int = 32,
+    seed: int = EVALUATION_SEED,
+    worst: int = 3,
+    trust: bool = False,
+    workers: int | None = None,
+    output: str | Path | None = None,
+) -> StressReport:
+    """Robustness sweep: fly under each disturbance at increasing size, and under sets of conditions.
+
+    >>> found = rans.stress("go-to-pose-2d", only=["latency"], episodes=8, workers=1)
+    >>> found.effect_rows()[0][:2]
+    ['latency', 's']
+
+    Args:
+        *contestants: as of `compare`; others are compared with the first.
+        conditions: sets of conditions by name or TOML file; None: lab, roboran, orbit and harsh, or with
+            ``only`` none.
+        only: names of single disturbances, such as "latency"; by default all, and failed thrusters.
+        episodes: flights of each contestant in each scenario.
+        slow_episodes: flights of controllers that are slow, such as MPC.
+        seed: of starts, goals and disturbances.
+        worst: worst episodes that the report lists of each contestant in a scenario.
+        trust: see `compare`.
+        workers: processes; None: one per processor.
+        output: folder to write stress.html and stress.json into; None: nothing is written, see
+            `rans.show.pages.stress_page.StressReport.write`.
+
+    Raises:
+        ConfigError: there is no such contestant or disturbance, or a number is out of its range.
+    """
+    from rans.evaluation.compare.entrants import contest_of, invitations
+    from rans.evaluation.stress.run import prepared
+    from rans.files import ready_folder
+    from rans.show.pages.stress_page import StressReport
+    from rans.show.progress import watched
+
+    first, invited = invitations(contestants)
+    contest = contest_of(first, whole("episodes", episodes), seed, trust=trust)
+    sets = stress_conditions(conditions, only)
+    planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
+    folder = Path() if output is None else ready_folder(Path(output))
+    report = StressReport(planned, folder, whole("worst", worst, least=0), "rans.stress")
+    with watched() as stage:
+        planned.fly(stage, workers)
+    if output is not None:
+        report.write()
+    return report
+
+
+def stress_conditions(given: Sequence[str] | None, only: Sequence[str]) -> Sequence[str]:
+    """Sets of conditions that a robustness sweep flies beside single disturbances."""
+    if given is not None:
+        return given
+    return () if only else STRESSED
+
+
+def assure(
+    agent: object,
+    *,
+    conditions: ConditionsLike | None = None,
+    episodes: int | None = None,
+    failure_below: float | None = None,
+    confidence: float = 0.99,
+    worst: int = 4,
+    rare: int = 0,
+    search: str | None = None,
+    seed: int = ASSURANCE_SEED,
+    device: str = "auto",
+    trust: bool = False,
+    output: str | Path | None = None,
+) -> Assurance:
+    """Bound the probability that an agent fails, from very many flights, and fly the failures again.
+
+    >>> found = rans.assure("go-to-pose-2d", episodes=2000, worst=0)
+    >>> found.campaign.flights, found.campaign.bound().high < 0.02
+    (2000, True)
+
+    Args:
+        agent: an `Agent` or a text as `load_agent` takes it.
+        conditions: domain randomization, disturbances, faults and sensors; None: those of the training.
+        episodes: number of flights; None: 100,000, or with ``failure_below`` as many as it takes.
+        failure_below: probability to show or to refute, such as 1e-4.
+        confidence: probability that every bound holds.
+        worst: failed flights of each kind that are flown again in Drake.
+        rare: flights of an importance sampling of rarer failures; 0: none.
+        search: name of conditions in whose units the smallest disturbance that breaks the agent is looked
+            for; None: no search.
+        seed: of starts, goals and conditions.
+        device: "auto" (a GPU if there is one), "cpu" or "cuda".
+        trust: see `compare`.
+        output: folder to write assurance.html and assurance.json into; None: nothing is written.
+
+    Raises:
+        ConfigError: there is no such agent, or a number is out of its range.
+    """
+    from rans.evaluation.assure.assurance import Assurance, chosen_device
+    from rans.evaluation.assure.bounds import plan
+    from rans.evaluation.assure.campaign import Campaign
+    from rans.evaluation.assure.search import unit
+    from rans.evaluation.fly.contestants import contestant
+    from rans.files import ready_folder, write_json
+    from rans.show.pages.assure_page import page
+    from rans.show.progress import watched
+
+    if search:
+        unit(search)  # a wrong name is refused before anything flies
+    if episodes is not None or failure_below is None:
+        episodes = whole("episodes", _ASSURED if episodes is None else episodes)
+    planned = plan(confidence, episodes, failure_below)
+    known = agent if isinstance(agent, Agent) else None
+    spec = (known.spec or known.name) if known else str(agent)
+    label = None if conditions is None else str(getattr(conditions, "description", conditions))
+    made = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
+    if known or isinstance(conditions, Conditions):
+        run = known.run if known else contestant(spec, trust=trust)
+        made.given = run.under(conditions)
+    _ = made.run
+    processor = chosen_device(device)
+    with watched() as stage:
+        made.fly(processor, stage)
+        stage("failed flights again", None)
+        made.replay(whole("worst", worst, least=0), worst)
+        if rare:
+            stage("rarer failures", None)
+            made.sample(whole("rare", rare), processor)
+        if search:
+            stage("the worst case", None)
+            made.search(search, processor)
+    if output is not None:
+        folder = ready_folder(Path(output))
+        write_json(folder / "assurance.json", made.to_json())
+        page(made).write(folder / "assurance.html")
+    return made
+
+
+def follow(
+    agent: object,
+    path: str | Path = "circle",
+    *,
+    speed: float = 0.25,
+    look_ahead: float = 0.25,
+    flights: int = 16,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+) -> Following:
+    """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
+
+    >>> found = rans.follow("track-velocity-2d", "circle", flights=2)
+    >>> found.planner.path.label
+    'circle'
+
+    Args:
+        agent: an `Agent` for track-velocity, or a text as `load_agent` takes it.
+        path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m.
+        speed: speed to fly at, m/s.
+        look_ahead: radius within which the farthest point of the path is flown to, m.
+        flights: number of flights.
+        seed: of the starts.
+        engine: see `evaluate`.
+
+    Raises:
+        ConfigError: the agent is for another task, or there is no such path.
+    """
+    from rans.evaluation.fly.contestants import in_protocol
+    from rans.evaluation.fly.follow import follow as follow_path
+    from rans.evaluation.fly.paths import LookAhead, find_path
+
+    planner = LookAhead(find_path(str(path)), speed, look_ahead)
+    run = in_protocol(agent, "own")
+    return follow_path(
+        run.craft,
+        run.task,
+        run.controller,
+        planner,
+        run.timing,
+        seed,
+        whole("flights", flights),
+        engine,
+    )
+
+
+FAULT_COLUMNS = ("fault", "recoverable", "least margin", "not recoverable")
+"""Headings of `Faults.rows`."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Which thrusters of a spacecraft may fail while every force and torque stays possible."""
+
+    spacecraft: Spacecraft
+    sets: dict[tuple[FaultKind, int], list[FaultSet]]
+    """Every set of failed thrusters by kind and number, with its margin."""
+
+    def __repr__(self) -> str:
+        said = ", ".join(f"{row[0]} {row[1]}" for row in self.rows())
+        return f"<Faults of {self.spacecraft.name}: recoverable are {said}>"
+
+    def _repr_html_(self) -> str:
+        from rans.show.pages.notebook import listed
+
+        return listed(f"{self.spacecraft.name}: recoverable faults", FAULT_COLUMNS, self.rows())
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Fault, recoverable sets, least margin, and the sets that cannot be recovered from."""
+        numbers = {1: "one", 2: "two"}
+        found = []
+        for (kind, count), sets in self.sets.items():
+            good = [one.margin for one in sets if one.recoverable]
+            lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
+            least = f"{min(good):.1%}" if good else ""
+            found.append(
+                (
+                    f"{numbers[count]} {kind}",
+                    f"{len(good)} of {len(sets)}",
+                    least,
+                    ", ".join(lost) or "none",
+                )
+            )
+        return found
+
+
+def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
+    """Which thrusters may fail, alone or two at once, while every force and torque stays possible.
+
+    >>> found = rans.faults("floating-platform")
+    >>> found.rows()[0][:2]
+    ('one dead', '8 of 8')
+
+    Args:
+        spacecraft: what flies, by name, TOML file or as such.
+
+    Raises:
+        ConfigError: there is no such spacecraft, or it has one thruster.
+    """
+    from rans.randomization.faults import fault_sets
+    from rans.show.progress import watched
+
+    craft = load_spacecraft(spacecraft)
+    count = len(craft.thrusters)
+    if count < 2:
+        raise ConfigError(f"{craft.name} has one thruster, which it cannot do without.")
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
+    sets: dict[tuple[FaultKind, int], list[FaultSet]] = {}
+    with watched() as stage:
+        for kind in kinds:
+            for failed in (1, 2):
+                if failed >= count:
+                    continue
+                step = stage(f"{failed} {kind}", math.comb(count, failed))
+                found: list[FaultSet] = []
+                for one in fault_sets(craft, failed, kind):
+                    found.append(one)
+                    step(1)
+                sets[kind, failed] = found
+    return Faults(craft, sets)
+
+
+def validate(
+    spacecraft: SpacecraftLike = CRAFT,
+    *,
+    quick: bool = False,
+    layer: str | None = None,
+    conditions: ConditionsLike | None = None,
+    seed: int = 0,
+) -> Study:
+    """Check a spacecraft's motion against Drake and the laws of mechanics, layer by layer.
+
+    >>> found = rans.validate("floating-platform", quick=True, layer="thrusters")
+    >>> found.passed, len(found.checks)
+    (True, 2)
+
+    Args:
+        spacecraft: what flies, by name, TOML file or as such.
+        quick: fewer states and flights and no compiler: some seconds instead of some minutes.
+        layer: the only one to look at: thrusters, commands, accelerations, period, flights, engine, ...
+        conditions: to fly under too, each effect alone and all together.
+        seed: of the random states and commands.
+
+    Raises:
+        ConfigError: Drake refuses the mass properties, or one of these does not exist.
+    """
+    from rans.api import laboratory
+    from rans.show.progress import watched
+
+    laboratory.enter()
+    from validation.study.study import study
+
+    met = None if conditions is None else load_conditions(conditions)
+    craft = load_spacecraft(spacecraft)
+    with watched() as stage:
+        return study(craft, seed, quick, layer, stage, met)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Speeds measured on this machine."""
+
+    device: str
+    measurements: list[Measurement]
+    ratios: list[Ratio]
+    """Shares of what the machine's memory could move."""
+
+    def __repr__(self) -> str:
+        said = "; ".join(
+            f"{one.kind}, {one.name}: {one.value:,.4g} {one.unit}"
+            for one in self.measurements
+            if one.value is not None
+        )
+        return f"<Speed on {self.device}: {said}>"
+
+    def __getitem__(self, name: str) -> Measurement:
+        return {one.name: one for one in self.measurements}[name]
+
+
+def benchmark(
+    spacecraft: SpacecraftLike | Sequence[SpacecraftLike] = ("floating-platform", "free-flyer"),
+    task: str = "go-to-pose",
+    *,
+    device: str | None = None,
+    num_envs: Sequence[int] = (),
+    quick: bool = False,
+) -> Speed:
+    """Measure engine, trainer, optimiser and agents on this machine, as `rans benchmark` without peers.
+
+    >>> found = rans.benchmark("floating-platform", num_envs=[16], quick=True)
+    >>> len(found.measurements) > 3
+    True
+
+    Args:
+        spacecraft: names, TOML files or objects.
+        task: what they fly.
+        device: "cpu" or "cuda"; None: a GPU if there is one.
+        num_envs: sizes of the batch; none: usual ones of the device.
+        quick: rough figures in seconds.
+
+    Raises:
+        ConfigError: there is no such spacecraft, task or device, or the compiler is missing.
+    """
+    from rans.api import laboratory
+    from rans.api.speed import chosen_device, measured
+    from rans.show.progress import watched
+
+    laboratory.enter()
+    from validation.speed.ratios import bounds
+
+    device = chosen_device(device, quick)
+    several = isinstance(spacecraft, Sequence) and not isinstance(spacecraft, str)
+    crafts: Any = spacecraft if several else [spacecraft]
+    found: list[Measurement] = []
+    with watched() as stage:
+        step = stage("measuring", None)
+        for one in measured(map(load_spacecraft, crafts), task, num_envs, device, quick):
+            found.append(one)
+            step(1)
+    return Speed(device, found, list(bounds(found)))

@@ -1,0 +1,210 @@
+"""What is physically possible: optimal trajectories, and bounds that no on/off controller can beat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from rans.api.judging import CRAFT, SpacecraftLike
+from rans.errors import ConfigError, brief, one_of, whole
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
+from rans.tasks import Task, load_task
+
+if TYPE_CHECKING:
+    from rans.api.trajectory import OptimalTrajectory
+    from rans.evaluation.compare.bounds import Bound, Kind
+    from rans.optimal.trajectory.objectives import ObjectiveName
+
+StateLike = int | State
+"""Number of a scenario, or a state, see `state`."""
+
+
+def state(
+    position: Sequence[float],
+    attitude: float | Sequence[float] | None = None,
+    velocity: Sequence[float] | None = None,
+    spin: float | Sequence[float] | None = None,
+) -> State:
+    """A state to start from or to arrive at, in the plane or in space.
+
+    >>> rans.state((3.0, -1.0), attitude=0.5).v
+    Vec2(x=0.0, y=0.0)
+    >>> rans.state((3.0, -1.0, 0.0)).attitude
+    Quat(w=1.0, x=0.0, y=0.0, z=0.0)
+
+    Args:
+        position: p_WB, two or three numbers, m.
+        attitude: R_WB: in the plane the heading, rad; in space a quaternion (w, x, y, z), which is normalised.
+            None: aligned with the world.
+        velocity: v_WB in W, m/s; None: at rest.
+        spin: in the plane w_WB, rad/s; in space w_WB_B, three numbers. None: none.
+
+    Raises:
+        ConfigError: these are not so many finite numbers, or the quaternion is zero.
+    """
+    place = _numbers("position", position)
+    if len(place) not in (2, 3):
+        raise ConfigError(f"the position has 2 or 3 numbers, got {len(place)}.")
+    size = len(place)
+    moving = _numbers("velocity", [0.0] * size if velocity is None else velocity, size)
+    if size == 2:
+        heading = _numbers("attitude", [0.0 if attitude is None else attitude], 1)
+        turning = _numbers("spin", [0.0 if spin is None else spin], 1)
+        return PlanarState(Vec2(*place), Heading(heading[0]), Vec2(*moving), turning[0])
+    quaternion = _numbers("attitude", (1.0, 0.0, 0.0, 0.0) if attitude is None else attitude, 4)
+    length = float(np.linalg.norm(quaternion))
+    if not length > 1e-6:
+        raise ConfigError(f"the attitude is a quaternion (w, x, y, z), got {brief(attitude)}.")
+    turning = _numbers("spin", [0.0] * 3 if spin is None else spin, 3)
+    unit = Quat(*(x / length for x in quaternion))
+    return SpatialState(Vec3(*place), unit, Vec3(*moving), Vec3(*turning))
+
+
+def _numbers(what: str, given: Any, count: int | None = None) -> list[float]:
+    """So many finite numbers; `ConfigError` where they are not."""
+    try:
+        found = [float(x) for x in given]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"the {what} must be numbers, got {brief(given)}.") from error
+    if not np.isfinite(found).all() or (count is not None and len(found) != count):
+        many = "finite numbers" if count is None else f"{count} finite numbers"
+        raise ConfigError(f"the {what} must be {many}, got {brief(given)}.")
+    return found
+
+
+def optimal_trajectory(
+    task: str | Task = "go-to-pose",
+    spacecraft: SpacecraftLike = CRAFT,
+    *,
+    objective: ObjectiveName = "fuel",
+    start: StateLike = 0,
+    goal: State | None = None,
+    seed: int = EVALUATION_SEED,
+    horizon: float | None = None,
+    ending: Literal["exact", "set"] = "exact",
+    control_period: float = 0.2,
+    intervals: int = 50,
+    guesses: int = 1,
+) -> OptimalTrajectory:
+    """The best trajectory from one start, with thrust between 0 and 1, flown in Drake.
+
+    >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
+    >>> found.status, round(found.trajectory.cost, 1)
+    ('solved', 5.4)
+    >>> own = rans.optimal_trajectory(start=rans.state((2.0, 1.0), attitude=1.0), horizon=10.0)
+    >>> own.status, own.x[0, :3].round(6)
+    ('solved', array([2., 1., 1.]))
+
+    Args:
+        task: what to do, by name or with settings.
+        spacecraft: what flies, by name, TOML file or as such.
+        objective: see `rans.optimal.trajectory.objectives.objective_of`, as the others that are not here.
+        start: number of the scenario of the seed, or a state, see `state`.
+        goal: state to arrive at; None: the scenario's.
+        seed: 2023 has the starts that agents are judged on.
+        horizon: s; None: what is usual for the objective.
+        ending: exactly, or within the task's tolerances.
+        control_period: s.
+        intervals: control periods of a least time.
+        guesses: motions to start the optimiser from; the best outcome counts.
+
+    Raises:
+        ConfigError: one of these does not exist, or they do not go together.
+    """
+    from rans.api.trajectory import OptimalTrajectory
+    from rans.evaluation.compare.optima import optima
+    from rans.optimal.trajectory.objectives import objective_of
+
+    judged = load_task(task).for_evaluation()
+    craft = load_spacecraft(spacecraft)
+    wanted = objective_of(objective, horizon, control_period, ending, intervals)
+    one = _scenario(judged, craft, seed, start, goal)
+    (found,) = optima(craft, judged, wanted, one, whole("guesses", guesses), workers=1)
+    number = _OWN if isinstance(start, State) else start
+    return OptimalTrajectory(
+        number, found.trajectory, found.replay_error, found.errors, found.flight
+    )
+
+
+def certify(
+    task: str | Task = "go-to-pose",
+    spacecraft: SpacecraftLike = CRAFT,
+    *,
+    kind: Kind = "arrival",
+    horizon: float | None = None,
+    start: StateLike = 0,
+    goal: State | None = None,
+    seed: int = EVALUATION_SEED,
+    control_period: float = 0.2,
+    seconds: float = 20.0,
+) -> Bound:
+    """What no on/off controller can beat from one start: a proof, and the best that was found.
+
+    >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
+    >>> found.lower, found.upper  # s: nothing is faster than 5.5, and something is as fast
+    (5.5, 5.5)
+
+    Args:
+        task: what to do, by name or with settings.
+        spacecraft: what flies, by name, TOML file or as such.
+        kind: "arrival" at rest, or "settling" within the tolerances for good.
+        horizon: s: bounds the impulse (N s) of being there by then; None: bounds the time (s).
+        start: number of the scenario of the seed, or a state, see `state`.
+        goal: state to arrive at; None: the scenario's.
+        seed: 2023 has the starts that agents are judged on.
+        control_period: for which commands are held, s.
+        seconds: for the search; less gives a wider gap between both bounds, and changes no bound's truth.
+
+    Raises:
+        ConfigError: one of these does not exist, or no bound is known of such an event.
+    """
+    from rans.evaluation.compare.bounds import Event, Kind, bound, question
+    from rans.optimal.certificate.certificate import Effort
+    from rans.scenario import each
+
+    one_of("kind", kind, get_args(Kind))
+    judged = load_task(task).for_evaluation()
+    craft = load_spacecraft(spacecraft)
+    (one,) = each(_scenario(judged, craft, seed, start, goal))
+    event = Event(kind, horizon)
+    number = _OWN if isinstance(start, State) else start
+    return bound(number, question(craft, judged, control_period, event, Effort(seconds), one))
+
+
+_OWN = -1
+"""Number of a start that is no scenario of a seed."""
+
+
+def _scenario(
+    task: Task, craft: Spacecraft, seed: int, start: StateLike, goal: State | None
+) -> Scenario:
+    """One start and goal as a batch, fields (1,).
+
+    Raises:
+        ConfigError: a state is none, or of another dimension than the craft.
+    """
+    number = 0 if isinstance(start, State) else whole("start", start, least=0)
+    drawn = scenarios(task, craft, seed, 1, first=number)
+    begun = _placed("start", start, drawn.start) if isinstance(start, State) else drawn.start
+    wanted = drawn.goal if goal is None else _placed("goal", goal, drawn.goal)
+    return Scenario(begun, wanted)
+
+
+def _placed(what: str, given: object, like: State) -> State:
+    """A state of a batch of one, with what else the task keeps in it."""
+    if type(given) is not type(like):
+        dimension = len(like.p.columns())
+        raise ConfigError(
+            f"the {what} must be a state of {dimension} dimensions, as rans.state((...)) makes it, "
+            f"got {brief(given)}."
+        )
+    placed = replace(given, notes=(), stores=())
+    fields = map_leaves(lambda x: np.full(1, float(x)), placed)
+    return replace(fields, notes=like.notes, stores=like.stores)

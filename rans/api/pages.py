@@ -1,0 +1,234 @@
+"""What is shown and handed on: replays in three dimensions, reports, exported agents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from rans.api.agent import Agent
+from rans.api.judging import ConditionsLike, flown
+from rans.errors import ConfigError, one_of, whole
+from rans.scenario import EVALUATION_SEED
+
+if TYPE_CHECKING:
+    from rans.deploy.export import Form
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.flight import Flight
+    from rans.show.scene.view import View
+    from rans.window import Served
+
+_HEIGHT = 480
+"""Height of a replay in a notebook, pixels."""
+
+
+@dataclass
+class Replay:
+    """A page that replays flights in three dimensions; a notebook shows it under its cell."""
+
+    flights: list[Flight]
+    title: str
+
+    def __post_init__(self) -> None:
+        self._page: View | None = None
+        self._served: Served | None = None
+
+    def __repr__(self) -> str:
+        names = ", ".join(flight.controller for flight in self.flights)
+        return f"<Replay of {names}: {self.title}>"
+
+    def html(self) -> str:
+        """The page with everything that it needs."""
+        return self._made().html()
+
+    def save(self, file: str | Path) -> Path:
+        """Write the page to a file (.html), which replays anywhere and offline.
+
+        Raises:
+            ConfigError: the name has another ending, or the disk refused.
+        """
+        file = Path(file)
+        if file.suffix != ".html":
+            raise ConfigError(
+                f"a replay is a page, whose name must end in .html, got {str(file)!r}."
+            )
+        self._made().save(file)
+        return file
+
+    def film(self, file: str | Path) -> Path:
+        """Write all flights, side by side, as a film (.mp4 or .gif).
+
+        Raises:
+            ConfigError: FFmpeg is not installed, or the name has another ending.
+        """
+        from rans.show.progress import watched
+        from rans.show.scene.video import check_video, save_video
+
+        file = Path(file)
+        check_video(file)
+        with watched() as stage:
+            save_video(self.flights, file, stage)
+        return file
+
+    def open(self) -> str:
+        """Show the page in the browser, for as long as this Python process lives; its address."""
+        from rans.window import open_browser
+
+        if self._served is None:
+            self._served = self._made().serve()
+        open_browser(self._served.url)
+        return self._served.url
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{escape(self.html())}" '
+            f'style="width:100%;height:{_HEIGHT}px;border:0"></iframe>'
+        )
+
+    def _made(self) -> View:
+        if self._page is None:
+            from rans.show.scene.view import View
+
+            self._page = View()
+            self._page.show(self.flights, self.title)
+        return self._page
+
+
+def view(
+    *contestants: object,
+    conditions: ConditionsLike | None = None,
+    episodes: int = 1,
+    episode: int = 0,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+    trust: bool = False,
+    save: str | Path | None = None,
+) -> Replay:
+    """Fly agents and controllers from the same starts and replay them in three dimensions.
+
+    >>> replay = rans.view("go-to-pose-2d", "lqr")
+    >>> replay
+    <Replay of go-to-pose-2d, LQR: go-to-pose, floating-platform>
+
+    In a notebook the replay shows itself; ``replay.open()`` opens a browser.
+
+    Args:
+        *contestants: agents, or texts as `load_agent` takes them; after the first also controllers by name.
+        conditions: domain randomization, disturbances, faults and sensors; None: those of the trainings.
+        episodes: flights of each.
+        episode: number of the first.
+        seed: of starts and goals.
+        engine: "fast", or "drake".
+        trust: see `compare`.
+        save: file to write the page to (.html); None: none.
+
+    Raises:
+        ConfigError: there is no such contestant, or a number is out of its range.
+    """
+    if not contestants:
+        raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
+    count = whole("episodes", episodes)
+    first = whole("episode", episode, least=0)
+    runs = flyers(contestants, conditions, trust)
+    flights = [flown(run, count, seed, engine, first) for run in runs]
+    label = None if conditions is None else str(getattr(conditions, "description", conditions))
+    replay = Replay(flights, title_of(flights, label))
+    if save is not None:
+        replay.save(save)
+    return replay
+
+
+def flyers(
+    contestants: tuple[object, ...], conditions: ConditionsLike | None, trust: bool
+) -> list[LoadedRun]:
+    """Who flies, in which setup; a bare name after the first flies the first one's.
+
+    Raises:
+        ConfigError: there is no such contestant.
+    """
+    from rans.evaluation.fly.agent import run_of
+    from rans.evaluation.fly.contestants import contestant, text_of
+
+    found: list[LoadedRun] = []
+    for one in contestants:
+        setup = found[0].judged if found else None
+        run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
+        found.append(run.under(conditions))
+    return found
+
+
+def title_of(flights: list[Flight], conditions: str | None) -> str:
+    """What is flown: tasks, spacecraft, conditions."""
+    from rans.evaluation.fly.tuned import task_name
+
+    tasks = " and ".join(dict.fromkeys(task_name(flight.task) for flight in flights))
+    crafts = " and ".join(dict.fromkeys(flight.craft.name for flight in flights))
+    return f"{tasks}, {crafts}" + (f", conditions {conditions}" if conditions else "")
+
+
+def report(run: str | Path | Agent) -> Path:
+    """Gather what a run folder holds on one page, report.html, that opens offline; its path.
+
+    >>> folder = tempfile.mkdtemp()
+    >>> agent = rans.train("go-to-pose", total_timesteps=8192, run=f"{folder}/mine")
+    >>> rans.report(agent).name
+    'report.html'
+
+    Args:
+        run: run folder, or the agent of one.
+
+    Raises:
+        ConfigError: there is no such folder, or it holds no results.
+    """
+    from rans.show.pages.report import report_from_run
+
+    if isinstance(run, Agent):
+        return run.report()
+    folder = Path(run)
+    file = folder / "report.html"
+    report_from_run(folder).write(file)
+    return file
+
+
+def export(
+    agent: str | Path | Agent,
+    output: str | Path,
+    form: Form = "onnx",
+    *,
+    episodes: int = 1024,
+) -> Path:
+    """Write an agent for other software, with its contract, pairs to check it by, and a card; its folder.
+
+    >>> folder = tempfile.mkdtemp()
+    >>> written = rans.export("go-to-pose-2d", f"{folder}/mine", "numpy", episodes=16)
+    >>> sorted(file.name for file in written.iterdir())[:3]
+    ['agent.npz', 'agent.py', 'card.json']
+
+    Args:
+        agent: a trained agent: as such, its run folder, or the name of one that comes with RANS.
+        output: folder to write; its name is the agent's.
+        form: "onnx" for any runtime, "numpy" for NumPy alone, "sb3" for Stable-Baselines3 and RANS, or "rans"
+            for RANS alone.
+        episodes: flights behind the card's figures.
+
+    Raises:
+        ConfigError: this is no trained agent, or the folder is another agent's.
+    """
+    from rans.deploy.export import Form
+    from rans.deploy.export import export as write
+    from rans.evaluation.fly.contestants import agent_folder, picked_task
+
+    one_of("form", form, get_args(Form))
+    source: Any = agent.folder if isinstance(agent, Agent) else agent
+    if source is None:
+        raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
+    text = str(source)
+    if part := picked_task(text):
+        raise ConfigError(
+            "an agent is exported whole, with its trade-off input and all its tasks as observations: "
+            f"name it without #{part}."
+        )
+    write(agent_folder(text), Path(output), form, whole("episodes", episodes))
+    return Path(output)

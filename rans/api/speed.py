@@ -1,0 +1,61 @@
+"""Measuring the speed of engine, trainer, optimiser and agents: what command and function share."""
+
+from __future__ import annotations
+
+import gc
+import os
+import shutil
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import TASKS
+
+if TYPE_CHECKING:
+    from validation.speed.measurement import Measurement
+
+_SIZES = {"cpu": (1024, 16_384, 262_144), "cuda": (16_384, 262_144, 4_194_304)}
+"""Environments stepped together, by the kind of device."""
+
+
+def chosen_device(device: str | None, quick: bool) -> str:
+    """The device to measure on; None: a GPU if there is one.
+
+    Raises:
+        ConfigError: it is not here, or the compiler that the CPU's engine needs is missing.
+    """
+    import torch
+
+    from rans.fast.learn.trainer import check_device
+
+    found = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    check_device(found)
+    if not (found.startswith("cuda") or quick):
+        _check_compiler()
+    return found
+
+
+def measured(
+    crafts: Iterable[Spacecraft], task: str, num_envs: Sequence[int], device: str, quick: bool
+) -> Iterator[Measurement]:
+    """One measurement after the other; `rans.api.laboratory.enter` comes first."""
+    from validation.speed.suite import effort, measurements
+
+    usual = _SIZES["cuda" if device.startswith("cuda") else "cpu"]
+    sizes = tuple(num_envs) or ((1024,) if quick else usual)
+    names = list(crafts)
+    for one in measurements(names, task, TASKS[task](), sizes, effort(device, quick)):
+        yield one
+        gc.collect()  # engines hang in reference cycles, and with them the device's memory
+
+
+def _check_compiler() -> None:
+    """On a CPU torch compiles the engine with the system's C++ compiler; nothing else here needs one."""
+    compiler = os.environ.get("CXX") or ("clang++" if sys.platform == "darwin" else "g++")
+    if shutil.which(compiler) is None:
+        raise ConfigError(
+            f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
+            "training works without one, only this measurement does not; --quick does too."
+        )

@@ -1,0 +1,141 @@
+"""What the columns of an observation mean, and between which numbers an agent knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rans.model.dynamics import State
+from rans.model.fields import Field, Vec3
+from rans.tasks.base import Task
+from rans.tasks.derived import example, observation_width
+from rans.tasks.sight import Dimension, Entry, Knob, Scalar, Turn
+from rans.tasks.tracking import spin_difference
+
+MARGIN = 0.1
+"""Share of a column's range on flights by which its valid range is wider on either side."""
+
+
+def meanings(task: Task, state: State, goal: State) -> list[str]:
+    """What each column of the observation is of a spacecraft's state and its goal; "" where that is not known.
+
+    It is not read from names but tried: a column has a meaning if it equals it on all of the states.
+
+    Args:
+        task: whose observation it is.
+        state: of arrays (N,), with every quantity different in each.
+        goal: of arrays (N,).
+    """
+    known = _quantities(state, goal)
+    own = {
+        "v_WB, own velocity": state.v.columns(),
+        "own angular velocity, w_WB_B": state.spin(),
+        "own attitude, R_WB: cos and sin of the heading, or the first two rows": (
+            state.attitude.columns()
+        ),
+    }
+    found = [
+        *_named(state.attitude.columns(), own),
+        *_named(state.v.columns(), own),
+        *_named(state.spin(), own),
+        "task flag",
+    ]
+    for entry in task.sight(state, goal):
+        columns = entry.columns()
+        if isinstance(entry, Knob):
+            found += ["trade-off input, 0 to 1"]
+        else:
+            found += _named(columns, known)
+    dimension = 3 if isinstance(state.w, Vec3) else 2
+    missing = observation_width(task, dimension) - len(found)
+    return [*found, *["unused"] * missing]
+
+
+def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:
+    """What a task may let a policy observe of state and goal, in words, with the columns of each."""
+    way = (goal.p - state.p).columns()
+    return {
+        "p_WG - p_WB: position of the goal minus own": way,
+        "p_WB - p_WG: own position minus the goal's": [-x for x in way],
+        "v_WG - v_WB: velocity of the goal minus own": (goal.v - state.v).columns(),
+        "w_WG - w_WB in B: angular velocity of the goal minus own": spin_difference(state, goal),
+        "R_WB^T R_WG: cos and sin of the goal's heading minus own; in space the first two rows, whose "
+        "columns are the goal's axes as the spacecraft sees them": (
+            state.attitude.to(goal.attitude).columns()
+        ),
+        "R_WG^T R_WB: the inverse of the rotation to the goal": (
+            goal.attitude.to(state.attitude).columns()
+        ),
+        "v_WG, velocity of the goal": goal.v.columns(),
+    }
+
+
+def _named(columns: Sequence[Field], known: Mapping[str, Sequence[Field]]) -> list[str]:
+    """One meaning for all of an entry's columns."""
+    for meaning, values in known.items():
+        if len(values) == len(columns) and all(
+            np.allclose(a, b, rtol=0.0, atol=1e-9) for a, b in zip(columns, values, strict=True)
+        ):
+            return [meaning] * len(columns)
+    return [""] * len(columns)
+
+
+def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tuple[float, float]]:
+    """Least and largest number of each column that an agent knows, from observations (T, N, width) of flights.
+
+    Directions are known all around, [-1, 1], and a trade-off input from 0 to 1; a flag has the values that
+    it had. Every other column has the range that it had, and `MARGIN` of that more on either side.
+    """
+    lows = seen.min(axis=(0, 1)).astype(float)
+    highs = seen.max(axis=(0, 1)).astype(float)
+    ranges: list[tuple[float, float]] = []
+    for entry in example(task, dimension).entries:
+        for _ in entry.columns():
+            low = lows[len(ranges)]
+            high = highs[len(ranges)]
+            more = MARGIN * (high - low)
+            ranges.append(_known_range(entry, low, high, more))
+    return ranges
+
+
+def _known_range(entry: Entry, low: float, high: float, more: float) -> tuple[float, float]:
+    if isinstance(entry, Knob):
+        return 0.0, 1.0
+    if isinstance(entry, Turn):
+        return -1.0, 1.0
+    if type(entry) is Scalar and entry.name in ("task flag", "unused"):
+        return low, high
+    return low - more, high + more
+
+
+def refused_ranges(valid: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Beyond which a number is no reading but an error: three times as wide as the valid range."""
+    result = []
+    for low, high in valid:
+        width = max(high - low, 1.0)
+        result.append((low - width, high + width))
+    return result
+
+
+def quantities(state: State) -> dict[str, Any]:
+    """One state of numbers as JSON: SI units, vectors in W but for the angular velocity in space, which is in B.
+
+    The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z).
+    """
+    attitude: Any = state.attitude
+    planar = not isinstance(state.w, Vec3)
+    turn = [attitude.w, attitude.x, attitude.y, attitude.z] if not planar else [attitude.angle]
+    spin = [float(x) for x in state.spin()]
+    result: dict[str, Any] = {
+        "position": [float(x) for x in state.p.columns()],
+        "attitude": float(turn[0]) if planar else [float(x) for x in turn],
+        "velocity": [float(x) for x in state.v.columns()],
+        "spin": spin[0] if planar else spin,
+    }
+    if state.notes:
+        result["notes"] = [float(x) for x in state.notes]
+    if state.stores:
+        result["stores"] = [float(x) for x in state.stores]
+    return result

@@ -1,0 +1,103 @@
+"""How much latency, mass error and sensor noise an agent bears, measured before it is handed on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rans.episode import Setup
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.stress.effects import effects
+from rans.evaluation.stress.outcome import WANTED
+from rans.flight import Controller
+from rans.model.body import Body
+from rans.randomization.conditions import Conditions, bounds
+from rans.randomization.parameters import EpisodeParameters, draw
+from rans.scenario import draws
+
+SEED = 2028
+"""Of the starts; no training, selection or evaluation uses it."""
+MEASURED = (
+    "latency",
+    "more mass",
+    "less mass",
+    "noise of position",
+    "noise of attitude",
+    "noise of velocity",
+    "noise of spin",
+)
+"""Effects of `rans stress` that a data sheet of a robot answers."""
+
+
+def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
+    """Size of each effect up to which an agent holds its goal, everything else as designed.
+
+    All worlds fly in one batch, each with about as many flights as asked for: an episode draws which it meets.
+
+    Args:
+        controller: agent.
+        setup: what it is judged in; its conditions do not count.
+        flights: flights of each effect's every size.
+
+    Returns:
+        By effect: "holds_to", the largest size up to which at every size flown at least 99 % of the flights
+        were held (None: not even at the smallest), its "unit", and "held", the share by size. Beside them
+        "flights", "nominal" (the share held where everything is as designed) and "seed".
+    """
+    known = [one for one in effects(setup.craft, setup.timing) if one.name in MEASURED]
+    levels = [level for one in known for level in one.levels()]
+    worlds = [Conditions(), *(level.conditions for level in levels)]
+    mixed = replace(worlds[0], others=tuple(worlds[1:]))
+    count = flights * len(worlds)
+    flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
+    held = np.asarray(flown.flight.verdict.held)
+    numbers = draws(SEED, count)
+    case = draw(
+        mixed, setup.craft, Body.of(setup.craft), setup.timing.episode_steps, numbers.first, numbers
+    )
+    met = _signatures(case, setup, count)
+    shares: list[float] = []
+    for world in worlds:
+        here = np.isclose(met, _signature(world), rtol=0.0, atol=1e-6).all(axis=1)
+        shares.append(float(held[here].mean()) if here.any() else float("nan"))
+    by_level = dict(zip(((one.effect, one.size) for one in levels), shares[1:], strict=True))
+    found: dict[str, Any] = {
+        "flights": flights,
+        "seed": SEED,
+        "wanted_share": WANTED,
+        "nominal": round(shares[0], 4),
+    }
+    for one in known:
+        of_sizes = [by_level[one.name, size] for size in one.sizes]
+        borne = None
+        for size, share in zip(one.sizes, of_sizes, strict=True):
+            if not share >= WANTED:
+                break
+            borne = size
+        found[one.name] = {
+            "unit": one.unit,
+            "holds_to": borne,
+            "held": {
+                f"{size:g}": round(share, 4)
+                for size, share in zip(one.sizes, of_sizes, strict=True)
+            },
+        }
+    return found
+
+
+def _signature(world: Conditions) -> list[float]:
+    """What tells one world of a single effect from another: latency, mass and the four kinds of noise."""
+    noise = [bounds(sensor.noise)[1] for sensor in world.sensors.each()]
+    return [bounds(world.thrusters.latency)[1], bounds(world.body.mass)[1], *noise]
+
+
+def _signatures(case: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
+    """The same of what N episodes drew, (N, 6)."""
+    latency = 0.0 if case.lag is None else case.lag.latency
+    mass = case.body.mass / setup.craft.mass
+    noise: Any = (0.0,) * 4
+    if case.sensors is not None and case.sensors.noise is not None:
+        noise = case.sensors.noise
+    return np.stack([np.broadcast_to(x, count) for x in (latency, mass, *noise)], axis=1)

@@ -1,0 +1,93 @@
+"""Very many flights of any controller, one scenario each, of which only the verdicts are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from functools import reduce
+from operator import add
+
+import numpy as np
+import torch
+
+from rans.episode import Setup, World
+from rans.evaluation.fly.episodes import fly_draws
+from rans.flight import Controller, Flight
+from rans.flight_statistics import FlightStatistics
+from rans.model.random import Draws, seed_words
+from rans.processes import Workers
+from rans.verdict import last_fifth
+
+_SHARE = 1024
+_SLOW_SHARE = 16
+"""Flights that a process makes at once; of a controller that takes its time for each."""
+_MANY = 8192
+"""From so many flights on other processes share them."""
+
+
+class ControllerFleet:
+    """Flies a controller through the scenarios of a seed in float64, as `rans.fast.flights.Flights` does a network.
+
+    Args:
+        controller: decides from state or observation; can be pickled.
+        setup: what flies, with the starts to fly from.
+        listed: failed flights whose numbers are kept.
+    """
+
+    def __init__(self, controller: Controller, setup: Setup, listed: int) -> None:
+        self.device = torch.device("cpu")
+        self._controller = controller
+        self._setup = setup
+        self._listed = listed
+
+    def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
+        """Statistics of consecutive scenarios part by part, in the order of their numbers.
+
+        Raises:
+            ConfigError: the controller failed, or the seed has more than 64 bits.
+        """
+        slow = getattr(self._controller, "slow", False)
+        size = _SLOW_SHARE if slow else _SHARE
+        jobs = [
+            (seed, begin, min(size, first + count - begin))
+            for begin in range(first, first + count, size)
+        ]
+        workers = 1 if count < _MANY and not slow else None
+        given = self._controller, self._setup, self._listed
+        yield from Workers(ControllerFleet, given, workers, "flew").ordered(
+            ControllerFleet.part, jobs
+        )
+
+    def fly(self, first: int, count: int, seed: int) -> FlightStatistics:
+        """Statistics of scenarios ``first`` to ``first + count - 1``."""
+        return reduce(add, self.parts(first, count, seed))
+
+    def part(self, seed: int, first: int, count: int) -> FlightStatistics:
+        """Statistics of consecutive scenarios, flown in this process."""
+        numbers = np.arange(first, first + count, dtype=np.int32)
+        own = Draws(*seed_words(seed), numbers, 0, np.float64)
+        with np.errstate(all="ignore"):  # a state that is no longer finite counts as failed
+            flight = fly_draws(self._controller, self._setup, own)
+        return FlightStatistics.of(
+            World(self._setup),
+            numbers,
+            _outcome(flight),
+            _totals(flight),
+            self._listed,
+            "stepping, NumPy, float64",
+        )
+
+
+def _outcome(flight: Flight) -> list[np.ndarray]:
+    """(N,) each: number of a `Failure` or 0, whether the flight settled, and at which instant."""
+    verdict = flight.verdict
+    return [np.asarray(x) for x in (verdict.failure(), verdict.settles, verdict.settled)]
+
+
+def _totals(flight: Flight) -> list[np.ndarray]:
+    """(N,) each: return, impulse (N s), and open thrusters summed over the last fifth."""
+    steps = len(flight.commands)
+    forces = np.array([thruster.force for thruster in flight.craft.thrusters])
+    earned = np.sum([term.sum(axis=0) for term in flight.rewards().values()], axis=0)
+    impulse = flight.timing.control_period * (flight.openings @ forces).sum(axis=0)
+    late = flight.openings[-last_fifth(steps) :]
+    return [earned, impulse, late.sum(axis=(0, 2))]

@@ -1,0 +1,457 @@
+"""Least propellant of a powered descent, by lossless convexification.
+
+A lander is a point mass whose engines push along one axis of the craft, between a least and a largest thrust, and
+cannot be shut. The thrust's direction may change at once, within a cone about the vertical. The set of thrusts is
+a shell, which is not convex; with a slack sigma for the size of the acceleration it becomes the solid cone
+|u| <= sigma, and the optimum of that larger problem lies on the shell: the relaxation is lossless. Sources:
+B. Acikmese and S. R. Ploen, "Convex programming approach to powered descent guidance for Mars landing", Journal of
+Guidance, Control, and Dynamics 30(5), 2007; B. Acikmese, J. M. Carson and L. Blackmore, "Lossless convexification
+of nonconvex control bound and pointing constraints of the soft landing optimal control problem", IEEE
+Transactions on Control Systems Technology 21(6), 2013.
+
+The mass enters through z = ln m, so that the dynamics are linear. Bounds of the thrust are then bounds
+rho exp(-z) of sigma. The lower one is convex, and replaced by a tangent. The upper one is not: a tangent lies below
+it and gives a trajectory that can be flown, a chord lies above it and gives a bound that nothing can beat.
+
+Units inside the solver: 1 km, 10 s, and the craft's full mass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from rans.errors import ConfigError
+from rans.model.actuators import Throttle
+from rans.model.spacecraft import Spacecraft
+
+_LENGTH = 1000.0
+"""m."""
+_TIME = 10.0
+"""s."""
+_SPEED = _LENGTH / _TIME
+_ACCELERATION = _LENGTH / _TIME**2
+_ROUNDS = 6
+"""Linearisations of the upper bound at most; two or three suffice."""
+_SETTLED = 1e-5
+"""Change of ln m between linearisations that no longer matters: 0.02 kg of two tonnes."""
+
+Side = Literal["flyable", "bound"]
+
+
+@dataclass(frozen=True)
+class Lander:
+    """What the problem knows of a craft: a thrust along one axis, and the propellant that it takes.
+
+    >>> from rans.optimal.convex.landing import Lander
+    >>> lander = Lander.of(rans.load_spacecraft("mars-lander-steered"))
+    >>> round(lander.least_thrust), round(lander.largest_thrust)
+    (4972, 13258)
+    """
+
+    mass: float
+    """With a full tank, kg."""
+    propellant: float
+    """In a full tank, kg."""
+    least_thrust: float
+    """Of all engines together along the axis, N."""
+    largest_thrust: float
+    """The same, N."""
+    exhaust_speed: float
+    """Thrust along the axis over mass flow, m/s: canted engines waste a part of theirs."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft) -> Lander:
+        """Of a craft in space whose engines push along z of B when all are throttled alike.
+
+        Raises:
+            ConfigError: it has no propellant, its thrusters are not throttled, or they do not push along z
+                together.
+        """
+        tank = craft.propellant
+        if craft.dimension != 3 or tank is None or not isinstance(craft.actuators, Throttle):
+            raise ConfigError(
+                f"spacecraft {craft.name!r} is no lander: it needs throttled engines and propellant, in space "
+                '(dimension = 3, [actuators] kind = "throttle", [propellant]).'
+            )
+        along = np.array([np.multiply(t.direction, t.force) for t in craft.thrusters]).sum(axis=0)
+        if np.linalg.norm(along[:2]) > 1e-6 * along[2]:
+            raise ConfigError(
+                f"the engines of {craft.name!r} push along {along.round(3).tolist()} N together, and a lander's "
+                "along z of B."
+            )
+        full = float(along[2])
+        flow = sum(t.force for t in craft.thrusters) / tank.exhaust_speed
+        return cls(
+            craft.mass,
+            tank.mass,
+            craft.actuators.least * full,
+            craft.actuators.most * full,
+            full / flow,
+        )
+
+
+@dataclass(frozen=True)
+class Descent:
+    """What a landing asks for: gravity, limits and where it ends.
+
+    The landing site is the origin, z points up.
+    """
+
+    gravity: float = 3.7114
+    """m/s^2."""
+    glide_slope: float = math.radians(4.0)
+    """Least elevation above the ground seen from the site, rad."""
+    margin: float = 1.0
+    """Radius of the disc on the ground from whose rim the glide slope rises, m."""
+    tilt: float = math.radians(40.0)
+    """Largest angle between thrust and vertical, rad."""
+    position_tolerance: float = 0.0
+    """Distance from the site in which it may end, m; 0: at the site."""
+    velocity_tolerance: float = 0.0
+    """Speed with which it may end, m/s; 0: at rest."""
+    speed: float | None = None
+    """Largest speed, m/s; None: any."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """An optimum of a fixed flight time, with accelerations that are held for equal periods."""
+
+    period: float
+    """For which an acceleration is held, s."""
+    p: np.ndarray
+    """(N + 1, 3) positions, m."""
+    v: np.ndarray
+    """(N + 1, 3) velocities, m/s."""
+    mass: np.ndarray
+    """(N + 1,) kg."""
+    acceleration: np.ndarray
+    """(N, 3) of the thrust alone, m/s^2."""
+    slack: np.ndarray
+    """(N,) sigma, m/s^2: the size of the acceleration where the relaxation is lossless."""
+    propellant: float
+    """Used, kg."""
+    dual: float
+    """Propellant that the dual solution proves to be needed, kg: what is above it is the duality gap."""
+    primal_residual: float
+    """Of the solver's equations and cones, in its units."""
+    dual_residual: float
+    """The same of the dual problem."""
+
+    @property
+    def time(self) -> float:
+        """Flight time, s."""
+        return self.period * len(self.acceleration)
+
+    @property
+    def looseness(self) -> float:
+        """How far sigma exceeds the acceleration at most, as a share of it: 0 where the relaxation is lossless."""
+        size = np.linalg.norm(self.acceleration, axis=1)
+        return float(np.max(self.slack / size - 1.0))
+
+
+def landing(
+    lander: Lander,
+    descent: Descent,
+    start: tuple[np.ndarray, np.ndarray],
+    time: float,
+    period: float = 0.5,
+    side: Side = "flyable",
+    propellant: float | None = None,
+) -> Landing | None:
+    """Landing in a given time (s) with the least propellant; None: there is none.
+
+    Args:
+        lander: what lands.
+        descent: what is asked for.
+        start: position, m, and velocity, m/s.
+        time: of flight, s; whole periods of it count.
+        period: for which an acceleration is held, s.
+        side: "flyable" keeps the true bounds of the thrust, and is flown; "bound" relaxes the upper one so that
+            no landing in this time with accelerations held for such periods needs less.
+        propellant: left at the start, kg; None: a full tank.
+    """
+    count = round(time / period)
+    if count < 1:
+        return None
+    problem = _Problem(lander, descent, start, count, period, propellant)
+    found = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
+    if side == "bound" or found is None:
+        # The lower thrust bound's tangent is below it wherever it touches: one more makes it tight.
+        return found and (problem.solved(np.log(found.mass), side) or found)
+    for _ in range(_ROUNDS):
+        again = problem.solved(np.log(found.mass), side)
+        if again is None:
+            break
+        change = np.abs(np.log(again.mass / found.mass)).max()
+        found = again
+        if change < _SETTLED:
+            break
+    return found
+
+
+def best_landing(
+    lander: Lander,
+    descent: Descent,
+    start: tuple[np.ndarray, np.ndarray],
+    period: float = 0.5,
+    side: Side = "flyable",
+    times: tuple[float, float] = (20.0, 120.0),
+    propellant: float | None = None,
+) -> Landing | None:
+    """Landing with the least propellant of all flight times; None: there is none.
+
+    The least propellant has one minimum over the time. It is enclosed by sections of whole periods that begin
+    from a grid of eight times, because short and long flights are infeasible.
+    """
+    known: dict[int, Landing | None] = {}
+
+    def used(count: int) -> float:
+        if count not in known:
+            known[count] = landing(lander, descent, start, count * period, period, side, propellant)
+        found = known[count]
+        return math.inf if found is None else found.propellant
+
+    low, high = (round(t / period) for t in times)
+    grid = sorted({round(low + (high - low) * k / 8.0) for k in range(9)})
+    best = min(grid, key=used)
+    if math.isinf(used(best)):
+        return None
+    step = max(1, grid[1] - grid[0])
+    left = max(low, best - step)
+    right = min(high, best + step)
+    best = _least(used, left, best, right)
+    return known[best]
+
+
+def _least(cost: Callable[[int], float], left: int, best: int, right: int) -> int:
+    """Whole number of the least cost between two others, beside the best one that is known."""
+    while right - left > 2:
+        if right - best > best - left:
+            trial = best + max(1, round(0.382 * (right - best)))
+        else:
+            trial = best - max(1, round(0.382 * (best - left)))
+        if trial in (left, right):
+            break
+        if cost(trial) < cost(best):
+            left, best, right = (best, trial, right) if trial > best else (left, trial, best)
+        elif trial > best:
+            right = trial
+        else:
+            left = trial
+    return min((left, best, right), key=cost)
+
+
+class _Problem:
+    """The second-order cone program of one flight time, in the solver's units.
+
+    Variables, by knots k = 0 to N: p_k (3), v_k (3), z_k = ln(m_k / m_full), then by periods u_k (3), sigma_k.
+    """
+
+    def __init__(
+        self,
+        lander: Lander,
+        descent: Descent,
+        start: tuple[np.ndarray, np.ndarray],
+        count: int,
+        period: float,
+        propellant: float | None,
+    ) -> None:
+        self.lander = lander
+        self.descent = descent
+        self.count = count
+        self.period = period
+        self.start = start
+        self.spent = 0.0 if propellant is None else lander.propellant - propellant
+        self.knots = 7 * (count + 1)
+        self.size = self.knots + 4 * count
+        dry = lander.mass - lander.propellant
+        elapsed = period * np.arange(count + 1)
+        full = lander.mass - self.spent
+        lightest = full - lander.largest_thrust / lander.exhaust_speed * elapsed
+        # ln m of craft that burn as much, and as little, as they can.
+        self.lightest = np.log(np.maximum(lightest, dry))
+        heaviest = full - lander.least_thrust / lander.exhaust_speed * elapsed
+        self.heaviest = np.log(np.maximum(heaviest, dry))
+        self.middle = 0.5 * (self.lightest + self.heaviest)
+        self.equations = self._dynamics()
+        self.fixed = self._fixed_cones()
+
+    def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
+        """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: infeasible."""
+        import clarabel
+
+        linear = self._linear(log_mass, side)
+        blocks = [self.equations, linear, *self.fixed]
+        matrix = sparse.vstack([block for block, _, _ in blocks], format="csc")
+        right = np.concatenate([values for _, values, _ in blocks])
+        cones = [
+            clarabel.ZeroConeT(self.equations[0].shape[0]),
+            clarabel.NonnegativeConeT(linear[0].shape[0]),
+            *(
+                clarabel.SecondOrderConeT(width)
+                for block, _, width in self.fixed
+                for _ in range(block.shape[0] // width)
+            ),
+        ]
+        cost = np.zeros(self.size)
+        cost[self._z(self.count)] = -1.0
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        nothing = sparse.csc_matrix((self.size, self.size))
+        answer = clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
+        if str(answer.status) not in ("Solved", "AlmostSolved"):
+            return None
+        return self._read(answer)
+
+    def _read(self, answer: object) -> Landing:
+        """The solver's answer in SI units."""
+        x = np.array(answer.x)  # type: ignore[attr-defined]
+        knots = x[: self.knots].reshape(-1, 7)
+        controls = x[self.knots :].reshape(-1, 4) * _ACCELERATION
+        mass = self.lander.mass * np.exp(knots[:, 6])
+        needed = self.lander.mass * math.exp(-float(answer.obj_val_dual))  # type: ignore[attr-defined]
+        return Landing(
+            self.period,
+            knots[:, :3] * _LENGTH,
+            knots[:, 3:6] * _SPEED,
+            mass,
+            controls[:, :3],
+            controls[:, 3],
+            float(mass[0] - mass[-1]),
+            float(mass[0] - needed),
+            float(answer.r_prim),  # type: ignore[attr-defined]
+            float(answer.r_dual),  # type: ignore[attr-defined]
+        )
+
+    def _z(self, knot: int) -> int:
+        return 7 * knot + 6
+
+    def _sigma(self, period: int) -> int:
+        return self.knots + 4 * period + 3
+
+    def _dynamics(self) -> tuple[sparse.csc_matrix, np.ndarray, int]:
+        """Equations of motion, the start and, where it is exact, the end."""
+        n = self.count
+        step = self.period / _TIME
+        g = np.array([0.0, 0.0, -self.descent.gravity / _ACCELERATION])
+        rate = _ACCELERATION * _TIME / self.lander.exhaust_speed
+        one = sparse.eye(3)
+        # x_{k+1} - A x_k - B (u_k, sigma_k) = constant.
+        carry = np.eye(7)
+        carry[:3, 3:6] = step * np.eye(3)
+        push = np.zeros((7, 4))
+        push[:3, :3] = 0.5 * step**2 * np.eye(3)
+        push[3:6, :3] = step * np.eye(3)
+        push[6, 3] = -rate * step
+        here = sparse.hstack([sparse.eye(n), sparse.csc_matrix((n, 1))])
+        there = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
+        states = sparse.kron(there, sparse.eye(7)) - sparse.kron(here, carry)
+        motion = sparse.hstack([states, -sparse.kron(sparse.eye(n), push)])
+        falling = np.concatenate([0.5 * step**2 * g, step * g, [0.0]])
+        p, v = self.start
+        full = math.log((self.lander.mass - self.spent) / self.lander.mass)
+        begin = sparse.eye(7, self.size)
+        rows = [motion, begin]
+        values = [np.tile(falling, n), np.concatenate([p / _LENGTH, v / _SPEED, [full]])]
+        for tolerance, offset in (
+            (self.descent.position_tolerance, 0),
+            (self.descent.velocity_tolerance, 3),
+        ):
+            if tolerance == 0.0:
+                rows.append(_selected(one, 7 * n + offset, self.size))
+                values.append(np.zeros(3))
+        return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
+
+    def _linear(
+        self, log_mass: np.ndarray, side: Side
+    ) -> tuple[sparse.csc_matrix, np.ndarray, int]:
+        """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
+        n = self.count
+        full = math.log(self.lander.mass)
+        least = self.lander.least_thrust / _ACCELERATION
+        most = self.lander.largest_thrust / _ACCELERATION
+        about = log_mass[:-1]
+        rows: list[tuple[int, int, float]] = []
+        right: list[float] = []
+
+        def add(bound: float, *entries: tuple[int, float]) -> None:
+            rows.extend((len(right), column, value) for column, value in entries)
+            right.append(bound)
+
+        cosine = math.cos(self.descent.tilt)
+        for k in range(n):
+            # sigma >= least exp(-zeta) (1 - (ln m - zeta)), a tangent.
+            low = least * math.exp(-about[k])
+            add(-low * (1.0 + about[k] - full), (self._sigma(k), -1.0), (self._z(k), -low))
+            if side == "flyable":
+                high = most * math.exp(-about[k])
+                add(high * (1.0 + about[k] - full), (self._sigma(k), 1.0), (self._z(k), high))
+            else:
+                # The chord between the masses that can be reached.
+                light, heavy = self.lightest[k], self.heaviest[k]
+                above = most * math.exp(-light)
+                wide = max(heavy - light, 1e-12)
+                slope = (most * math.exp(-heavy) - above) / wide if k else -above
+                add(above + slope * (full - light), (self._sigma(k), 1.0), (self._z(k), -slope))
+            vertical = self.knots + 4 * k + 2
+            add(0.0, (self._sigma(k), cosine), (vertical, -1.0))
+        dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
+        add(-dry, (self._z(n), -1.0))
+        row, column, value = zip(*rows, strict=True)
+        matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
+        return matrix, np.array(right), 1
+
+    def _fixed_cones(self) -> list[tuple[sparse.csc_matrix, np.ndarray, int]]:
+        """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""
+        n = self.count
+        descent = self.descent
+        # (sigma, u).
+        order = sparse.csc_matrix(
+            ([-1.0, -1.0, -1.0, -1.0], ([0, 1, 2, 3], [3, 0, 1, 2])), shape=(4, 4)
+        )
+        thrust = sparse.hstack(
+            [sparse.csc_matrix((4 * n, self.knots)), sparse.kron(sparse.eye(n), order)]
+        )
+        cones = [(thrust.tocsc(), np.zeros(4 * n), 4)]
+        # The glide slope at every knot but the first: (height over tan + margin, x, y).
+        slope = np.zeros((3, 7))
+        slope[0, 2] = -1.0 / math.tan(descent.glide_slope)
+        slope[1, 0] = slope[2, 1] = -1.0
+        later = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
+        glide = sparse.hstack([sparse.kron(later, slope), sparse.csc_matrix((3 * n, 4 * n))])
+        rim = np.tile([descent.margin / _LENGTH, 0.0, 0.0], n)
+        cones.append((glide.tocsc(), rim, 3))
+        if descent.speed is not None:
+            fast = np.zeros((4, 7))
+            fast[1:, 3:6] = -np.eye(3)
+            speeds = sparse.hstack([sparse.kron(later, fast), sparse.csc_matrix((4 * n, 4 * n))])
+            cones.append((speeds.tocsc(), np.tile([descent.speed / _SPEED, 0.0, 0.0, 0.0], n), 4))
+        for tolerance, unit, offset in (
+            (descent.position_tolerance, _LENGTH, 0),
+            (descent.velocity_tolerance, _SPEED, 3),
+        ):
+            if tolerance > 0.0:
+                ball = _selected(
+                    -sparse.vstack([sparse.csc_matrix((1, 3)), sparse.eye(3)]),
+                    7 * n + offset,
+                    self.size,
+                )
+                cones.append((ball, np.array([tolerance / unit, 0.0, 0.0, 0.0]), 4))
+        return cones
+
+
+def _selected(block: sparse.spmatrix, first: int, size: int) -> sparse.csc_matrix:
+    """A block of columns that begins at one of them, with zeros around it."""
+    rows = block.shape[0]
+    after = size - first - block.shape[1]
+    return sparse.hstack(
+        [sparse.csc_matrix((rows, first)), block, sparse.csc_matrix((rows, after))], format="csc"
+    )

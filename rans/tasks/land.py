@@ -1,0 +1,180 @@
+"""Land softly at a site, under gravity, with engines that cannot be shut and propellant that runs out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rans.model.drift import Drift, UniformGravity
+from rans.model.dynamics import SpatialState, State
+from rans.model.fields import Field, Quat, Vec3, cos, sin, where
+from rans.model.random import Random
+from rans.model.timing import Timing
+from rans.tasks.base import SingleTask
+from rans.tasks.descent import DescentLaw
+from rans.tasks.rewards import Transition
+from rans.tasks.shapes import GlideSlope
+from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
+
+_EMPTY = 1e-3
+"""Propellant that counts as none, kg: single precision tells 400 kg from 0.03 g less."""
+
+
+@dataclass(frozen=True)
+class Land(SingleTask):
+    """Powered descent: land at a site softly, with little propellant, in space with z upwards.
+
+    >>> rans.Land().tolerances()
+    {'position': 1.0, 'velocity': 0.5}
+
+    Start and gravity are those of a Mars landing: B. Acikmese and S. R. Ploen, "Convex programming approach to
+    powered descent guidance for Mars landing", Journal of Guidance, Control, and Dynamics 30(5), 2007, whose start
+    (2000, 0, 1500) m with (80, 30, -75) m/s is one of those that `sample` draws, turned about the vertical. The
+    craft is upright at first, and has a full tank.
+
+    The mission is won within both tolerances of the landing site, which is the origin of W. Below the ground,
+    below the glide slope, or tilted too far it is lost, as it is without propellant.
+
+    Observed task data: the way to the site, the vertical, the thrust's acceleration of the guidance law of
+    D'Souza (`rans.tasks.descent.DescentLaw`) and its time to go, and the propellant that is left.
+    """
+
+    gravity: float = 3.7114
+    """Of Mars at the site, m/s^2 (Acikmese and Ploen)."""
+    start_altitude: tuple[float, float] = (1450.0, 1650.0)
+    """Range of the start's height, m."""
+    start_distance: tuple[float, float] = (1900.0, 2100.0)
+    """Range of its horizontal distance from the site, m."""
+    start_away: tuple[float, float] = (50.0, 80.0)
+    """Range of its horizontal speed away from the site, m/s."""
+    start_across: tuple[float, float] = (0.0, 30.0)
+    """Range of its horizontal speed across, to the left, m/s."""
+    start_descent: tuple[float, float] = (65.0, 77.0)
+    """Range of its vertical speed downwards, m/s."""
+    glide_slope: float = math.radians(4.0)
+    """Least elevation at which the site's rim sees the craft, rad (Acikmese and Ploen)."""
+    tilt_limit: float = math.radians(40.0)
+    """Largest angle between the craft's z axis and the vertical, rad (Acikmese and Ploen's limit of pointing)."""
+    position_tolerance: float = 1.0
+    """Distance from the site in which the craft has landed, m; also the radius of the site."""
+    velocity_tolerance: float = 0.5
+    """Speed below which it has, m/s."""
+    thrust_weight: float = 0.0
+    """Reward lost per step and open thruster: none, because propellant has a price of its own."""
+    propellant_weight: float = 1.0
+    """Reward lost per kg of propellant that is used."""
+    approach_weight: float = 0.9
+    """Reward for every m/s less that the guidance law needs to land."""
+    haste: float = 2.0
+    """Weight of time in the guidance law, m^2/s^4: a larger one lands sooner."""
+    done_weight: float = 30.0
+    """Reward for having landed."""
+    violation_weight: float = 30.0
+    """Reward lost where the ground, the glide slope or the tilt limit is passed."""
+
+    symmetric: ClassVar[bool] = False
+    spacecraft: ClassVar[str | None] = "mars-lander-steered"
+    timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, looks=2)
+
+    @property
+    def drift(self) -> Drift:
+        """Gravity, the same everywhere, along -z of W."""
+        return UniformGravity((0.0, 0.0, -self.gravity))
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start high above and beside the site, moving away from it; the goal is the site."""
+        bearing = random.uniform(-math.pi, math.pi)
+        altitude = random.within(self.start_altitude)
+        distance = random.within(self.start_distance)
+        away = random.within(self.start_away)
+        across = random.within(self.start_across)
+        descent = random.within(self.start_descent)
+        start = upright(bearing, (distance, altitude), (away, across, -descent))
+        return start, random.at_rest(random.origin(), random.no_rotation())
+
+    def nominal_start(self) -> SpatialState:
+        """The start of Acikmese and Ploen: (2000, 0, 1500) m, (80, 30, -75) m/s."""
+        return upright(0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
+
+    def guidance(self, state: State, goal: State) -> DescentLaw:
+        """Guidance law from this state to the goal."""
+        return DescentLaw.of(state.p - goal.p, state.v - goal.v, self.gravity, self.haste)
+
+    def constraints(self, state: State, goal: State) -> dict[str, Field]:
+        """Height above the ground and gap of the glide slope, m, and the cosine of the tilt above its least."""
+        up = Vec3(0.0, 0.0, 1.0)
+        # Within the site the glide slope is below the ground.
+        below = self.position_tolerance * math.tan(self.glide_slope)
+        slope = GlideSlope(goal.p - up.scale(below), up, self.glide_slope)
+        return {
+            "ground": state.p.z - goal.p.z,
+            "glide slope": slope.gap(state.p),
+            "tilt": state.attitude.rotate(up).z - cos(self.tilt_limit),
+        }
+
+    def done(self, state: State, goal: State) -> Field:
+        """Whether the craft has landed: within both tolerances of the site."""
+        return self.reached(state, goal)
+
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """Way to the site, the vertical, what the guidance law asks for, and the propellant left."""
+        law = self.guidance(state, goal)
+        zero = state.p.x * 0.0
+        return (
+            VectorInW("d", "m", goal.p - state.p),
+            InformationInW("up_", "-", Vec3(zero, zero, zero + 1.0)),
+            InformationInW("a_", "m/s^2", law.thrust),
+            Information("time to go", "s", law.time),
+            Information("propellant", "kg", zero + _propellant(state)),
+        )
+
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        """Distance from the site and speed."""
+        return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """Propellant used, and what the guidance law needs less than before; nothing once landed."""
+        state = transition.state
+        goal = transition.goal
+        before = transition.before or state
+        landed = self.reached(state, goal)
+        left = where(landed, 0.0, self.guidance(state, goal).speed)
+        needed = self.guidance(before, goal).speed
+        used = _propellant(before) - _propellant(state)
+        return {
+            "propellant": used * -self.propellant_weight,
+            "approach": (needed - left) * self.approach_weight,
+            **self.prices(transition),
+        }
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Whether the tank is empty."""
+        return _propellant(state) < _EMPTY
+
+
+def _propellant(state: State) -> Field:
+    """What is left in the tank, kg; 1 of a craft that uses none."""
+    return state.stores[0] if state.stores else 1.0
+
+
+def upright(
+    bearing: Field, place: tuple[Field, Field], velocity: tuple[Field, Field, Field]
+) -> SpatialState:
+    """Upright craft that does not turn, seen from the site under a bearing.
+
+    Args:
+        bearing: angle of the horizontal way from the site, from x of W, rad.
+        place: horizontal distance and height, m.
+        velocity: away from the site, across to the left, and upwards, m/s.
+    """
+    c, s = cos(bearing), sin(bearing)
+    distance, altitude = place
+    away, across, upwards = velocity
+    zero = bearing * 0.0
+    return SpatialState(
+        Vec3(distance * c, distance * s, altitude),
+        Quat(zero + 1.0, zero, zero, zero),
+        Vec3(away * c - across * s, away * s + across * c, upwards),
+        Vec3(zero, zero, zero),
+    )

@@ -1,0 +1,1 @@
+"""Tests of what is at the top of the package."""

@@ -1,0 +1,151 @@
+"""`rans.Agent`: it acts as the trained network flies, remembers, is saved, and names its mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+import rans
+from rans.errors import ConfigError
+
+PLATFORM = "floating-platform"
+
+
+def open_loop(agent: rans.Agent, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Commands of an agent in a Gymnasium loop, and those of its own first flight of the same seed."""
+    env = gymnasium.make("rans/GoToPose2D-v0", task=agent.task.for_evaluation())
+    observation, _ = env.reset(seed=2023)
+    agent.reset()
+    given = []
+    for _ in range(steps):
+        action = agent.act(observation)
+        assert env.action_space.contains(action)
+        given.append(action)
+        observation, *_ = env.step(action)
+    return np.array(given), agent.fly(1).commands[:steps, 0]
+
+
+@pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-2d-faults"])
+def test_acting_in_a_loop_is_flying(name: str) -> None:
+    """The second one remembers its last observations and commands, which `act` must carry along."""
+    agent = rans.load_agent(name).under("perfect")
+    looped, flown = open_loop(agent, 40)
+    np.testing.assert_array_equal(looped, flown)
+
+
+def test_memory_begins_anew_after_a_reset() -> None:
+    agent = rans.load_agent("go-to-pose-2d-robust")
+    seen = np.random.default_rng(1).normal(size=(6, agent_width(agent))).astype(np.float32)
+    first = [agent.act(row) for row in seen]
+    agent.reset()
+    np.testing.assert_array_equal(first, [agent.act(row) for row in seen])
+
+
+def agent_width(agent: rans.Agent) -> int:
+    return rans.Engine(agent.craft, agent.task, 1).observation_width
+
+
+def test_batches_and_tensors_are_answered_as_rows() -> None:
+    agent = rans.load_agent("go-to-pose-2d")
+    rows = np.random.default_rng(2).normal(size=(5, 10)).astype(np.float32)
+    batch, state = agent.predict(torch.from_numpy(rows))
+    assert (batch.shape, state) == ((5, 8), None)
+    np.testing.assert_array_equal(batch, [agent.predict(row)[0] for row in rows])
+
+
+def test_sampled_actions_differ_from_deterministic_ones() -> None:
+    agent = rans.load_agent("go-to-pose-2d")
+    rows = np.random.default_rng(3).normal(size=(400, 10)).astype(np.float32)
+    sure = agent.predict(rows)[0]
+    torch.manual_seed(0)
+    drawn = agent.predict(rows, deterministic=False)[0]
+    assert 0 < (sure != drawn).sum() < sure.size / 2
+
+
+def test_a_saved_agent_flies_as_before(tmp_path: Path) -> None:
+    agent = rans.load_agent("go-to-pose-2d")
+    copy = rans.load_agent(agent.save(tmp_path / "copy"))
+    np.testing.assert_array_equal(copy.fly(3).commands, agent.fly(3).commands)
+    with pytest.raises(ConfigError, match="is not empty: choose a new folder"):
+        agent.save(tmp_path / "copy")
+
+
+def test_what_only_trained_agents_do() -> None:
+    controller = rans.load_agent("lqr:go-to-pose-2d")
+    with pytest.raises(ConfigError, match=r"LQR decides from the state.*rans\.Pilot\(agent, env\)"):
+        controller.act(np.zeros(10, np.float32))
+    with pytest.raises(ConfigError, match="LQR cannot be saved: only trained agents"):
+        controller.save("anywhere")
+    with pytest.raises(ConfigError, match="no trained agent with a run folder"):
+        controller.export("anywhere")
+
+
+def test_the_tuple_of_before_still_unpacks_with_a_warning() -> None:
+    agent = rans.load_agent("go-to-pose-2d")
+    with pytest.warns(FutureWarning, match="use its attributes controller, craft, task"):
+        controller, craft, task, timing, conditions = agent
+    assert (controller, craft, task, timing, conditions) == (
+        agent.controller,
+        agent.craft,
+        agent.task,
+        agent.timing,
+        None,
+    )
+
+
+def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
+    robust = rans.load_agent("go-to-pose-2d").under("lab")
+    compared = rans.compare(robust, beside=(), episodes=4)
+    assert compared.contest.conditions == rans.load_conditions("lab")
+    alone = robust.evaluate(episodes=4)
+    assert (
+        alone["settling time"].value
+        == rans.evaluate("go-to-pose-2d", conditions="lab", episodes=4)["settling time"].value
+    )
+
+
+def test_settings_by_keyword(tmp_path: Path) -> None:
+    """Entries of the network's training and of the task, by their own names."""
+    agent = rans.train(
+        "go-to-pose",
+        total_timesteps=64,
+        run=tmp_path / "mine",
+        n_envs=4,
+        n_steps=8,
+        batch_size=8,
+        thrust_weight=0.07,
+        layers=(8,),
+    )
+    assert agent.folder == tmp_path / "mine"
+    assert agent.task == rans.GoToPose(thrust_weight=0.07)
+    config = rans.fast.learn.run_folder.read_config(tmp_path / "mine" / "config.json")
+    assert (config.ppo.n_envs, config.ppo.layers) == (4, (8,))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"lr": 1e-3}, r"no 'lr' \(did you mean ppo\.learning_rate\?\)"),
+        ({"learning_rat": 1e-3}, r"\(did you mean ppo\.learning_rate\?\)"),
+        ({"thrust_wieght": 1.0}, r"\(did you mean settings\.thrust_weight\?\)"),
+        ({"control_periods": 0.1}, r"\(did you mean timing\.control_period\?\)"),
+        ({"begin": 0.1, "scale": 3}, r"no 'scale'"),
+        ({"gamma": 2.0}, r"gamma must be in \(0, 1\], got 2.0"),
+        ({"log": "wandb"}, r'log takes several names, as in log=\["wandb"\]'),
+    ],
+)
+def test_settings_that_are_none(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        rans.train("go-to-pose", **settings)
+
+
+def test_a_name_of_several_settings_needs_its_place() -> None:
+    with pytest.raises(
+        ConfigError, match=r"several entries .*'thrust_weight': choose one of settings\."
+    ):
+        rans.train("multi-task", thrust_weight=0.1)

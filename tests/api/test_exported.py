@@ -1,0 +1,67 @@
+"""An exported folder is a contestant like the run that it was written from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+import rans
+from rans.cli import main
+from rans.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rans.export("go-to-pose-2d", tmp_path_factory.mktemp("exported") / "mine", episodes=2)
+
+
+def test_it_flies_by_its_contract(folder: Path) -> None:
+    exported = rans.load_agent(folder)
+    agent = rans.load_agent("go-to-pose-2d")
+    assert (exported.craft, exported.task) == (agent.craft, agent.task)
+    np.testing.assert_array_equal(exported.fly(4).commands, agent.fly(4).commands)
+
+
+@pytest.mark.parametrize(
+    "command", [["evaluate", "--episodes", "2"], ["view", "--save", "view.html"]]
+)
+def test_commands_take_it(
+    command: list[str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([command[0], str(folder), *command[1:]]) == 0
+
+
+def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path: Path) -> None:
+    """As exporters of other libraries write it."""
+    network = onnx.load(folder / "agent.onnx")
+    for value in (*network.graph.input, *network.graph.output):
+        value.type.tensor_type.shape.dim[0].Clear()
+        value.type.tensor_type.shape.dim[0].dim_value = 1
+    onnx.save(network, tmp_path / "one.onnx")
+    single = rans.load_agent(f"onnx:{tmp_path / 'one.onnx'}:go-to-pose-2d")
+    np.testing.assert_array_equal(
+        single.fly(3).commands, rans.load_agent("go-to-pose-2d").fly(3).commands
+    )
+
+
+def test_python_code_flies_only_where_it_is_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RANS_TRUST", "")
+    written = rans.export("go-to-pose-2d", tmp_path / "mine", "numpy", episodes=2)
+    with pytest.raises(ConfigError, match=r"agent\.py is Python code.*add --trust"):
+        rans.load_agent(written)
+    monkeypatch.setenv("RANS_TRUST", "1")
+    np.testing.assert_array_equal(
+        rans.load_agent(written).fly(3).commands, rans.load_agent("go-to-pose-2d").fly(3).commands
+    )
+
+
+def test_a_damaged_contract_is_a_sentence(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "contract.json").write_text('{"task": "go-to-pose"}')
+    with pytest.raises(ConfigError, match=r"contract\.json is damaged: it lacks 'control_period'"):
+        rans.load_agent(tmp_path)

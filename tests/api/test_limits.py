@@ -1,0 +1,72 @@
+"""Optimal trajectories and certificates from states of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans
+from rans.errors import ConfigError
+
+
+def test_a_straight_push_is_bang_bang_in_the_least_time(tmp_path: Path) -> None:
+    """1 m along x by four thrusters of 1 N at 45 degrees, 2.83 N, on 5.32 kg: 2 sqrt(d m / F) = 2.743 s."""
+    found = rans.optimal_trajectory(
+        objective="time", start=rans.state((-1.0, 0.0)), goal=rans.state((0.0, 0.0)), intervals=40
+    )
+    assert found.status == "solved"
+    assert found.t[-1] == pytest.approx(2.743, abs=1e-3)
+    np.testing.assert_allclose(found.x[0], (-1.0, 0, 0, 0, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(found.x[-1], 0.0, atol=1e-6)
+    apart = found.replay("fast").states.p - found.replay("drake").states.p
+    assert np.abs(apart.x).max() < 1e-3
+    table = np.genfromtxt(found.to_csv(tmp_path / "path.csv"), delimiter=",", names=True)
+    np.testing.assert_allclose(table["x"], found.x[:, 0], atol=1e-8)
+    assert len(found.plot().axes) == 3
+
+
+def test_a_goal_of_ones_own() -> None:
+    found = rans.optimal_trajectory(
+        start=rans.state((0.0, 0.0)), goal=rans.state((0.5, 0.0), attitude=1.0), horizon=8.0
+    )
+    np.testing.assert_allclose(found.x[-1, :3], (0.5, 0.0, 1.0), atol=1e-6)
+
+
+def test_a_certificate_from_ones_own_start_is_that_of_the_scenario() -> None:
+    """Scenario 3 given as a state has the bound of scenario 3."""
+    task = rans.GoToPose().for_evaluation()
+    from rans.scenario import scenario
+
+    start: Any = scenario(task, 2, 2023, 3).start
+    own = rans.state((start.p.x, start.p.y), start.attitude.angle, (start.v.x, start.v.y), start.w)
+    found = rans.certify(start=own, control_period=0.5)
+    assert (found.lower, found.upper) == (5.5, 5.5)
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda: rans.state((1.0,)), "the position has 2 or 3 numbers, got 1"),
+        (lambda: rans.state((1.0, float("nan"))), "the position must be finite numbers"),
+        (lambda: rans.state((0, 0, 0), (0, 0, 0, 0)), "the attitude is a quaternion"),
+        (lambda: rans.state((0, 0), velocity=(1, 2, 3)), "the velocity must be 2 finite numbers"),
+        (
+            lambda: rans.state((0, 0), "north"),  # type: ignore[arg-type]
+            "the attitude must be numbers",
+        ),
+        (
+            lambda: rans.optimal_trajectory(start=rans.state((0, 0, 0))),
+            "the start must be a state of 2 dimensions",
+        ),
+        (
+            lambda: rans.certify(goal=rans.state((0, 0, 0))),
+            "the goal must be a state of 2 dimensions",
+        ),
+    ],
+)
+def test_states_that_are_none(ask: Any, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        ask()

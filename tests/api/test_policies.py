@@ -1,0 +1,158 @@
+"""Policies that were made elsewhere fly like any agent: as objects, files and functions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import A2C
+
+import rans
+from rans.cli import main
+from rans.errors import ConfigError
+
+TASK = "go-to-pose-2d"
+
+
+def shut(observation: np.ndarray) -> np.ndarray:
+    """Never fires."""
+    return np.zeros((len(observation), 8))
+
+
+class Aft(torch.nn.Module):
+    """Opens thruster 0 where the first number is positive."""
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        command = torch.zeros(len(rows), 8)
+        command[:, 0] = (rows[:, 0] > 0).float()
+        return command
+
+
+@pytest.fixture(scope="module")
+def model() -> A2C:
+    engine = rans.Engine("floating-platform", "go-to-pose", num_envs=4)
+    return A2C("MlpPolicy", rans.SB3VecEnv(engine), seed=0, policy_kwargs={"net_arch": [8]})
+
+
+def test_objects_fly_in_every_function(model: A2C) -> None:
+    for policy in (model, shut, Aft()):
+        agent = rans.load_agent(policy, "go-to-pose")
+        assert agent.evaluate(episodes=4)["solved"].value == 0.0
+        assert agent.act(np.zeros(10, np.float32)).shape == (8,)
+    compared = rans.compare(
+        "go-to-pose-2d", model, rans.load_agent(shut, "go-to-pose"), beside=(), episodes=2
+    )
+    assert [entry.name for entry in compared.entries] == ["go-to-pose-2d", "A2C", "shut"]
+
+
+def test_an_object_is_asked_what_it_answers(model: A2C) -> None:
+    flight = rans.load_agent(model, "go-to-pose").fly(2)
+    again = np.array(
+        [model.predict(observed, deterministic=True)[0] for observed in observations(flight)]
+    )
+    np.testing.assert_array_equal(flight.commands, again)
+
+
+def observations(flight: Any) -> list[np.ndarray]:
+    """What was observed at every step of a flight."""
+    from rans.model.fields import map_leaves
+    from rans.tasks import observation
+
+    found = []
+    for k in range(len(flight.commands)):
+        state = map_leaves(lambda x, k=k: x[k], flight.states)
+        goal = map_leaves(lambda x, k=k: x[k] if np.ndim(x) == 2 else x, flight.goals)
+        found.append(np.stack(observation(flight.task, state, goal), axis=1).astype(np.float32))
+    return found
+
+
+def test_an_object_flies_in_other_processes_and_in_drake() -> None:
+    agent = rans.load_agent(lambda seen: seen[:, :8] * 0, "go-to-pose")
+    flight = agent.fly(70, engine="drake")  # two processes of 64 episodes and fewer
+    assert not flight.commands.any()
+
+
+def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent() -> None:
+    found = rans.assure(rans.load_agent(shut, "go-to-pose"), episodes=50, worst=0)
+    assert (found.campaign.flights, found.campaign.failures) == (50, 50)
+    assert found.campaign.bound().low > 0.9
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (shut, "knows no task: give one, as in rans.load_agent"),
+        (3, "an agent is its name, .*, a policy or"),
+    ],
+)
+def test_objects_without_a_task(given: object, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        rans.load_agent(given)
+
+
+def test_a_model_for_another_craft(model: A2C) -> None:
+    with pytest.raises(ConfigError, match=r"the A2C observes \(10,\), but free-flyer shows"):
+        rans.load_agent(model, "go-to-pose", "free-flyer")
+
+
+def test_a_failing_function_is_named_with_its_line() -> None:
+    def fails(observation: np.ndarray) -> np.ndarray:
+        raise ValueError("no thrust today")
+
+    with pytest.raises(
+        ConfigError,
+        match=r"fails failed: ValueError: no thrust today \(test_policies\.py, line \d+, in fails\)",
+    ):
+        rans.load_agent(fails, "go-to-pose").evaluate(episodes=1)
+
+
+@pytest.fixture(scope="module")
+def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    saved = tmp_path_factory.mktemp("sb3") / "policy.zip"
+    model.save(saved)
+    return saved
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["evaluate", "{}:go-to-pose-2d", "--episodes", "2", "--trust"],
+        [
+            "stress",
+            "{}:go-to-pose-2d",
+            "--episodes",
+            "2",
+            "--only",
+            "latency",
+            "--workers",
+            "1",
+            "--trust",
+        ],
+        [
+            "stress",
+            "pretrained:go-to-pose-2d",
+            "{}",
+            "--episodes",
+            "2",
+            "--only",
+            "latency",
+            "--workers",
+            "1",
+            "--trust",
+        ],
+        ["view", "pretrained:go-to-pose-2d", "{}", "--save", "view.html", "--trust"],
+        ["assure", "{}:go-to-pose-2d", "--episodes", "20", "--worst", "0", "--trust"],
+        ["compare", "{}:go-to-pose-2d@floating-platform", "--with", "--episodes", "2", "--trust"],
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_a_file_of_stable_baselines_flies_in_every_command(
+    command: list[str], file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RANS_TRUST", "")
+    monkeypatch.chdir(tmp_path)
+    assert main([word.format(f"sb3:{file}") for word in command]) == 0
+    assert main([word.format(f"sb3:{file}") for word in command if word != "--trust"]) == 2
