@@ -24,8 +24,8 @@ from rans.randomization.conditions_file import load_conditions
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
 from rans.tasks.derived import example
+from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import paid
-from rans.tasks.sight import Dimension
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -52,7 +52,7 @@ class Controller(Protocol):
         """Commands (N, commands) for every episode: what the craft takes, usually 0 or 1 (open) per thruster.
 
         State and goal are a `State` of float64 arrays (N,) each; the observation is (N, width) float32, as
-        `rans.tasks.observation` orders it.
+        `rans.tasks.observation_terms` orders it.
         """
         ...
 

@@ -18,7 +18,7 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
 from rans.tasks.derived import check_dimension
-from rans.tasks.sight import Dimension
+from rans.tasks.observation_terms import Dimension
 
 EVALUATION_SEED = 2023
 """Scenarios that agents are judged on; no training should use them."""

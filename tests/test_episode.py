@@ -41,7 +41,7 @@ from rans.tasks import (
     observation_width,
 )
 from rans.tasks.derived import watches_switching
-from rans.tasks.sight import Entry, Scalar, VectorInW
+from rans.tasks.observation_terms import ObservationTerm, Scalar, VectorInW
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -72,9 +72,9 @@ class Chase(GoToPose):
 class Counting(GoToPose):
     """Charges moved valves without a word to anybody, and shows one vector and one scalar more."""
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         more = VectorInW("wind_", "m/s", state.v), Scalar("gust", "m", state.p.x)
-        return (*super().sight(state, goal), *more)
+        return (*super().observation_terms(state, goal), *more)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         moved = [

@@ -210,7 +210,7 @@ class Unfinished(SingleTask):
 class Boundless(Unfinished):
     """Nothing says when its errors are small enough."""
 
-    sample = sight = errors = reward = failed = cast(Any, None)
+    sample = observation_terms = errors = reward = failed = cast(Any, None)
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ def no_task() -> None:
         ("tests.test_registry:no_task", "a task must be a dataclass"),
         (
             "tests.test_registry:Unfinished",
-            "Unfinished has no errors, failed, reward, sample, sight, which",
+            "Unfinished has no errors, failed, observation_terms, reward, sample, which",
         ),
         (
             "tests.test_registry:Boundless",

@@ -15,7 +15,7 @@ from rans.model.random import Draws
 from rans.model.trace import Kind, Symbol
 from rans.policy.architecture import Architecture
 from rans.policy.symmetry import AIM, Symmetries
-from rans.tasks.sight import Layout
+from rans.tasks.observation_terms import Layout
 from rans.verdict import FlightAccumulator
 
 _Row = tuple[Symbol, ...]

@@ -11,7 +11,13 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3
 from rans.tasks.base import Task
 from rans.tasks.derived import example, observation_width
-from rans.tasks.sight import Dimension, Entry, Knob, Scalar, Turn
+from rans.tasks.observation_terms import (
+    Dimension,
+    ObservationTerm,
+    RelativeRotation,
+    Scalar,
+    TradeOff,
+)
 from rans.tasks.tracking import spin_difference
 
 MARGIN = 0.1
@@ -42,9 +48,9 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
         *_named(state.spin(), own),
         "task flag",
     ]
-    for entry in task.sight(state, goal):
+    for entry in task.observation_terms(state, goal):
         columns = entry.columns()
-        if isinstance(entry, Knob):
+        if isinstance(entry, TradeOff):
             found += ["trade-off input, 0 to 1"]
         else:
             found += _named(columns, known)
@@ -91,7 +97,7 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
     lows = seen.min(axis=(0, 1)).astype(float)
     highs = seen.max(axis=(0, 1)).astype(float)
     ranges: list[tuple[float, float]] = []
-    for entry in example(task, dimension).entries:
+    for entry in example(task, dimension).terms:
         for _ in entry.columns():
             low = lows[len(ranges)]
             high = highs[len(ranges)]
@@ -100,10 +106,12 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
     return ranges
 
 
-def _known_range(entry: Entry, low: float, high: float, more: float) -> tuple[float, float]:
-    if isinstance(entry, Knob):
+def _known_range(
+    entry: ObservationTerm, low: float, high: float, more: float
+) -> tuple[float, float]:
+    if isinstance(entry, TradeOff):
         return 0.0, 1.0
-    if isinstance(entry, Turn):
+    if isinstance(entry, RelativeRotation):
         return -1.0, 1.0
     if type(entry) is Scalar and entry.name in ("task flag", "unused"):
         return low, high

@@ -28,7 +28,7 @@ from rans.scenario import drawn, draws
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
-from rans.tasks.sight import Knob
+from rans.tasks.observation_terms import TradeOff
 
 FLIGHTS = 2048
 """Flights of which the columns' ranges are taken."""
@@ -314,8 +314,8 @@ def is_one_task(task: Task) -> bool:
 def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
     """Which column trades time for thrust, and which of its ends is fast."""
     at = 0
-    for entry in example(task, craft.dimension).entries:
-        if isinstance(entry, Knob):
+    for entry in example(task, craft.dimension).terms:
+        if isinstance(entry, TradeOff):
             low, high = getattr(task, "price", (0.0, 1.0))
             ends = ("fast", "thrifty") if high >= low else ("thrifty", "fast")
             return {"column": at, "0": ends[0], "1": ends[1], "valid": [0.0, 1.0]}

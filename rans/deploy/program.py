@@ -19,7 +19,7 @@ from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 from rans.policy.symmetry import AIM, Symmetries
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 _LOWERED = {
     "+": "Add",

@@ -27,7 +27,7 @@ from rans.files import replace_file
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.heads import ClippedGaussian, OnOff
 from rans.policy.network import Network, Output
-from rans.tasks.sight import Layout
+from rans.tasks.observation_terms import Layout
 
 _SHARED = (
     "n_envs",

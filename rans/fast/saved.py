@@ -31,7 +31,7 @@ from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
 from rans.structure import structure
-from rans.tasks.sight import Block, Entry, Layout
+from rans.tasks.observation_terms import Block, Layout, ObservationTerm
 
 AGENT = "agent.safetensors"
 """Name of the file, and of RANS's part of a ``policy.zip``."""
@@ -323,7 +323,10 @@ def _described(block: Block) -> list[Any]:
 
 def _block(row: list[Any]) -> Block:
     kind, width, choices = row
-    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(Entry)}
+    module, _, name = kind.rpartition(".")
+    if module == "rans.tasks.sight":
+        kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
+    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(ObservationTerm)}
     if kind not in kinds:  # nothing is imported because a file says so
         raise ValueError(f"it observes columns of the unknown kind {kind}")
     return Block(
@@ -333,7 +336,18 @@ def _block(row: list[Any]) -> Block:
     )
 
 
-def _kinds(base: type[Entry]) -> Iterator[type[Entry]]:
+_FORMER_KINDS = {
+    "Entry": "ObservationTerm",
+    "Spin": "AngularVelocity",
+    "Turn": "RelativeRotation",
+    "OwnAttitude": "OwnRotation",
+    "Drawn": "TaskDependent",
+    "Knob": "TradeOff",
+}
+"""Names in files that were written while kinds of columns lay in ``rans.tasks.sight``."""
+
+
+def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:
     yield base
     for one in base.__subclasses__():
         yield from _kinds(one)

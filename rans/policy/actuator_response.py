@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from rans.model.fields import Field, at_least, where
 from rans.policy.frame_rotation import cross, scaled_sum, turned
-from rans.tasks.sight import Columns
+from rans.tasks.observation_terms import Columns
 
 _WANDER = 1e-4
 """Variance that answers gain in a period: what is sure stays open to doubt."""

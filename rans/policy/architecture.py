@@ -21,7 +21,7 @@ from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 BACKBONES: dict[str, Backbone] = {"dense": Dense(), "attention": EffectorAttention()}
 """By their names in settings and agents' files."""

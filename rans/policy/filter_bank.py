@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.policy.kalman_filter import Filter
 from rans.policy.kinematic_roles import Share, shares
 from rans.tasks.base import Task
-from rans.tasks.sight import Layout
+from rans.tasks.observation_terms import Layout
 
 
 class Filters(NamedTuple):

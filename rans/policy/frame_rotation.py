@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rans.model.fields import Field, Vec3
-from rans.tasks.sight import Block, Columns, Turn, VectorInW, matrix_rows
+from rans.tasks.observation_terms import Block, Columns, RelativeRotation, VectorInW, matrix_rows
 
 
 def scaled_sum(a: Field, x: Columns, b: Field, y: Columns) -> list[Field]:
@@ -30,7 +30,7 @@ def turned(x: Columns, half: Columns) -> list[Field]:
 
 def seen_turned(block: Block, columns: Columns, half: Columns) -> Columns:
     """A block's columns in a frame that has turned so."""
-    if issubclass(block.kind, Turn):
+    if issubclass(block.kind, RelativeRotation):
         if len(columns) == 2:
             return _unit(turned(columns, half))
         first, second, _ = zip(

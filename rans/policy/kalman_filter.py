@@ -16,7 +16,15 @@ from rans.model.fields import Field, where
 from rans.policy.actuator_response import Response
 from rans.policy.frame_rotation import cross, scaled_sum, seen_turned, tilt_between, turned
 from rans.policy.kinematic_roles import Share, changing, first_of
-from rans.tasks.sight import Block, Columns, Layout, Scalar, Spin, Turn, VectorInW
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    Block,
+    Columns,
+    Layout,
+    RelativeRotation,
+    Scalar,
+    VectorInW,
+)
 
 _Covariance = tuple[Field, Field, Field, Field, Field, Field]
 """Of a pose, its velocity and a steady acceleration, by rows without what symmetry tells."""
@@ -86,7 +94,7 @@ class Filter(NamedTuple):
     def shown(self, layout: Layout) -> Layout:
         """The layout of an estimate: columns of this one, then steady accelerations and responses."""
         told = (
-            (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0])))
+            (Block(VectorInW, len(self.push[0])), Block(AngularVelocity, len(self.twist[0])))
             if self.steady
             else ()
         )
@@ -191,7 +199,9 @@ class Filter(NamedTuple):
             zip(layout.split(read), layout.split(expected.columns), self.share, strict=True)
         )
         turns = [
-            (now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)
+            (now, then)
+            for (block, now), (_, then), _ in blocks
+            if issubclass(block.kind, RelativeRotation)
         ]
         tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
         off = [
@@ -240,7 +250,7 @@ class Filter(NamedTuple):
     @staticmethod
     def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
         """The error of a block; one that turns with B has none but its tilt."""
-        if issubclass(block.kind, Turn):
+        if issubclass(block.kind, RelativeRotation):
             return [0.0] * len(then)
         return [a - b for a, b in zip(seen_turned(block, now, half), then, strict=True)]
 

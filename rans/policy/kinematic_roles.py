@@ -9,9 +9,18 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.dynamics import State
-from rans.tasks.base import Task, sight
+from rans.tasks.base import Task, typed_observation
 from rans.tasks.derived import example_state
-from rans.tasks.sight import Columns, Dimension, Drawn, Entry, OwnAttitude, Spin, Turn, VectorInW
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    Columns,
+    Dimension,
+    ObservationTerm,
+    OwnRotation,
+    RelativeRotation,
+    TaskDependent,
+    VectorInW,
+)
 
 Share = tuple[float, float, float]
 """Of a block of columns: how much it has of position, velocity and angular velocity."""
@@ -20,13 +29,13 @@ Share = tuple[float, float, float]
 def shares(task: Task, dimension: Dimension) -> list[Share]:
     """How columns of the body's blocks change with position, velocity and angular velocity."""
     state, goal = example_state(task, dimension)
-    entries = sight(task, state, goal).entries
+    entries = typed_observation(task, state, goal).terms
     moved = [_nudged(state, name) for name in ("p", "v", "w")]
-    changed = [sight(task, one, goal).entries for one in moved]
+    changed = [typed_observation(task, one, goal).terms for one in moved]
     return [
-        (0.0, 0.0, 0.0) if issubclass(type(entry), Turn) else _share(entry, others)
+        (0.0, 0.0, 0.0) if issubclass(type(entry), RelativeRotation) else _share(entry, others)
         for entry, *others in zip(entries, *changed, strict=True)
-        if not isinstance(entry, OwnAttitude)
+        if not isinstance(entry, OwnRotation)
     ]
 
 
@@ -42,7 +51,7 @@ def _nudged(state: State, name: str) -> State:
     )
 
 
-def _share(entry: Entry, others: Sequence[Entry]) -> Share:
+def _share(entry: ObservationTerm, others: Sequence[ObservationTerm]) -> Share:
     """Of one block: what its first column gains by one unit of each, if it is linear in only one of them."""
     first, *rest = (np.asarray(x, float) for x in entry.columns())
     found = [
@@ -55,10 +64,14 @@ def _share(entry: Entry, others: Sequence[Entry]) -> Share:
         for a, b in zip(rest, one.columns()[1:], strict=True)
     )
     fits = (
-        found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
+        found[:2]
+        if isinstance(entry, VectorInW)
+        else found[2:]
+        if isinstance(entry, AngularVelocity)
+        else []
     )
     known = still and len(changing(found)) <= 1 and any(found) == any(fits)
-    if isinstance(entry, Drawn) or not known:
+    if isinstance(entry, TaskDependent) or not known:
         raise ConfigError(
             f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
             "velocity nor an angular velocity, but changes with them. Train without "

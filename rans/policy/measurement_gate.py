@@ -19,7 +19,13 @@ import numpy as np
 from rans.model.fields import Field, at_least, where
 from rans.policy.frame_rotation import tilt_between
 from rans.policy.kalman_filter import Filter
-from rans.tasks.sight import Columns, Entry, Layout, Spin, Turn
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    Columns,
+    Layout,
+    ObservationTerm,
+    RelativeRotation,
+)
 
 PATIENCE = 5.0
 """Control periods after a command in which a repeated reading of a perfect sensor may be a missed one."""
@@ -114,7 +120,7 @@ def screened(
         strict=True,
     )
     for (block, now), (_, before), (_, then), share, gate_before in blocks:
-        if issubclass(block.kind, Turn):
+        if issubclass(block.kind, RelativeRotation):
             error = tilt_between(now, then)
             scale = twist
         elif any(share):
@@ -125,7 +131,7 @@ def screened(
             gates.append(gate_before)
             continue
         new = _changed(now, before) + is_true
-        if issubclass(block.kind, Spin):
+        if issubclass(block.kind, AngularVelocity):
             new = new + spin_is_true
         wild = _squared(error) * (1.0 / (gate * scale) ** 2) > gate_before * gate_before
         counts = where(first, full, where(wild, zero, new))
@@ -139,7 +145,7 @@ def _evidence(layout: Layout, read: Columns, memory: Memory) -> Field:
 
     Each time that it does not change then takes one away. An episode begins with none.
     """
-    now, before = (_columns_of(Spin, layout, x) for x in (read, memory.last))
+    now, before = (_columns_of(AngularVelocity, layout, x) for x in (read, memory.last))
     fewer = at_least(memory.noisy - 1.0, 0.0)
     found = fewer + _changed(now, before) * (_EVIDENCE - fewer)
     return where(memory.idle > _IDLE, found, memory.noisy)
@@ -147,8 +153,10 @@ def _evidence(layout: Layout, read: Columns, memory: Memory) -> Field:
 
 def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float) -> Field:
     """1 where a new attitude fits the angular velocity that was read better than the one expected, else 0."""
-    spin, spin_expected = (_columns_of(Spin, layout, x) for x in (read, memory.expected))
-    now, before, then = (_columns_of(Turn, layout, x) for x in (read, memory.last, memory.expected))
+    spin, spin_expected = (_columns_of(AngularVelocity, layout, x) for x in (read, memory.expected))
+    now, before, then = (
+        _columns_of(RelativeRotation, layout, x) for x in (read, memory.last, memory.expected)
+    )
     if not now:
         return memory.noisy * 0.0
     off = tilt_between(now, then)
@@ -160,7 +168,7 @@ def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float
     return where(fits, _changed(now, before), memory.noisy * 0.0)
 
 
-def _columns_of(kind: type[Entry], layout: Layout, columns: Columns) -> Columns:
+def _columns_of(kind: type[ObservationTerm], layout: Layout, columns: Columns) -> Columns:
     """The columns of the first block of this kind; none where there is no such block."""
     return next((mine for block, mine in layout.split(columns) if issubclass(block.kind, kind)), ())
 

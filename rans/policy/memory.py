@@ -16,7 +16,7 @@ from torch import Tensor
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import MakePreprocessor
 from rans.policy.symmetry import Symmetries
-from rans.tasks.sight import Layout
+from rans.tasks.observation_terms import Layout
 
 if TYPE_CHECKING:
     from rans.policy.network import Output

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.tasks.sight import Columns, Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 AIM = (0.9, 0.38, 0.21)
 """Of all equivalent views, the one taken has the goal nearest to this direction. Any will do that lies in

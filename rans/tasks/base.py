@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rans.display import Settings
 from rans.model.drift import FREE, Drift
@@ -16,10 +16,17 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    Observation,
+    ObservationTerm,
+    OwnRotation,
+    Scalar,
+    VectorInW,
+)
 from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape
-from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
 """Units of the errors a task may name."""
@@ -43,6 +50,17 @@ class Task(Settings, ABC):
                 DeprecationWarning,
                 stacklevel=2,
             )
+        own: Any = cls
+        if "sight" in vars(cls):
+            warnings.warn(
+                f"{cls.__name__}.sight is deprecated and will not be called by the next version: "
+                "name it observation_terms.",
+                DeprecationWarning,
+                stacklevel=2,
+            )
+            own.observation_terms = vars(cls)["sight"]
+        elif "observation_terms" in vars(cls):
+            own.sight = vars(cls)["observation_terms"]  # for `super().sight` in tasks of users
 
     symmetric: ClassVar[bool] = True
     """Whether agents had better learn for one side of the spacecraft what serves all that look the same
@@ -102,7 +120,7 @@ class Task(Settings, ABC):
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Zones, cones and limits at the goal's instant, as pages and safety filters see them: by default none.
 
-        They are the shapes that `constraints` asks for their margins and `sight` for their entries.
+        They are the shapes that `constraints` asks for their margins and `observation_terms` for their entries.
         """
         return ()
 
@@ -122,7 +140,7 @@ class Task(Settings, ABC):
     """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
 
     @abstractmethod
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """What a policy sees of the way to the goal, smooth: the paper's task data td (Table 1).
 
         Optimal controllers drive it to the entries' targets.
@@ -201,16 +219,16 @@ def reward_terms(
     return terms
 
 
-def sight(task: Task, state: State, goal: State) -> Sight:
+def typed_observation(task: Task, state: State, goal: State) -> Observation:
     """All that a policy sees of this state, with this goal."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
-    data = task.sight(state, goal)
+    data = task.observation_terms(state, goal)
     missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
-    return Sight(
+    return Observation(
         (
-            OwnAttitude("", "-", state.attitude),
+            OwnRotation("", "-", state.attitude),
             VectorInW("v_", "m/s", state.v),
-            Spin("w", "rad/s", state.spin()),
+            AngularVelocity("w", "rad/s", state.spin()),
             Scalar("task flag", "-", flag),
             *data,
             *(Scalar("unused", "-", flag * 0.0) for _ in range(missing)),
@@ -219,5 +237,5 @@ def sight(task: Task, state: State, goal: State) -> Sight:
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """The columns of `sight`, which `rans.tasks.observation_columns` names."""
-    return sight(task, state, goal).columns()
+    """The columns of `observation_terms`, which `rans.tasks.observation_columns` names."""
+    return typed_observation(task, state, goal).columns()

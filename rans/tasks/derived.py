@@ -16,10 +16,10 @@ from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
-from rans.tasks.base import Task, goal_after, sight
+from rans.tasks.base import Task, goal_after, typed_observation
+from rans.tasks.observation_terms import Column, Dimension, Layout, Observation
 from rans.tasks.rewards import Transition
 from rans.tasks.settings import map_settings
-from rans.tasks.sight import Column, Dimension, Layout, Sight
 
 PLACES: dict[Dimension, str] = {2: "in the plane", 3: "in space"}
 
@@ -58,7 +58,7 @@ def _failure(task: Task, dimension: Dimension) -> Exception | None:
                 raise TypeError("its sample gives states of the other dimension")
             step_goal(state, task.drift, 0.2)
             goal = goal_after(task, goal, state, 0.2)
-            sight(task, state, goal).columns()
+            typed_observation(task, state, goal).columns()
             transition = Transition(state, goal, shut, shut, state, 0.2, (1.0,) * len(shut))
             sum(task.reward(transition).values())
             _ = task.failed(state, goal) | task.reached(state, goal)
@@ -69,7 +69,7 @@ def _failure(task: Task, dimension: Dimension) -> Exception | None:
     return None
 
 
-def example(task: Task, dimension: Dimension) -> Sight:
+def example(task: Task, dimension: Dimension) -> Observation:
     """What the task shows at the start of an episode, whose entries have the types that all have.
 
     Raises:
@@ -77,7 +77,7 @@ def example(task: Task, dimension: Dimension) -> Sight:
     """
     check_dimension(task, dimension)
     task = _with_numbers(task)
-    return sight(task, *example_state(task, dimension))
+    return typed_observation(task, *example_state(task, dimension))
 
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
@@ -111,7 +111,7 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """How far the task's data are from where they are at the goal, column by column."""
     return tuple(
         x - target
-        for entry in task.sight(state, goal)
+        for entry in task.observation_terms(state, goal)
         for x, target in zip(entry.columns(), entry.target(), strict=True)
     )
 

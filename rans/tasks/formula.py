@@ -10,8 +10,8 @@ from rans.model.fields import map_leaves
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.tasks.base import Task
 from rans.tasks.derived import example_state
+from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import Transition
-from rans.tasks.sight import Dimension
 
 OPEN = "open"
 BEFORE = "open_before"
@@ -36,7 +36,7 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
         )
         shown = {
             entry.value: Symbol.input(entry.name)
-            for entry in task.sight(state, goal)
+            for entry in task.observation_terms(state, goal)
             if isinstance(entry.value, Symbol)
         }
         goal = replace(goal, notes=tuple(shown.get(note, note) for note in goal.notes))

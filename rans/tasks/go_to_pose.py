@@ -11,8 +11,8 @@ from rans.model.fields import Field
 from rans.model.random import Random
 from rans.tasks.arrived import Arrived
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
 from rans.tasks.rewards import Transition, is_used, nearness, speed
-from rans.tasks.sight import Entry, Turn, VectorInW
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ class GoToPose(Arrived, SingleTask):
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.attitude())
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Position and attitude still to go."""
         return (
             VectorInW("d", "m", goal.p - state.p),
-            Turn("d", "-", state.attitude.to(goal.attitude)),
+            RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

@@ -11,8 +11,8 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log
 from rans.model.random import Random
 from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.observation_terms import ObservationTerm, TradeOff
 from rans.tasks.rewards import Transition
-from rans.tasks.sight import Entry, Knob
 
 _PRICED = {
     name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")
@@ -77,9 +77,9 @@ class GoToPosePriced(GoToPose):
         start, goal = super().sample(random)
         return start, replace(goal, notes=(random.uniform(*self.knob),))
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """As `GoToPose`, and the knob."""
-        return (*super().sight(state, goal), Knob("knob", "-", goal.notes[0]))
+        return (*super().observation_terms(state, goal), TradeOff("knob", "-", goal.notes[0]))
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """As `GoToPose`, with the price of the episode."""

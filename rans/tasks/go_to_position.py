@@ -9,8 +9,8 @@ from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import ObservationTerm, VectorInW
 from rans.tasks.rewards import Transition, is_used, nearness, speed
-from rans.tasks.sight import Entry, VectorInW
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class GoToPosition(SingleTask):
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.no_rotation())
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The way still to go."""
         return (VectorInW("d", "m", goal.p - state.p),)
 

@@ -13,9 +13,9 @@ from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
 from rans.tasks.descent import DescentLaw
+from rans.tasks.observation_terms import Information, InformationInW, ObservationTerm, VectorInW
 from rans.tasks.rewards import Transition
 from rans.tasks.shapes import GlideSlope
-from rans.tasks.sight import Entry, Information, InformationInW, VectorInW
 
 _EMPTY = 1e-3
 """Propellant that counts as none, kg: single precision tells 400 kg from 0.03 g less."""
@@ -117,7 +117,7 @@ class Land(SingleTask):
         """Whether the craft has landed: within both tolerances of the site."""
         return self.reached(state, goal)
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Way to the site, the vertical, what the guidance law asks for, and the propellant left."""
         law = self.guidance(state, goal)
         zero = state.p.x * 0.0

@@ -15,8 +15,15 @@ from rans.model.random import Random
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.observation_terms import (
+    Block,
+    Choice,
+    ObservationTerm,
+    Scalar,
+    TaskDependent,
+    VectorInW,
+)
 from rans.tasks.rewards import Transition
-from rans.tasks.sight import Block, Choice, Drawn, Entry, Scalar, VectorInW
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
@@ -98,25 +105,27 @@ class MultiTask(Task):
         start, goal = unflatten(pairs[0], self._drawn_row(flag, [leaves(pair) for pair in pairs]))
         return start, replace(goal, notes=(flag,))
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
         flag = self.flag_of(goal)
-        shown = [part.sight(state, goal) for part in self.parts().values()]
+        shown = [part.observation_terms(state, goal) for part in self.parts().values()]
         vectors = self._drawn_row(flag, [first.columns() for first, *_ in shown])
         rest = self._drawn_row(
             flag, [[x for entry in data for x in entry.columns()] for _, *data in shown]
         )
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
         return (
-            (vector, Drawn("task data", "-", rest, self._choices(shown, len(rest))))
+            (vector, TaskDependent("task data", "-", rest, self._choices(shown, len(rest))))
             if rest
             else (vector,)
         )
 
-    def _choices(self, shown: Sequence[tuple[Entry, ...]], width: int) -> tuple[Choice, ...]:
-        """What `sight`'s second entry is, by the drawn task's flag."""
+    def _choices(
+        self, shown: Sequence[tuple[ObservationTerm, ...]], width: int
+    ) -> tuple[Choice, ...]:
+        """What `observation_terms`'s second entry is, by the drawn task's flag."""
 
-        def blocks(data: Sequence[Entry]) -> tuple[Block, ...]:
+        def blocks(data: Sequence[ObservationTerm]) -> tuple[Block, ...]:
             own = tuple(entry.block() for entry in data)
             return (*own, *(Block(Scalar, 1),) * (width - sum(block.width for block in own)))
 

@@ -14,9 +14,9 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, Vector, absolute, at_least
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import Information, ObservationTerm, VectorInW
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Shape
-from rans.tasks.sight import Entry, Information, VectorInW
 
 _INSTANT = 1e-3
 """Time left that counts as none, s: what is left of deadlines after many periods in single precision."""
@@ -100,7 +100,7 @@ class OrbitalMission(SingleTask):
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The way to go, the velocity to gain, the time left, and the margin of every limit."""
         (left,) = goal.notes
         gain = self.velocity_to_gain(state, goal, left)

@@ -15,7 +15,7 @@ from typing import Any, Self, TypeVar
 
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vector, cos, map_leaves, sin, sqrt, where
-from rans.tasks.sight import Entry, Information, InformationInW
+from rans.tasks.observation_terms import Information, InformationInW, ObservationTerm
 
 _SOFTENING = 1e-18
 """Added to squared lengths, m^2 or m^2/s^2: at zero a length is 1e-9 and its gradient 0, in every library."""
@@ -38,7 +38,7 @@ class Shape(ABC):
         """The shape after a time, s: by default it stands still."""
         return self
 
-    def entries(self, name: str, state: State) -> tuple[Entry, ...]:
+    def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """What a policy observes of the shape: by default its margin."""
         return (Information(f"{name} gap", "m", self.gap(state.p, state.v)),)
 
@@ -65,7 +65,7 @@ class Ball(Shape):
         """The ball after a time, s."""
         return replace(self, centre=self.centre + self.v.scale(time))
 
-    def entries(self, name: str, state: State) -> tuple[Entry, ...]:
+    def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """Way to the centre and relative velocity, both in W, and the distance from the surface."""
         return (
             InformationInW(f"{name} d", "m", self.centre - state.p),
@@ -119,7 +119,7 @@ class SpeedLimit(Shape):
             raise ValueError("the margin of a speed limit needs a velocity.")
         return self.base + self.slope * _length(position - self.at) - _length(velocity)
 
-    def entries(self, name: str, state: State) -> tuple[Entry, ...]:
+    def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """The margin, m/s."""
         return (Information(f"{name} gap", "m/s", self.gap(state.p, state.v)),)
 

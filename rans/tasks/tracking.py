@@ -9,8 +9,13 @@ from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import (
+    AngularVelocity,
+    ObservationTerm,
+    RelativeRotation,
+    VectorInW,
+)
 from rans.tasks.rewards import Transition, is_used, nearness, speed, within
-from rans.tasks.sight import Entry, Spin, Turn, VectorInW
 
 _SQUARINGS = 3
 """How sharp the edge is of what is paid within the tolerances: 1.1 times one leaves 0.32."""
@@ -78,7 +83,7 @@ class TrackVelocity(Tracking):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation())
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The velocity still to gain."""
         return (VectorInW("dv_", "m/s", goal.v - state.v),)
 
@@ -153,11 +158,11 @@ class TrackTwist(Tracking):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The velocities still to gain."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
-            Spin("dw", "rad/s", spin_difference(state, goal)),
+            AngularVelocity("dw", "rad/s", spin_difference(state, goal)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
@@ -225,11 +230,11 @@ class TrackVelocityHeading(Tracking):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.attitude())
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The velocity still to gain and the rotation still to make."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
-            Turn("d", "-", state.attitude.to(goal.attitude)),
+            RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

@@ -16,8 +16,8 @@ from rans.model.dynamics import State
 from rans.model.timing import Timing
 from rans.reference.flight import DrakeEnv, DrakeMover
 from rans.scenario import scenarios
+from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
-from rans.tasks.sight import Entry, Scalar
 from tests.effectors.test_everywhere import Scripted
 from tests.support.effector_crafts import LANDER
 
@@ -34,8 +34,11 @@ class Descend(rans.GoToPosition):
     def drift(self) -> Drift:
         return UniformGravity((0.0, 0.0, -MARS))
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
-        return (*super().sight(state, goal), Scalar("propellant", "kg", state.stores[0]))
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
+        return (
+            *super().observation_terms(state, goal),
+            Scalar("propellant", "kg", state.stores[0]),
+        )
 
     def reward(self, transition: Transition) -> dict[str, Any]:
         before = transition.before

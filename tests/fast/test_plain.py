@@ -56,8 +56,10 @@ class Witness(GoToPose):
     def errors(self, state: Any, goal: Any) -> dict[str, Field]:
         return self._noted("errors", (state, goal), super().errors(state, goal))
 
-    def sight(self, state: Any, goal: Any) -> Any:
-        return self._noted("sight", (state, goal), super().sight(state, goal))
+    def observation_terms(self, state: Any, goal: Any) -> Any:
+        return self._noted(
+            "observation_terms", (state, goal), super().observation_terms(state, goal)
+        )
 
     def sample(self, random: Any) -> Any:
         found = super().sample(random)

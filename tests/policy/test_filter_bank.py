@@ -22,7 +22,7 @@ from rans.scenario import draws, scenarios
 from rans.tasks import TASKS, GoToPose
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
-from rans.tasks.sight import Scalar, VectorInW
+from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from validation.records.filtered import corrected, gains
 from validation.records.robustness import rows
@@ -274,8 +274,8 @@ def test_no_reading_makes_it_lose_its_numbers(response: float, drift: float) -> 
 class Windy(GoToPose):
     """Shows a number that grows with the place, and a vector that nothing changes."""
 
-    def sight(self, state: Any, goal: Any) -> Any:
-        return (*super().sight(state, goal), self.more(state))
+    def observation_terms(self, state: Any, goal: Any) -> Any:
+        return (*super().observation_terms(state, goal), self.more(state))
 
     def more(self, state: Any) -> Any:
         return Scalar("gust", "-", state.p.x * 2.0)

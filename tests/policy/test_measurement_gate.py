@@ -22,7 +22,7 @@ from rans.randomization.conditions import Conditions, SensorConditions, SensorsC
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
-from rans.tasks.sight import Spin, VectorInW
+from rans.tasks.observation_terms import AngularVelocity, VectorInW
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import tiny_learner
 from validation.records.batch import loaded
@@ -89,7 +89,7 @@ def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) 
 @pytest.mark.parametrize("what", ["all", "spin"])
 def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) -> None:
     """Three periods in a row, in the middle of thrust."""
-    where = slice(None) if what == "all" else columns_of(craft, Spin)
+    where = slice(None) if what == "all" else columns_of(craft, AngularVelocity)
     held = dict[int, np.ndarray]()
 
     def read() -> Iterator[tuple[np.ndarray, Any]]:
@@ -105,7 +105,7 @@ def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) ->
     truth = [now for now, _ in flown(craft, 40, often=0.2)]
     found = screened(policy(craft), read())
     error, believed = (
-        np.abs(x - truth[22])[columns_of(craft, Spin)] for x in (found[22], held[22])
+        np.abs(x - truth[22])[columns_of(craft, AngularVelocity)] for x in (found[22], held[22])
     )
     # Gyroscopic torque is left out of what is expected: a few hundredths of rad/s in space in three periods.
     assert error.max() < 0.05 < 0.3 < believed.max()
@@ -119,7 +119,7 @@ def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) ->
 
 @both_crafts
 def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft) -> None:
-    spin = columns_of(craft, Spin)
+    spin = columns_of(craft, AngularVelocity)
 
     def read(wild: Sequence[int]) -> Iterator[tuple[np.ndarray, Any]]:
         for k, (now, command) in enumerate(flown(craft, 40)):
@@ -142,7 +142,7 @@ def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft)
 def test_a_perfect_sensor_may_repeat_itself() -> None:
     """A craft at rest reads the same for ever, although a wild reading had its filter expect otherwise."""
     rest, _ = next(iter(flown(PLATFORM, 1)))
-    spin = columns_of(PLATFORM, Spin)
+    spin = columns_of(PLATFORM, AngularVelocity)
     rest[spin] = 0.0
     shut = tuple(np.zeros(COUNT) for _ in PLATFORM.thrusters)
     wild = rest.copy()
@@ -210,7 +210,7 @@ def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str)
 )
 def test_robust_agents_bear_a_wild_reading(name: str, spin: slice) -> None:
     agent = rans.load_agent(name)
-    setup: Setup = agent.judged._replace(conditions=None)
+    setup: Setup = Setup(agent.craft, agent.task, agent.timing)
     starts = scenarios(setup.task, setup.craft, SEED, 32)
     timing = replace(setup.timing, episode_steps=100)
     flight = fly(setup.craft, setup.task, WildReading(agent.controller, spin), starts, timing)

@@ -43,7 +43,7 @@ def everything(task: Any, state: Any, goal: Any, command: Any, previous: Any) ->
 
 def data(task: Any, state: Any, goal: Any) -> list[Any]:
     """The columns of what a task shows."""
-    return [x for entry in task.sight(state, goal) for x in entry.columns()]
+    return [x for entry in task.observation_terms(state, goal) for x in entry.columns()]
 
 
 def at(index: int, tree: Any) -> Any:

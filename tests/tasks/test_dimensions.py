@@ -19,7 +19,7 @@ from rans.model.fields import Heading, Vec2
 from rans.model.random import Random
 from rans.tasks import Task
 from rans.tasks.derived import check_dimension, dimensions
-from rans.tasks.sight import Scalar
+from rans.tasks.observation_terms import Scalar
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,10 @@ class Flat(rans.GoToPose):
 class Seen(rans.GoToPose):
     """The same of what a policy sees."""
 
-    def sight(self, state: Any, goal: Any) -> Any:
-        return *super().sight(state, goal), Scalar("heading", "rad", state.attitude.angle)
+    def observation_terms(self, state: Any, goal: Any) -> Any:
+        return *super().observation_terms(state, goal), Scalar(
+            "heading", "rad", state.attitude.angle
+        )
 
 
 class Turned(rans.GoToPose):

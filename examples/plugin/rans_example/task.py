@@ -6,8 +6,8 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, at_least
 from rans.model.random import Random
 from rans.tasks import SingleTask
+from rans.tasks.observation_terms import ObservationTerm, VectorInW
 from rans.tasks.rewards import Transition, nearness, speed
-from rans.tasks.sight import Entry, VectorInW
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class KeepDistance(SingleTask):
             random.origin(), random.no_rotation()
         )
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+    def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The way to the nearest point at the distance."""
         way = goal.p - state.p
         return (VectorInW("d", "m", way.scale(1.0 - self.distance / at_least(way.norm(), 0.01))),)

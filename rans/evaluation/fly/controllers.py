@@ -130,7 +130,7 @@ Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
 """
 
 Policy = Callable[[np.ndarray], Any]
-"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, commands) what the
+"""(N, width) float32 observations, as `rans.tasks.observation_terms` orders them, to (N, commands) what the
 craft takes: zeros and ones, or numbers between."""
 
 

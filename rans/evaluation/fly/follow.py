@@ -45,8 +45,12 @@ class Guided(Task):
     """The tracker's."""
     planner: LookAhead
 
-    flag_of, sight, errors = map(_tracker, ("flag_of", "sight", "errors"))
-    tolerances, reward, failed = map(_tracker, ("tolerances", "reward", "failed"))
+    flag_of = _tracker("flag_of")
+    observation_terms = _tracker("observation_terms")
+    errors = _tracker("errors")
+    tolerances = _tracker("tolerances")
+    reward = _tracker("reward")
+    failed = _tracker("failed")
 
     @property
     def drift(self) -> Drift:

@@ -27,7 +27,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task
-from rans.tasks.sight import Dimension
+from rans.tasks.observation_terms import Dimension
 
 _WIDTH = 320
 _HEIGHT = 240

@@ -123,7 +123,7 @@ class Arrival:
             gradient = _gradient(self.conditions, leaves(there), leaves(goal))
             if not np.isfinite(gradient).all():
                 raise ConfigError(
-                    f"what {type(task).__name__} shows (its `sight`) has no gradient at the "
+                    f"what {type(task).__name__} shows (its `observation_terms`) has no gradient at the "
                     "goal, which optimal trajectories need; the usual cause is the length of a "
                     "vector that is zero there."
                 )

@@ -14,7 +14,7 @@ from rans.tasks import Task, observation_columns
 from rans.tasks.base import UNITS
 from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
-from rans.tasks.sight import Dimension
+from rans.tasks.observation_terms import Dimension
 from rans.terminal import table
 
 _USUAL = Timing()

@@ -21,8 +21,8 @@ from rans.optimal.trajectory.objectives import MinimumTime
 from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
+from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
-from rans.tasks.sight import Entry, Scalar
 from tests.support.crafts import ANY_CRAFT
 
 X = ca.SX.sym("x")  # type: ignore[call-arg]
@@ -50,8 +50,10 @@ class Branching(GoToPose):
 class Distant(GoToPose):
     """Shows a distance, which has a corner at the goal."""
 
-    def sight(self, state: Any, goal: Any) -> tuple[Entry, ...]:
-        return *super().sight(state, goal), Scalar("distance", "m", (goal.p - state.p).norm())
+    def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
+        return *super().observation_terms(state, goal), Scalar(
+            "distance", "m", (goal.p - state.p).norm()
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,132 @@
+"""``rans fly``: an agent on a robot."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from rans.errors import ConfigError
+
+Bus = Literal["dds", "zenoh", "udp"]
+Robot = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
+
+
+@dataclass(frozen=True)
+class Fly:
+    """Fly an agent on a robot over a bus, at its control rate, and record the flight as an MCAP bag.
+
+    Whatever is wrong, a stale or missing state, another rate or spacecraft, a robot that is lost, shuts all
+    valves and is said in one sentence. `rans twin` is a robot to fly it against; docs/robots.md has the checklist.
+    """
+
+    agent: Annotated[str, Positional, arg(metavar="AGENT")]
+    """Run folder, name of an agent that comes with RANS, or with --trust the folder of an export as numpy. #TASK
+    picks one of the tasks of a multi-task agent."""
+    bus: Bus = "dds"
+    """Transport: ROS 2's and PX4's (dds), rmw_zenoh's, or UDP within this machine."""
+    robot: Robot = "ros"
+    """What the robot publishes and takes: poses and twists (ros), poses alone, nav_msgs odometry, PX4's odometry
+    and motors, or the messages of RoboRAN's platform or Pingu."""
+    goal: tuple[float, ...] = ()
+    """x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch, yaw in space. The origin by default."""
+    goal_velocity: tuple[float, ...] = ()
+    """Velocity (m/s), then angular velocity (rad/s), of the goal of agents that track one."""
+    trade_off: float | None = None
+    """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
+    seconds: float | None = None
+    """Length of the flight; until it is interrupted by default."""
+    domain: int = 0
+    """ROS_DOMAIN_ID."""
+    address: str = ""
+    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
+    wait: float = 10.0
+    """Seconds to wait for the first state."""
+    lost_after: float = 1.0
+    """Seconds without a state after which the flight ends."""
+    output: Path | None = None
+    """New folder for the bag and the agent as it flew; runs/flights/AGENT-TIME by default."""
+    trust: bool = False
+    """Run the agent.py of an exported folder; only if you know its author."""
+
+    def run(self) -> int:
+        """Fly; 0 when the flight ended as it should, 1 when something was wrong."""
+        from rans.deploy.robot.bus import open_bus
+        from rans.deploy.robot.node import fly_over
+        from rans.deploy.robot.pilot import AGENT_FILES, Plan, export_for_flight
+        from rans.evaluation.fly.contestants import agent_folder, picked_task
+        from rans.fast.learn.config import to_table
+        from rans.fast.learn.run_folder import RunFolder
+        from rans.files import read_json
+        from rans.terminal import Terminal
+
+        say = Terminal().say
+        name = Path(self.agent.partition("#")[0]).name.partition(":")[2] or Path(self.agent).name
+        name = name.partition("#")[0]
+        output = self.output or Path("runs/flights") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        if output.exists():
+            raise ConfigError(f"{output} exists already: a flight is never written over.")
+        part = picked_task(self.agent)
+        given = Path(self.agent.partition("#")[0])
+        if all((given / file).exists() for file in AGENT_FILES):
+            if not self.trust:
+                raise ConfigError(
+                    f"{given} is an export with code of its own, agent.py: add --trust if you made it, or "
+                    "name the run folder."
+                )
+            folder = given
+            known = read_json(given / "contract.json")
+            task = {"name": known["task"], "settings": known["settings"]}
+        else:
+            run = agent_folder(self.agent)
+            folder = output / "agent"
+            config = RunFolder(run).config()
+            task = {"name": config.task, "settings": to_table(config)["settings"]}
+            bus = open_bus(self.bus, self.domain, self.address)
+            bus.close()
+            say(f"Writing the agent as it flies into {folder}.")
+            export_for_flight(run, folder)
+        if part and part in task["settings"].get("tasks", ()):
+            settings = task["settings"][part.replace("-", "_")]
+            task = {"name": part, "settings": settings}
+        elif "tasks" in task["settings"]:
+            raise ConfigError(
+                f"{self.agent} is a multi-task agent: pick one, as in {self.agent}#go-to-pose."
+            )
+        plan = Plan(
+            folder=str(folder.resolve()),
+            task=task,
+            robot=self.robot,
+            goal=self.goal,
+            goal_velocity=self.goal_velocity,
+            trade_off=float(part)
+            if part and self.trade_off is None and "knob" in task["settings"]
+            else self.trade_off,
+            lost_after=self.lost_after,
+            wait=self.wait,
+        )
+        stop = stop_on_signals()
+        bus = open_bus(self.bus, self.domain, self.address)
+        try:
+            say(f"Flying {name} over {self.bus}; Ctrl-C shuts the valves and ends the flight.")
+            bag = output / "flight.mcap"
+            report = fly_over(bus, plan, bag, self.seconds, say, stop.is_set)
+        finally:
+            bus.close()
+        say(report.text())
+        say(f"{bag} is the flight; rans replay {bag} gives its commands again.")
+        return 1 if report.fault else 0
+
+
+def stop_on_signals() -> threading.Event:
+    """What is set when the process is asked to end, by Ctrl-C or otherwise."""
+    stop = threading.Event()
+    if threading.current_thread() is threading.main_thread():
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, lambda *_: stop.set())
+    return stop

@@ -1,0 +1,42 @@
+"""``rans replay``: the commands of a flight again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from rans.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Give the messages of a bag of `rans fly` to its agent again, and compare every command bit for bit.
+
+    This runs the agent.py beside the bag, which may come from elsewhere: say --trust if it does not.
+    """
+
+    bag: Annotated[Path, Positional, arg(metavar="BAG")]
+    """File that `rans fly` wrote."""
+    agent: Path | None = None
+    """Folder of the exported agent; that which flew by default."""
+    trust: bool = False
+    """Run the agent.py beside the bag; only if you know its author."""
+
+    def run(self) -> int:
+        """Print how many commands came out the same; 0 if all did."""
+        from rans.deploy.robot.node import replay
+        from rans.terminal import Terminal
+
+        if not self.trust:
+            raise ConfigError(
+                f"{self.bag} is flown again by the agent.py beside it, which is code: add --trust if the flight is "
+                "yours."
+            )
+        found = replay(self.bag, self.agent)
+        Terminal().say(f"{found.equal} of {found.decisions} commands come out the same.")
+        if found.first_difference is not None:
+            Terminal().say(f"The first that does not is command {found.first_difference}.")
+        return 0 if found.equal == found.decisions else 1

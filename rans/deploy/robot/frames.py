@@ -1,0 +1,82 @@
+"""Frames of robots: RANS's own (ENU-like world, forward-left-up body) and PX4's (NED, forward-right-down).
+
+RANS flies in any right-handed world W with z up and a body B whose axes are those of spacecraft.toml, x forward,
+y left, z up. PX4's world is x north, y east, z down, its body x forward, y right, z down. With W as x east, y
+north, z up the two differ by fixed rotations: a vector of the world by a swap of x and y and a sign of z, a
+vector of the body by the signs of y and z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+Vector = Sequence[float] | np.ndarray
+
+
+class Motion(NamedTuple):
+    """Pose and velocities of a body in space; a planar craft moves in z = 0."""
+
+    position: np.ndarray
+    """(3,), m, in the world."""
+    attitude: np.ndarray
+    """(4,), unit quaternion (w, x, y, z): body to world."""
+    velocity: np.ndarray
+    """(3,), m/s, in the world."""
+    spin: np.ndarray
+    """(3,), rad/s, in the body."""
+
+
+_HALF = np.sqrt(0.5)
+
+
+def swapped_world(vector: Vector) -> np.ndarray:
+    """A vector of ENU in NED, or of NED in ENU."""
+    x, y, z = vector
+    return np.array([y, x, -z], dtype=float)
+
+
+def swapped_body(vector: Vector) -> np.ndarray:
+    """A vector of the body forward-left-up in forward-right-down, or the other way."""
+    x, y, z = vector
+    return np.array([x, -y, -z], dtype=float)
+
+
+def swapped_attitude(quaternion: Vector) -> np.ndarray:
+    """A rotation from body FLU to world ENU as one from FRD to NED, or the other way, (w, x, y, z).
+
+    With the half turns q_NED,ENU about (1, 1, 0) and q_FLU,FRD about x it is their product around the rotation.
+    """
+    w, x, y, z = quaternion
+    return np.array([w + z, x + y, x - y, w - z], dtype=float) * _HALF
+
+
+def swapped(motion: Motion) -> Motion:
+    """Motion in RANS's frames as PX4 has it, or PX4's as RANS has it."""
+    return Motion(
+        swapped_world(motion.position),
+        swapped_attitude(motion.attitude),
+        swapped_world(motion.velocity),
+        swapped_body(motion.spin),
+    )
+
+
+def heading_of(quaternion: Vector) -> float:
+    """Heading of the body's x axis in the plane, rad in [-pi, pi]."""
+    w, x, y, z = quaternion
+    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def quaternion_of(heading: float) -> np.ndarray:
+    """Unit quaternion (w, x, y, z) of a heading, rad."""
+    return np.array([np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)])
+
+
+def rotated(quaternion: Vector, vector: Vector) -> np.ndarray:
+    """A vector of the body in the world."""
+    w = float(quaternion[0])
+    u = np.asarray(quaternion[1:], dtype=float)
+    v = np.asarray(vector, dtype=float)
+    return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)

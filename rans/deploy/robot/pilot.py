@@ -1,0 +1,396 @@
+"""What decides in a flight on a robot: from the messages that came, and when, to the commands that go.
+
+It knows no bus and no clock: the same messages at the same times give the same commands, bit for bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+from collections import deque
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.deploy.contract import PAIRED, Flights, contract, flown, golden
+from rans.deploy.export import write_agent
+from rans.deploy.robot.frames import Motion, heading_of, quaternion_of
+from rans.deploy.robot.interfaces import Interface, Message, RobotName, interface, quaternion_in
+from rans.deploy.robot.interfaces import vector_in as _vector
+from rans.deploy.robot.messages import POSE, TEXT, make, pack, unpack
+from rans.deploy.robot.velocity import VelocityFilter
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.saved import read_policy
+from rans.files import plain, read_json, write_json, write_text
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks.base import Task, observation
+from rans.tasks.go_to_pose_priced import GoToPosePriced
+
+AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
+CRAFT_TOPIC = "rans/craft"
+"""Where a robot says which spacecraft it is, as JSON in a text."""
+AGENT_TOPIC = "rans/agent"
+"""Where a node says the same of its agent."""
+NOTE_TOPIC = "rans/note"
+"""Where a node says why valves are shut."""
+GOAL_TOPIC = "goal_pose"
+"""Where a goal may come from, such as RViz's."""
+_RANGE_FLIGHTS = 512
+_SPREAD = 20
+"""Intervals between states by whose median their rate is judged."""
+
+
+def craft_hash(craft: Spacecraft) -> str:
+    """Digest of what a spacecraft is made of: numbers to nine digits, without its name and looks."""
+    table = asdict(craft)
+    for key in ("name", "radius", "shape", "solids"):
+        table.pop(key)
+
+    def rounded(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: rounded(x) for key, x in value.items()}
+        if isinstance(value, list | tuple):
+            return [rounded(x) for x in value]
+        return f"{value + 0.0:.9g}" if isinstance(value, float | int) else value
+
+    text = json.dumps(rounded(table), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def export_for_flight(run: Path, folder: Path) -> None:
+    """Write what a node flies: an agent as NumPy with contract, golden pairs and spacecraft, without a card.
+
+    Raises:
+        ConfigError: the run holds no agent, or the disk refuses.
+    """
+    load_agent(run)
+    source = RunFolder(run)
+    config = source.config()
+    craft = source.spacecraft()
+    saved = read_policy(source.agent_file)
+    text = source.spacecraft_file.read_text("utf-8")
+    setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
+    flights = flown(saved.network, setup, count=_RANGE_FLIGHTS)
+    few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    memory = saved.network.architecture.memory
+    about = contract(run.name, config, craft, text, memory, flights.observations)
+    title = f"{run.name}: flies {craft.name} by RANS's task {config.task}."
+    write_agent(folder, "numpy", saved, config.ppo, title, json.dumps(plain(about)), craft)
+    write_text(folder / "spacecraft.toml", text)
+    write_text(folder / "golden.json", json.dumps(golden(saved.network, few, craft)) + "\n")
+    write_json(folder / "contract.json", about)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a flight is: everything that decides its commands beside the messages."""
+
+    folder: str
+    """Of the exported agent (`AGENT_FILES`)."""
+    task: dict[str, Any]
+    """Settings of the task, with its name under "name"."""
+    robot: RobotName = "ros"
+    """Kind of robot (`rans.deploy.robot.interfaces`)."""
+    goal: tuple[float, ...] = ()
+    """Where to go: x, y (m) and heading (degrees) in the plane; x, y, z and roll, pitch, yaw in space. Empty: the
+    origin."""
+    goal_velocity: tuple[float, ...] = ()
+    """Velocity of the goal in W, m/s, and after it its angular velocity, rad/s, for tasks that track one."""
+    trade_off: float | None = None
+    """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
+    pose_noise: tuple[float, float] = (0.002, 0.005)
+    """Standard deviation of measured poses, m and rad, for velocities from poses."""
+    lost_after: float = 1.0
+    """s without a state after which the flight ends."""
+    wait: float = 10.0
+    """s until the first state has to come."""
+
+
+class Decision(NamedTuple):
+    """One command, and why it is none of the agent's."""
+
+    command: np.ndarray
+    """Commands in the contract's order."""
+    note: str = ""
+    """One sentence; "" where all is well."""
+    over: bool = False
+    """Whether the flight ends with this command, which shuts the valves."""
+
+
+class Pilot:
+    """Turns messages into states, and states into commands.
+
+    Raises:
+        ConfigError: the agent's files do not fit one another, or the plan does not fit the agent.
+    """
+
+    def __init__(self, plan: Plan, task: Task) -> None:
+        self.plan = plan
+        folder = Path(plan.folder)
+        self.contract = read_json(folder / "contract.json")
+        self.craft = load_spacecraft(folder / "spacecraft.toml")
+        self.period = float(self.contract["control_period"])
+        self.oldest = float(self.contract["readings"]["oldest"])
+        self.agent = exported_agent(folder)
+        self.interface: Interface = interface(
+            plan.robot, len(self.craft.commands), len(self.craft.thrusters)
+        )
+        self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
+        self._task = _with_trade_off(task, plan.trade_off)
+        self._goal = _goal(self.craft, self._task, plan)
+        self._filter: VelocityFilter | None = None
+        if not self.interface.has_velocity:
+            self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
+        self._reading: dict[str, np.ndarray] = {}
+        self._measured = -1
+        self._came: int | None = None
+        self._intervals: deque[float] = deque(maxlen=_SPREAD)
+        self._began: int | None = None
+        self._resting = True
+        """Whether the agent's next command is the first of an episode."""
+        self._fault = ""
+        self._troubles = ""
+        """What was wrong with messages since the last decision."""
+
+    def receive(self, topic: str, data: bytes, now: int) -> None:
+        """Take a message that came at a time, ns."""
+        if topic == CRAFT_TOPIC:
+            self._check_craft(data)
+            return
+        try:
+            if topic == GOAL_TOPIC:
+                self._take_goal(unpack(POSE, data).pose)
+            else:
+                self._take_state(topic, data, now)
+        except ValueError as error:
+            self._troubles = f"{topic}: {error}."
+
+    def _take_state(self, topic: str, data: bytes, now: int) -> None:
+        reading = self.interface.read(topic, data)
+        parts = {
+            name: value
+            for name in ("position", "attitude", "velocity", "spin")
+            if (value := getattr(reading, name)) is not None
+        }
+        if not all(np.isfinite(value).all() for value in parts.values()):
+            self._troubles = f"{topic}: a number is not finite."
+            return
+        self._reading |= parts
+        if "position" not in parts or reading.measured == self._measured:
+            return  # a reading that is published again is no newer
+        if self._filter is not None:
+            motion = self._filter.update(
+                reading.measured, self._reading["position"], self._reading["attitude"]
+            )
+            self._reading |= motion._asdict()
+        if self._came is not None:
+            self._intervals.append((now - self._came) * 1e-9)
+        self._came = now
+        self._measured = reading.measured
+
+    def _take_goal(self, pose: Any) -> None:
+        attitude = quaternion_in(pose.orientation)
+        self._goal = _moved_goal(self._goal, _vector(pose.position), attitude)
+        # An episode has one goal: to another begins another one.
+        self._resting = True
+
+    def _check_craft(self, data: bytes) -> None:
+        try:
+            told = json.loads(unpack(TEXT, data).data)
+            digest = str(told["sha256"])
+            period = float(told["control_period"])
+            name = str(told["name"])
+        except (ValueError, KeyError, TypeError) as error:
+            self._troubles = f"{CRAFT_TOPIC}: no description of a spacecraft ({error})."
+            return
+        if digest != craft_hash(self.craft):
+            self._fault = (
+                f"the robot is the spacecraft {name} ({digest[:8]}), but the agent was trained for "
+                f"{self.craft.name} ({craft_hash(self.craft)[:8]}): valves shut."
+            )
+        elif abs(period - self.period) > 1e-6:
+            self._fault = (
+                f"the robot takes a command every {period:g} s, but the agent gives one every {self.period:g} s: "
+                "valves shut."
+            )
+
+    def decide(self, now: int) -> Decision:
+        """The command of the control period that begins at a time, ns."""
+        self._began = now if self._began is None else self._began
+        shut = np.zeros(len(self.craft.commands))
+        trouble, self._troubles = self._troubles, ""
+        if self._fault:
+            return Decision(shut, self._fault, over=True)
+        since = self._began if self._came is None else self._came
+        age = (now - since) * 1e-9
+        if self._came is None or not {"position", "velocity"} <= self._reading.keys():
+            wanted = " and ".join(self.interface.inputs)
+            self._resting = True
+            if age > self.plan.wait:
+                return Decision(
+                    shut, f"no state came on {wanted} for {age:.2f} s: valves shut.", over=True
+                )
+            return Decision(shut, trouble or f"waiting for a state on {wanted}: valves shut.")
+        if age > self.plan.lost_after:
+            return Decision(
+                shut, f"the robot is lost: its last state is {age:.2f} s old: valves shut.", True
+            )
+        if age > self.oldest + 1e-9:
+            self._resting = True
+            return Decision(
+                shut,
+                f"the state is {age:.2f} s old, more than the {self.oldest:g} s of the contract: valves shut.",
+            )
+        usual = float(np.median(self._intervals)) if len(self._intervals) == _SPREAD else 0.0
+        if usual > 1.5 * self.period:
+            return Decision(
+                shut,
+                f"states come every {usual:.2f} s, but the agent decides every {self.period:g} s: valves shut.",
+                over=True,
+            )
+        if self._resting:
+            self.agent.reset()
+            self._resting = False
+        row = observation(self._task, self._state(), self._goal)
+        command = self.agent.act(np.array(row, dtype=np.float32))
+        return Decision(np.asarray(command, dtype=float), self.agent.note or trouble)
+
+    def messages(self, decision: Decision, now: int) -> list[Message]:
+        """What goes over the bus for a decision."""
+        sent = self.interface.command(decision.command.tolist(), now)
+        if decision.note:
+            sent.append(Message(NOTE_TOPIC, TEXT, pack(TEXT, make(TEXT, data=decision.note))))
+        return sent
+
+    def _state(self) -> State:
+        return state_of(self.craft, Motion(**self._reading))
+
+
+def state_of(craft: Spacecraft, motion: Motion) -> State:
+    """State of a craft as tasks take it, of plain numbers."""
+    p = [float(x) for x in motion.position]
+    v = [float(x) for x in motion.velocity]
+    w = [float(x) for x in motion.spin]
+    stores = tuple(store.initial for store in craft.stores)
+    if craft.dimension == 2:
+        return PlanarState(
+            Vec2(*p[:2]), Heading(heading_of(motion.attitude)), Vec2(*v[:2]), w[2], stores=stores
+        )
+    attitude = Quat(*(float(x) for x in motion.attitude))
+    return SpatialState(Vec3(*p), attitude, Vec3(*v), Vec3(*w), stores=stores)
+
+
+def motion_of(state: Any) -> Motion:
+    """Motion of a state of numbers."""
+    if isinstance(state.w, Vec3):
+        q = state.attitude
+        attitude = np.array([q.w, q.x, q.y, q.z], dtype=float)
+        return Motion(
+            np.array(state.p.columns(), dtype=float),
+            attitude,
+            np.array(state.v.columns(), dtype=float),
+            np.array(state.w.columns(), dtype=float),
+        )
+    return Motion(
+        np.array([state.p.x, state.p.y, 0.0], dtype=float),
+        quaternion_of(float(state.attitude.angle)),
+        np.array([state.v.x, state.v.y, 0.0], dtype=float),
+        np.array([0.0, 0.0, state.w], dtype=float),
+    )
+
+
+def exported_agent(folder: Path) -> Any:
+    """The ``Agent`` of an exported agent.py, with a check of its golden pairs.
+
+    Raises:
+        ConfigError: files are missing, or some pairs do not come out as they should.
+    """
+    missing = [name for name in AGENT_FILES if not (folder / name).exists()]
+    if missing:
+        raise ConfigError(
+            f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy."
+        )
+    spec = importlib.util.spec_from_file_location("rans_exported_agent", folder / "agent.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    right, count = module.check()
+    if right != count:
+        raise ConfigError(
+            f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
+            "different agents, or damaged."
+        )
+    return module.Agent()
+
+
+def _with_trade_off(task: Task, trade_off: float | None) -> Task:
+    """The task with its trade-off input held."""
+    if isinstance(task, GoToPosePriced):
+        at = 0.5 if trade_off is None else trade_off
+        return replace(task, knob=(at, at))
+    if trade_off is not None:
+        raise ConfigError("this agent has no trade-off input.")
+    return task
+
+
+def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
+    """Goal of a plan."""
+    planar = craft.dimension == 2
+    wanted = 3 if planar else 6
+    numbers = plan.goal or (0.0,) * wanted
+    if len(numbers) != wanted:
+        names = "x, y and heading" if planar else "x, y, z, roll, pitch and yaw"
+        raise ConfigError(f"a goal is {wanted} numbers, {names}, got {len(numbers)}.")
+    speeds = plan.goal_velocity or (0.0,) * wanted
+    if len(speeds) != wanted:
+        raise ConfigError(
+            f"a goal's velocity is {wanted} numbers, of the linear and the angular one, got {len(speeds)}."
+        )
+    notes = ()
+    if isinstance(task, GoToPosePriced):
+        notes = (task.knob[0],)
+    half = craft.dimension
+    if planar:
+        return PlanarState(
+            Vec2(*numbers[:2]),
+            Heading(float(np.radians(numbers[2]))),
+            Vec2(*speeds[:half]),
+            speeds[2],
+            notes,
+        )
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_quat()
+    attitude = Quat(float(w), float(x), float(y), float(z))
+    return SpatialState(
+        Vec3(*numbers[:3]), attitude, Vec3(*speeds[:half]), Vec3(*speeds[half:]), notes
+    )
+
+
+def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> State:
+    """The goal at another pose."""
+    if isinstance(goal, PlanarState):
+        x, y = (float(value) for value in position[:2])
+        return replace(goal, p=Vec2(x, y), attitude=Heading(heading_of(attitude)))
+    p = Vec3(*(float(value) for value in position))
+    return replace(goal, p=p, attitude=Quat(*(float(value) for value in attitude)))
+
+
+def _agility(craft: Spacecraft) -> tuple[float, float]:
+    """Largest acceleration by one thruster, m/s^2, and angular, rad/s^2: how quickly velocities change."""
+    rows = np.array(craft.wrench_map)
+    size = craft.dimension
+    force = float(np.linalg.norm(rows[:, :size], axis=1).max())
+    torque = float(np.linalg.norm(rows[:, size:], axis=1).max())
+    inertia = min(craft.inertia[k][k] for k in range(3))
+    return force / craft.mass, torque / inertia
