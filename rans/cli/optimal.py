@@ -52,7 +52,7 @@ class Optimal:
     episodes: int = 16
     """Number of starts."""
     seed: int = EVALUATION_SEED
-    """Of starts and goals."""
+    """Seed of starts and goals."""
     guesses: int = 1
     """Motions to start the optimiser from; the best outcome counts."""
     certify: bool = False

@@ -199,7 +199,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     """
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     _check_same(spec, run, contest)
-    if name := controller_name(spec):
+    if name := controller_name(spec.removeprefix(f"{PREFIX}:")):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
     sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
     return Contestant(

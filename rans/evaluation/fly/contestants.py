@@ -28,7 +28,7 @@ from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (
-    f"a run folder, pretrained:NAME, either after {PREFIX}:, "
+    f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
     f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
@@ -60,6 +60,10 @@ def contestant(
             MODULE:NAME; None: such contestants are refused.
         trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
+    kind, _, bare = spec.partition(":")
+    if default_setup is not None and kind == PREFIX and _is_controller(bare):
+        run = contestant(bare, default_setup=default_setup)
+        return run._replace(controller=looking_ahead(run))
     if default_setup is not None and _is_controller(spec):
         return LoadedRun(controller(spec, default_setup), *default_setup[:4])
     if is_user_policy(spec):

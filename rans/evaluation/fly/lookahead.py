@@ -1,11 +1,11 @@
-"""An agent that looks ahead: it flies in its mind what it might do, and does what pays most."""
+"""An agent or a controller that looks ahead: it simulates what it might do, and does what pays most."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.tasks import GoToPosePriced
-from rans.tasks.goal_set import arrived
+from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import paid
 
 PREFIX = "lookahead"
@@ -61,11 +61,92 @@ class ArrivalCost:
         return shares + np.where(there, off, self.late)
 
 
+class _Policy(Protocol):
+    """What looks ahead: its commands as a function of what it has in its memory, which any episode may take."""
+
+    def blank(self, count: int) -> Any:
+        """The memory of episodes that begin; its rows are one an episode."""
+        ...
+
+    def repeated(self, memory: Any, count: int) -> Any:
+        """The memory with every row so often."""
+        ...
+
+    def chosen(self, memory: Any, rows: np.ndarray) -> Any:
+        """Some rows of a memory."""
+        ...
+
+    def commands(
+        self, state: Any, goal: Any, seen: np.ndarray, memory: Any, change: np.ndarray
+    ) -> tuple[np.ndarray, Any]:
+        """Commands (M, thrusters), opened or shut where the change (M, thrusters) is 1, and the memory then."""
+        ...
+
+
+class _AgentPolicy:
+    """A trained agent, of which the observation is all that matters; it remembers what was flown."""
+
+    def __init__(self, agent: Agent) -> None:
+        self._network = agent.network
+
+    def blank(self, count: int) -> Tensor | None:
+        """See `_Policy`."""
+        return self._network.blank(count)
+
+    def repeated(self, memory: Tensor | None, count: int) -> Tensor | None:
+        """See `_Policy`."""
+        return None if memory is None else memory.repeat_interleave(count, dim=0)
+
+    def chosen(self, memory: Tensor | None, rows: np.ndarray) -> Tensor | None:
+        """See `_Policy`."""
+        return None if memory is None else memory[rows]
+
+    @torch.no_grad()
+    def commands(
+        self, state: Any, goal: Any, seen: np.ndarray, memory: Tensor | None, change: np.ndarray
+    ) -> tuple[np.ndarray, Tensor | None]:
+        """See `_Policy`."""
+        output, columns = self._network.shown(torch.from_numpy(seen), memory)
+        command = (output.policy.mode() - torch.from_numpy(change)).abs()
+        after = self._network.remember(columns, memory, command, output)
+        return command.double().numpy(), after
+
+
+class _ControllerPolicy:
+    """A controller that needs no training, with ``memory`` and ``recall``; it sees states and goals."""
+
+    def __init__(self, controller: Any) -> None:
+        self._controller = controller
+
+    def blank(self, count: int) -> np.ndarray:
+        """See `_Policy`."""
+        self._controller.reset(count)
+        return self._controller.memory()
+
+    def repeated(self, memory: np.ndarray, count: int) -> np.ndarray:
+        """See `_Policy`."""
+        return np.repeat(memory, count, axis=0)
+
+    def chosen(self, memory: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """See `_Policy`."""
+        return memory[rows]
+
+    def commands(
+        self, state: Any, goal: Any, seen: np.ndarray, memory: np.ndarray, change: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `_Policy`."""
+        self._controller.recall(memory)
+        command = np.abs(self._controller.act(state, goal, seen) - change)
+        return command, self._controller.memory()
+
+
 class Lookahead:
-    """An agent that weighs what it would do against one change: of one thruster, in one period to come.
+    """An agent or controller that weighs what it would do against one change of a thruster in one period.
 
     >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
     <Lookahead: go-to-pose-2d-fast, 4 s ahead>
+    >>> rans.Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=rans.ArrivalCost())
+    <Lookahead: LQR, 8 s ahead>
 
     It opens a shut thruster, or shuts an open one, where the flight that follows is best if it goes on as it
     is used to; where the best change is a later one, it waits. That is one step of policy improvement, the
@@ -75,14 +156,15 @@ class Lookahead:
     Where nothing is better, nothing is changed.
 
     Args:
-        run: an agent, and what it flies; its conditions are not looked at.
+        run: an agent, or a controller with ``memory`` and ``recall`` (`rans.LQR`, `rans.Switching`, `rans.MPC`
+            and `rans.VelocityToGain` have them), and what it flies; its conditions are not looked at.
         horizon: how far it looks, s, rounded up to whole control periods.
         change_within: how late the change may come, s, rounded up likewise.
         arrival: what it is about; None: the task's rewards.
 
     Raises:
-        ConfigError: it is no trained agent or has a knob that nobody holds, thrusters are not on or off, or
-            the horizon or what changes come within is no finite number > 0.
+        ConfigError: a controller has no memory to go on from, an agent a preference that is not held fixed,
+            thrusters are not on or off, or the horizon or what changes come within is no finite number > 0.
     """
 
     slow = True
@@ -104,8 +186,13 @@ class Lookahead:
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
         agent, craft, task, timing, _ = given
-        if not isinstance(agent, Agent):
-            raise ConfigError(f"{agent.name} cannot look ahead: only trained agents do.")
+        if not isinstance(agent, Agent) and not all(
+            callable(getattr(agent, need, None)) for need in ("memory", "recall")
+        ):
+            raise ConfigError(
+                f"{agent.name} cannot look ahead: it has no methods memory and recall, by which a flight goes "
+                "on from an instant in several ways, as rans.LQR has."
+            )
         self._knob = np.zeros((1, 0), np.float32)
         """What an agent with a knob is shown of it, after all that others are shown."""
         if isinstance(task, GoToPosePriced):
@@ -136,7 +223,9 @@ class Lookahead:
         self._horizon = horizon
         self.arrival = arrival
         self._run = given
-        self._network = agent.network
+        self._policy: _Policy = (
+            _AgentPolicy(agent) if isinstance(agent, Agent) else _ControllerPolicy(agent)
+        )
         self._world = World(Setup(craft, task, timing))
         self._periods, last = (
             math.ceil(s / timing.control_period - 1e-9)
@@ -146,9 +235,9 @@ class Lookahead:
         self._shares = forces / forces.sum()
         count = len(forces)
         # (periods, choices, thrusters): nothing else, or one thruster in one of the periods.
-        self._changes = torch.zeros(self._periods, 1 + last * count, count)
+        self._changes = np.zeros((self._periods, 1 + last * count, count), np.float32)
         for period in range(last):
-            self._changes[period, 1 + period * count :][:count] = torch.eye(count)
+            self._changes[period, 1 + period * count :][:count] = np.eye(count)
         self.reset(0)
 
     def __repr__(self) -> str:
@@ -161,10 +250,10 @@ class Lookahead:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory, self._last = self._network.blank(count), np.zeros((count, len(self._shares)))
+        self._memory = self._policy.blank(count)
+        self._last = np.zeros((count, len(self._shares)))
         self._been = np.zeros(count, dtype=bool)
 
-    @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation and at the state."""
         count = len(observation)
@@ -174,26 +263,25 @@ class Lookahead:
         if self.arrival is not None:
             self._been |= arrived(self._world.task, state, goal)
         # Every episode so often as there are choices, its own first.
-        memory = None if self._memory is None else self._memory.repeat_interleave(choices, dim=0)
-        command, after = self._changed(np.repeat(observation, choices, axis=0), memory, 0)
+        memory = self._policy.repeated(self._memory, choices)
         here, there = (map_leaves(lambda x: np.repeat(x, choices), s) for s in (state, goal))
+        seen = np.repeat(observation, choices, axis=0)
+        command, after = self._changed(here, there, seen, memory, 0)
         worth = self._earned if self.arrival is None else self._spared
         best = worth(here, there, command, after).reshape(count, choices).argmax(axis=1)
         best += np.arange(count) * choices
-        self._memory = None if after is None else after[best]
-        self._last = command[best].double().numpy()
+        self._memory = self._policy.chosen(after, best)
+        self._last = command[best]
         return self._last
 
     def _changed(
-        self, seen: np.ndarray, memory: Tensor | None, period: int
-    ) -> tuple[Tensor, Tensor | None]:
+        self, state: Any, goal: Any, seen: np.ndarray, memory: Any, period: int
+    ) -> tuple[np.ndarray, Any]:
         """Commands (M, thrusters) of this period to come, with each choice's change, and the memory after."""
-        output, columns = self._network.shown(torch.from_numpy(seen), memory)
-        change = self._changes[period]
-        command = (output.policy.mode() - change.repeat(len(seen) // len(change), 1)).abs()
-        return command, self._network.remember(columns, memory, command, output)
+        change = np.tile(self._changes[period], (len(seen) // self._changes.shape[1], 1))
+        return self._policy.commands(state, goal, seen, memory, change)
 
-    def _earned(self, state: Any, goal: Any, command: Tensor, memory: Tensor | None) -> np.ndarray:
+    def _earned(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> np.ndarray:
         """(M,) what is earned after commands (M, thrusters), with what the agent remembers after them."""
         earned = np.zeros(len(command))
         lost = np.zeros(len(command), dtype=bool)
@@ -202,7 +290,7 @@ class Lookahead:
             lost |= outcome.terminated
         return earned
 
-    def _spared(self, state: Any, goal: Any, command: Tensor, memory: Tensor | None) -> np.ndarray:
+    def _spared(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> np.ndarray:
         """(M,) the same of what arrival costs, below 0; a change that does not end there is none."""
         assert self.arrival is not None
         task = self._world.task
@@ -222,9 +310,7 @@ class Lookahead:
         own = np.arange(len(command)) % self._changes.shape[1] == 0
         return np.where(there | own, spared, -math.inf)
 
-    def _ahead(
-        self, state: Any, goal: Any, command: Tensor, memory: Tensor | None
-    ) -> Iterator[Outcome]:
+    def _ahead(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> Iterator[Outcome]:
         """What every period gives that begins with commands (M, thrusters), as far as it looks."""
         now = self._world.begin(state, goal)
         if now.commands:  # the reward looks at what was open before
@@ -232,16 +318,22 @@ class Lookahead:
                 now, commands=(tuple(np.repeat(self._last, self._changes.shape[1], axis=0).T),)
             )
         for period in range(1, self._periods + 1):
-            outcome = step(self._world, now, tuple(command.double().numpy().T))
+            outcome = step(self._world, now, tuple(command.T))
             yield outcome
             now = outcome.episode
             if period < self._periods:
                 seen = np.stack(self._world.observe(now), axis=1).astype(np.float32)
                 seen = np.hstack((seen, self._knob.repeat(len(seen), axis=0)))
-                command, memory = self._changed(seen, memory, period)
+                command, memory = self._changed(now.state, now.goal, seen, memory, period)
 
 
 def looking_ahead(run: LoadedRun) -> Lookahead:
-    """The agent as contestants name it: about arriving if it was paid for that, else about its rewards."""
-    paid_for_it = getattr(run.task, "arrived_weight", 0.0) > 0
-    return Lookahead(run, arrival=ArrivalCost() if paid_for_it else None)
+    """What looks ahead as contestants name it: about arriving, or about its rewards.
+
+    About arriving is an agent that was paid for that, and a controller of a task that asks for rest.
+    """
+    if isinstance(run.controller, Agent):
+        arriving = getattr(run.task, "arrived_weight", 0.0) > 0
+    else:
+        arriving = asks_rest(run.task)
+    return Lookahead(run, arrival=ArrivalCost() if arriving else None)

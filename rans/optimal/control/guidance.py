@@ -107,6 +107,16 @@ class VelocityToGain(ModelBased):
         self._rounding.reset(count)
         self._flown = 0
 
+    def memory(self) -> np.ndarray:
+        """What is owed to every episode and the periods flown, (N, 4 or 7); see `recall`."""
+        owed = self._rounding.owed
+        return np.column_stack([owed, np.full(len(owed), self._flown)])
+
+    def recall(self, memory: np.ndarray) -> None:
+        """Go on from a `memory`, of as many episodes as it has, all as far on their way."""
+        self._rounding.owed = memory[:, :-1]
+        self._flown = int(memory[0, -1]) if len(memory) else 0
+
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period

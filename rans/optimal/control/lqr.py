@@ -85,6 +85,14 @@ class LQR(ModelBased):
         """See `rans.flight.Controller`."""
         self._rounding.reset(count)
 
+    def memory(self) -> np.ndarray:
+        """What is remembered of every episode, (N, ...); `recall` takes it back, of any episodes."""
+        return self._rounding.owed
+
+    def recall(self, memory: np.ndarray) -> None:
+        """Go on from a `memory`, of as many episodes as it has."""
+        self._rounding.owed = memory
+
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period

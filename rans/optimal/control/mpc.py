@@ -7,6 +7,7 @@ they are independent, which curvature matrices and linear dynamics ask for.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -137,6 +138,18 @@ class MPC(ModelBased):
         self._rounding.reset(count)
         self._plans = np.zeros((count, *self._plans.shape[1:]))
         self.failures = 0
+
+    def memory(self) -> np.ndarray:
+        """What is owed to every episode and its plan, (N, ...); see `recall`."""
+        owed = self._rounding.owed
+        width = math.prod(self._plans.shape[1:])
+        return np.column_stack([owed, self._plans.reshape(len(owed), width)])
+
+    def recall(self, memory: np.ndarray) -> None:
+        """Go on from a `memory`, of as many episodes as it has."""
+        size = self._rounding.owed.shape[1]
+        self._rounding.owed = memory[:, :size]
+        self._plans = memory[:, size:].reshape(len(memory), *self._plans.shape[1:]).copy()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""

@@ -142,6 +142,13 @@ class ObserverMPC(MPC):
         super().reset(count)
         self._observer.reset(count)
 
+    def memory(self) -> np.ndarray:
+        """Refused (`ConfigError`): the estimate depends on commands that only one flight really gives."""
+        raise ConfigError(
+            f"{self.name} cannot look ahead: it estimates forces from what its own commands lead to, and "
+            "would mistake a changed command for a force; use mpc."
+        )
+
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         self._observer.see(state)

@@ -131,6 +131,14 @@ class Switching(ModelBased):
         """See `rans.flight.Controller`."""
         self._last = np.zeros((count, self._last.shape[1]), bool)
 
+    def memory(self) -> np.ndarray:
+        """What is remembered of every episode, (N, ...); `recall` takes it back, of any episodes."""
+        return self._last
+
+    def recall(self, memory: np.ndarray) -> None:
+        """Go on from a `memory`, of as many episodes as it has."""
+        self._last = memory
+
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)

@@ -270,11 +270,11 @@ class SigmaDelta:
         metric[craft.dimension :, craft.dimension :] = np.linalg.inv(inertia(craft))
         self._root = np.linalg.cholesky(metric)
         self._carried = np.ones(size, bool) if carried is None else carried
-        self._owed = np.zeros((0, size))
+        self.owed = np.zeros((0, size))
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
-        self._owed = np.zeros((count, self._owed.shape[1]))
+        self.owed = np.zeros((count, self.owed.shape[1]))
 
     def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
         """Open (1.0) or shut (0.0) for every episode.
@@ -288,7 +288,7 @@ class SigmaDelta:
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         load = self._allocation.load(wrench)
         within_reach = wrench / np.maximum(load, 1.0)[:, None]
-        owed = np.where(rest[:, None], 0.0, self._owed + within_reach)
+        owed = np.where(rest[:, None], 0.0, self.owed + within_reach)
         first = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
 
         def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
@@ -297,12 +297,15 @@ class SigmaDelta:
 
         pulse = self._patterns.best(first, energy, ~rest)
         carried = self._carried | (load > _SATURATED)[:, None]
-        self._owed = np.where(carried, owed - self._patterns.wrench(pulse), 0.0)
+        self.owed = np.where(carried, owed - self._patterns.wrench(pulse), 0.0)
         return pulse.astype(float)
 
 
 class Rounding(Protocol):
     """Turns wanted wrenches into commands that thrusters can follow, period by period."""
+
+    owed: np.ndarray
+    """(N, 3 or 6) wrench that each episode is still owed, N and N m."""
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
@@ -325,19 +328,19 @@ class Proportional:
         self._allocation = Allocation(craft)
         self._wrenches = np.array(craft.wrench_map)
         self._carried = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
-        self._owed = np.zeros((0, craft.degrees_of_freedom))
+        self.owed = np.zeros((0, craft.degrees_of_freedom))
 
     def reset(self, count: int) -> None:
         """See `Rounding`."""
-        self._owed = np.zeros((count, self._owed.shape[1]))
+        self.owed = np.zeros((count, self.owed.shape[1]))
 
     def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
         """See `Rounding`."""
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
-        owed = np.where(rest[:, None], 0.0, self._owed + within_reach)
+        owed = np.where(rest[:, None], 0.0, self.owed + within_reach)
         commands = self._allocation.commands(owed)
-        self._owed = np.where(self._carried, owed - self._mean(commands) @ self._wrenches, 0.0)
+        self.owed = np.where(self._carried, owed - self._mean(commands) @ self._wrenches, 0.0)
         return commands
 
     def _mean(self, commands: np.ndarray) -> np.ndarray:

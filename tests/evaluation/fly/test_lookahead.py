@@ -15,6 +15,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
+from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.knob import HeldKnob
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.flight import Flight, fly
@@ -181,6 +182,62 @@ def test_nothing_is_earned_after_a_failure() -> None:
     assert lost[1] < 0.5 * lost[0]
 
 
+class Scripted:
+    """A controller that is told its first commands, (periods, N, thrusters), and goes on as another would."""
+
+    name = "scripted"
+
+    def __init__(self, other: Any, first: np.ndarray) -> None:
+        self._other = other
+        self._first = first
+
+    def reset(self, count: int) -> None:
+        self._other.reset(count)
+        self._periods = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        command = self._other.act(state, goal, observation)
+        self._periods += 1
+        return self._first[self._periods - 1] if self._periods <= len(self._first) else command
+
+
+@pytest.mark.parametrize("name", ["lqr", "switching", "guidance", "mpc"])
+def test_a_controller_looks_ahead_as_brute_force_does(name: str) -> None:
+    """Every choice flown by itself, in the first two periods; the second knows what the first remembered."""
+    setup = Setup(PLATFORM, NEAR, Timing(episode_steps=2))
+    count = 12 if name != "mpc" else 3
+    starts = scenarios(NEAR, PLATFORM, 5, count)
+    other = controller(name, setup)
+    run = LoadedRun(controller(name, setup), *setup[:4])
+    ahead = Lookahead(run, PERIODS * 0.2, change_within=0.2)
+    given = fly(PLATFORM, NEAR, ahead, starts, setup.timing).commands
+
+    def ends(first: np.ndarray, now: int) -> Flight:
+        timing = replace(setup.timing, episode_steps=now + PERIODS)
+        return fly(PLATFORM, NEAR, Scripted(other, first), starts, timing)
+
+    changed = 0
+    for now in range(2):
+        own = ends(given[:now], now).commands
+        choices = [own[: now + 1]]
+        choices += [np.array([*own[:now], np.abs(own[now] - flip)]) for flip in np.eye(8)]
+        best = np.argmax([earned(ends(one, now), now) for one in choices], axis=0)
+        np.testing.assert_array_equal(given[now], [choices[b][now, n] for n, b in enumerate(best)])
+        changed += (best > 0).sum()
+    assert changed > 0
+
+
+def test_a_controller_may_look_ahead_in_a_comparison() -> None:
+    """By its full name, and by the bare one after somebody who gives the task."""
+    contest = contest_of("lqr:go-to-pose-2d", 2)
+    for spec in ("lookahead:switching", "lookahead:switching:go-to-pose-2d"):
+        one = enlist(spec, contest)
+        assert (one.name, one.knows) == ("lookahead:switching", "state, exact model")
+        assert one.tuning == enlist("switching", contest).tuning
+        assert isinstance(one.controller, Lookahead)
+        assert one.controller.arrival == ArrivalCost()
+
+
 def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
     """Sooner at rest and with less thrust."""
     run = contestant(FAST)
@@ -226,7 +283,11 @@ def test_it_is_named_before_an_agent() -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("lookahead:lqr:go-to-pose-2d", "LQR cannot look ahead: only trained agents do"),
+        (
+            "lookahead:mpc-observer:go-to-pose-2d",
+            "estimates forces from what its own commands lead to",
+        ),
+        ("lookahead:mppi:go-to-pose-2d", "it has no methods memory and recall"),
         (
             "lookahead:pretrained:go-to-pose-2d-knob",
             "a knob; hold it, as in lookahead:go-to-pose-2d-knob#0.5",
