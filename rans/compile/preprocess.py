@@ -119,11 +119,8 @@ class CpuPreprocessor(Preprocessor):
 
         given = self._given
         with contextlib.suppress(*UNTRACEABLE):
-            return (
-                None
-                if given.memory or given.privileged or given.head != "on-off"
-                else CpuActorCritic(given, tensors)
-            )
+            if not CpuActorCritic.capabilities.missing(given):
+                return CpuActorCritic(given, tensors)
         return None
 
     def _works(self, rows: Tensor) -> bool:

@@ -16,6 +16,7 @@ from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import Symbol, ordered
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
@@ -109,6 +110,9 @@ class Program:
         return [values[symbol] for symbol in results]
 
 
+_CAN = Capabilities(recurrent=True)
+
+
 def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
     """What a network of one member answers: "command" (N, commands), and "memory_out" (N, m) if it has one.
 
@@ -118,6 +122,10 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
     What the network sees of its columns is traced from the layout's own code.
     """
     given = network.architecture
+    if lacking := _CAN.missing(given):
+        raise ConfigError(
+            f"the agent has {lacking}, which no ONNX and no NumPy file knows yet: export it as rans or sb3."
+        )
     program = Program()
     weights = {
         name: program.constant(x.detach().numpy(), name.removeprefix(EXTRACTOR))

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from rans.compile.cpu.flights import CpuFlights
+from rans.compile.cpu.policy import CpuPolicy
 from rans.compile.cuda.flight import FlightKernel, Products
 from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
@@ -84,7 +85,8 @@ class Flights:
             return FlightKernel.made(self.world, self._network, self.device, products)
         given = self._network.architecture
         try:
-            program = None if given.units else trace_flight(self.world, given)
+            lacking = CpuPolicy.capabilities.missing(given)
+            program = None if lacking else trace_flight(self.world, given)
         except UNTRACEABLE:  # a task that does more than arithmetic on fields
             program = None
         with one_thread():

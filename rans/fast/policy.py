@@ -157,12 +157,13 @@ class AgentPolicy(ActorCriticPolicy):
         extractor = self.features_extractor
         if not isinstance(extractor, NormalisedMlp):
             return
-        given = extractor.architecture
-        rows = given.last.weights * given.thrusters
-        if self.action_net.out_features != rows:
-            self.action_net = nn.Linear(given.features, rows)
+        last = extractor.architecture.parts()["action_net."]
+        assert isinstance(last, nn.Linear)
+        if self.action_net.out_features != last.out_features:
+            self.action_net = last
             self.optimizer = self.optimizer_class(
-                self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
+                self.parameters(),
+                **{"lr": lr_schedule(1)} | self.optimizer_kwargs,
             )
 
     def _evaluated(self, obs: Any) -> Output:

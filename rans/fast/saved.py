@@ -8,7 +8,7 @@ reads, which is pickled, so that RANS does not read it (decision 014). An agent 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -25,7 +25,7 @@ from rans.fast.packed import pack, unpack
 from rans.fast.pickled import foul, refuse
 from rans.files import first_line, plain, read_bytes, regular
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
@@ -39,7 +39,13 @@ _LARGEST = 2**28
 """Bytes of such a file on its own: a hundred times what any agent here has."""
 _CRITIC = "value_net.", f"{EXTRACTOR}critic."
 """How the names of the weights begin that only training needs."""
-_LISTS = {"layers": int, "averages": float, "nominal": float, "bounds": float}
+_LISTS: dict[str, Callable[[Any], Any]] = {
+    "layers": int,
+    "averages": float,
+    "nominal": float,
+    "bounds": float,
+    "tokens": lambda row: tuple(map(float, row)),
+}
 
 
 class SavedPolicy(NamedTuple):
@@ -247,16 +253,23 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     )
     if bank is not None and not bank.fits(blocks.body, given.thrusters):
         raise ValueError("its filters are of another spacecraft")
-    if given.head not in HEADS or given.activation not in ACTIVATIONS:
-        raise ValueError(
-            f"its head {brief(given.head)} or its activation {brief(given.activation)} is unknown here"
-        )
+    known = {
+        "head": (given.head, HEADS),
+        "activation": (given.activation, ACTIVATIONS),
+        "backbone": (given.backbone, BACKBONES),
+    }
+    for name, (key, table) in known.items():
+        if key not in table:
+            raise ValueError(f"its {name} {brief(key)} is unknown here")
+    if BACKBONES[given.backbone].has_tokens and [*map(len, given.tokens)] != [8] * given.thrusters:
+        raise ValueError("its tokens are of another spacecraft")
     numbers = {
         "filters": bank or (),
         "symmetries": views or (),
         "nominal": given.nominal,
         "averages": given.averages,
         "zoom": given.zoom,
+        "tokens": given.tokens,
         "clip": given.clip,
     }
     for name, values in numbers.items():

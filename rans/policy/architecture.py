@@ -15,12 +15,16 @@ from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy import measurement_gate as screen
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.attention import EffectorAttention
+from rans.policy.backbones import Backbone, Dense
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
+BACKBONES: dict[str, Backbone] = {"dense": Dense(), "attention": EffectorAttention()}
+"""By their names in settings and agents' files."""
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
 
@@ -47,6 +51,10 @@ class Architecture:
     """Whether on a GPU the hidden layers' products are of bfloat16."""
     head: str = "on-off"
     """Key of `rans.policy.heads.HEADS`: what the last layer's outputs mean for the commands."""
+    backbone: str = "dense"
+    """Key of `BACKBONES`: how features become the commands' outputs."""
+    tokens: tuple[tuple[float, ...], ...] = ()
+    """What each effector is, for a backbone that attends to them: `rans.policy.backbones.effector_tokens`."""
     history: int = 0
     """How many last columns and commands the network is shown."""
     commands_only: bool = False
@@ -228,7 +236,7 @@ class Architecture:
             made["critic"] = self._layers(
                 self.inputs + self.privileged, (*self.layers[:-1], self.features)
             )
-        return made
+        return made | BACKBONES[self.backbone].modules(self)
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
         return nn.Sequential(
@@ -247,9 +255,9 @@ class Architecture:
             "count": torch.zeros(()),
         }
 
-    def _parts(self) -> dict[str, nn.Module]:
+    def parts(self) -> dict[str, nn.Module]:
         """Everything that is learnt, by how its names begin, in the order of SB3."""
-        rows = self.last.weights * self.thrusters
+        rows = BACKBONES[self.backbone].rows(self)
         return {
             EXTRACTOR: nn.ModuleDict(self.modules()),
             "action_net.": nn.Linear(self.features, rows),
@@ -260,7 +268,7 @@ class Architecture:
         """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
         with torch.device("meta"):
             found = {"log_std": torch.Size((self.thrusters,))} if self.last.spread else {}
-            for prefix, part in self._parts().items():
+            for prefix, part in self.parts().items():
                 found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
             return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
 
@@ -277,7 +285,7 @@ class Architecture:
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            parts = self._parts()
+            parts = self.parts()
             for part, gain in zip(parts.values(), (math.sqrt(2), 0.01, 1.0), strict=True):
                 for layer in part.modules():
                     if isinstance(layer, nn.Linear):

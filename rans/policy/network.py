@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
-from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
+from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import Remembering, by_row, recurrent, viewed
 from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
@@ -50,7 +50,7 @@ class Network(Remembering):
         self.architecture = architecture
         self.members = members
         self.tensors = dict[str, Tensor]()
-        self._activation = architecture.activation_module()
+        self.activation = architecture.activation_module()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(
             architecture.nominal or (1.0,) * architecture.privileged
@@ -88,12 +88,21 @@ class Network(Remembering):
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
         return (
-            self._layer(key.removesuffix(".weight"))
+            self.layer(key.removesuffix(".weight"))
             for key in self.tensors
             if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight")
         )
 
-    def _layer(self, name: str) -> tuple[Tensor, Tensor]:
+    def own(self, name: str) -> str:
+        """The whole name of a layer of the backbone, for `layer`."""
+        return EXTRACTOR + name
+
+    def own_layer(self, name: str) -> tuple[Tensor, Tensor]:
+        """Weights and biases of a layer of the backbone."""
+        return self.layer(self.own(name))
+
+    def layer(self, name: str) -> tuple[Tensor, Tensor]:
+        """Weights (o, i) and biases (o,) of a layer, by its name in SB3's policy; of K members (K, ...)."""
         return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
 
     @property
@@ -237,7 +246,7 @@ class Network(Remembering):
         bf16 = self.architecture.bf16 and x.is_cuda
         with torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext():
             for weight, bias in layers:
-                x = self._activation(product(x, weight, bias))
+                x = self.activation(product(x, weight, bias))
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
@@ -257,17 +266,18 @@ class Network(Remembering):
 
     def _heads(self, features: Tensor, critic: Tensor) -> Output:
         """Actor and critic, in one product where they share features."""
-        head = self.architecture.last
-        weight, bias = head.folded(*self._layer("action_net"))
-        worth, constant = self._layer("value_net")
-        if critic is features:
+        given = self.architecture
+        head = given.last
+        worth, constant = self.layer("value_net")
+        if critic is features and given.backbone == "dense":
+            weight, bias = head.folded(*self.layer("action_net"))
             out = product(
                 features, torch.cat((weight, worth), dim=-2), torch.cat((bias, constant), dim=-1)
             )
             action = self._flat(out[..., :-1])
             value = self._flat(out[..., -1])
         else:
-            action = self._flat(product(features, weight, bias))
+            action = self._flat(BACKBONES[given.backbone].outputs(self, features))
             value = self._flat(product(critic, worth, constant)[..., 0])
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
@@ -303,12 +313,3 @@ class Network(Remembering):
             name: (x[number] if self.members > 1 else x).detach().cpu().clone()
             for name, x in self.tensors.items()
         }
-
-
-def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """A linear layer: x (n, i), weight (o, i), bias (o,); or K members', each with an axis (K, ...)."""
-    if weight.dim() == 2:
-        return functional.linear(x, weight, bias)
-    # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
-    x = torch.bmm(x, weight.mT)
-    return x + bias[:, None].to(x.dtype)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -26,6 +27,7 @@ from rans.compile.cpu.matmul import WIDTH, dense
 from rans.compile.flight_program import shown
 from rans.model.trace import Symbol, Untraceable, ordered
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.capabilities import Capabilities
 
 
 class CpuActorCritic:
@@ -38,6 +40,10 @@ class CpuActorCritic:
     Raises:
         Untraceable: looking takes more than arithmetic.
     """
+
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        heads=("on-off",), memory=False, privileged_critic=False
+    )
 
     def __init__(self, given: Architecture, tensors: Mapping[str, Tensor]) -> None:
         self._given = given

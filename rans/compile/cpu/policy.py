@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import islice
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from rans.compile.cpu.llvm import (
 from rans.compile.cpu.matmul import WIDTH, dense
 from rans.model.trace import Symbol
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 
@@ -31,6 +33,8 @@ class CpuPolicy:
     Args:
         network: on the CPU, in float32.
     """
+
+    capabilities: ClassVar[Capabilities] = Capabilities()
 
     def __init__(self, network: Network) -> None:
         given = network.architecture

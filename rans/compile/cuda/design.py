@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.capabilities import Capabilities
 
 WIDEST = 512
 """Units of a layer: more would not stay in registers."""
@@ -32,6 +34,7 @@ class Design:
         DoesNotFit: see there.
     """
 
+    capabilities: ClassVar[Capabilities] = Capabilities()
     given: Architecture
     parts: int
     """Numbers are sums of so many of bfloat16: 1, 2 (16 significant bits), or 3 (24, as in float32)."""
@@ -42,8 +45,8 @@ class Design:
 
     def __post_init__(self) -> None:
         given = self.given
-        if given.units:
-            raise DoesNotFit("a recurrent policy")
+        if lacking := self.capabilities.missing(given):
+            raise DoesNotFit(lacking)
         if not given.layers or max(given.layers) > WIDEST:
             raise DoesNotFit(f"a policy with layers of {given.layers} units; it has up to {WIDEST}")
         if self.warps < 1:

@@ -16,6 +16,7 @@ from torch.nn import functional
 from rans.compile.cuda.design import DoesNotFit, padded, up
 from rans.policy.activations import WITH_SLOPE
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.capabilities import Capabilities
 
 WARPS = 8
 """Of the kernel's block, of which a multiprocessor has one; each takes 16 samples of a tile."""
@@ -51,10 +52,11 @@ class UpdateDesign:
 
     def __post_init__(self) -> None:
         given = self.given
-        if given.units or given.head != "on-off" or len(given.layers) != 2:
-            raise DoesNotFit("a recurrent network, other than on/off commands, or than two layers")
-        if given.activation not in WITH_SLOPE:
-            raise DoesNotFit(f"the activation {given.activation}")
+        can = Capabilities(heads=("on-off",), activations=WITH_SLOPE)
+        if lacking := can.missing(given):
+            raise DoesNotFit(lacking)
+        if len(given.layers) != 2:
+            raise DoesNotFit(f"{len(given.layers)} layers; it has two")
 
     @property
     def trunks(self) -> int:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 else:
     Activation = Literal[tuple(ACTIVATIONS)]
 Head = Literal["auto", "gated"]
+BackboneName = Literal["dense", "attention"]
 Memory = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
@@ -73,6 +74,9 @@ class PPOSettings:
     """Units of the network's hidden layers, shared by actor and critic."""
     activation: Activation = "tanh"
     """Between the layers."""
+    backbone: BackboneName = "dense"
+    """How features become commands: "dense" by a last layer; "attention" by a layer of attention over the
+    effectors, whose weights fit any craft."""
     head: Head = "auto"
     """How outputs become commands: "auto" opens on/off thrusters or not, and commands the others by a Gaussian;
     "gated" first decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
@@ -175,6 +179,7 @@ class PPOSettings:
         )
         for name, kind in (
             ("activation", Activation),
+            ("backbone", BackboneName),
             ("head", Head),
             ("matmul", Precision),
             ("memory", Memory),

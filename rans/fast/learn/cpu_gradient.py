@@ -15,6 +15,7 @@ from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.rollout import Batch
 from rans.policy.activations import WITH_SLOPE
+from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 _TILE = 512
@@ -22,6 +23,9 @@ _TILE = 512
 _GIVEN = 4
 _SUMS = 5
 """Numbers that the losses need, and that they leave behind."""
+
+
+_CAN = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
 
 
 class _Layer(NamedTuple):
@@ -106,9 +110,7 @@ class MachineGradients:
             and one.dtype == torch.float32
             and network.members == 1
             and samples % WIDTH == 0
-            and given.head == "on-off"
-            and given.activation in WITH_SLOPE
-            and not (given.units or given.privileged)
+            and not _CAN.missing(given)
         )
 
     def inputs(

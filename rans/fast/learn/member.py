@@ -17,7 +17,8 @@ from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.ppo import PPOLearner
 from rans.model.spacecraft import Spacecraft
-from rans.policy.architecture import Architecture
+from rans.policy.architecture import BACKBONES, Architecture
+from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
@@ -41,6 +42,8 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         symmetries=symmetries(craft) if settings.symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(craft, settings.head),
+        backbone=settings.backbone,
+        tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
         history=settings.history if has_history else 0,
         commands_only=settings.memory == "commands",
         averages=tuple(settings.averages) if has_history else (),

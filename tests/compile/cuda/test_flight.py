@@ -167,7 +167,7 @@ def test_designs_of_shipped_sizes() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"units": 8}, "a recurrent policy"),
+        ({"units": 8}, "a recurrent memory"),
         ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
         ({"history": 4000}, "bytes for 32 flights"),
     ],
@@ -186,7 +186,7 @@ class Chip:
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"units": 8}, None, "their kernel has no place for a recurrent policy"),
+        ({"units": 8}, None, "their kernel has no place for a recurrent memory"),
         ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
         ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
     ],

@@ -1,0 +1,69 @@
+"""A backbone that attends to effectors: its weights are the same whatever a craft has, and in whatever order."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, nn
+
+from rans.policy.backbones import Backbone, product
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
+    from rans.policy.network import Network
+
+_TOKEN = 8
+"""Numbers of `rans.policy.backbones.effector_tokens`."""
+
+
+class EffectorAttention(Backbone):
+    """One layer of self-attention over a craft's effectors, each with the features of what is observed.
+
+    The state of effector i is f(features + A token_i), f the network's activation; scaled dot-product
+    attention (Vaswani et al., "Attention is all you need", 2017) adds to it what the other effectors are; one
+    last layer, the same for all, gives the outputs of each. A command follows its effector when effectors
+    change places, and a craft with more effectors needs no other weights.
+    """
+
+    has_tokens = True
+
+    def rows(self, given: Architecture) -> int:
+        """See `Backbone`: of one effector."""
+        return given.last.weights
+
+    def modules(self, given: Architecture) -> dict[str, nn.Module]:
+        """See `Backbone`."""
+        width = given.features
+        return {
+            "token": nn.Linear(_TOKEN, width),
+            "query": nn.Linear(width, width),
+            "key": nn.Linear(width, width),
+            "value": nn.Linear(width, width),
+            "mixed": nn.Linear(width, width),
+        }
+
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
+        """See `Backbone`."""
+        given = network.architecture
+        tokens = features.new_tensor(given.tokens)
+        count = len(tokens)
+        width = features.shape[-1]
+
+        def each(name: str, x: Tensor) -> Tensor:
+            """A layer on every effector, (..., N, effectors, width)."""
+            return product(x.flatten(-3, -2), *network.layer(name)).unflatten(-2, (-1, count))
+
+        if network.members > 1:
+            tokens = tokens.expand(network.members, -1, -1)
+        embedded = product(tokens, *network.own_layer("token"))
+        state = network.activation(features[..., None, :] + embedded[..., None, :, :])
+        # Each effector attends to all of them.
+        query, key, value = (each(network.own(name), state) for name in ("query", "key", "value"))
+        share = torch.softmax(query @ key.mT / math.sqrt(width), dim=-1)
+        state = state + network.activation(each(network.own("mixed"), share @ value))
+        # The same last layer for every effector; outputs of one meaning stand together.
+        weight, bias = given.last.folded(*network.layer("action_net"))
+        outputs = product(state.flatten(-3, -2), weight, bias).unflatten(-2, (-1, count))
+        return outputs.mT.flatten(-2)

@@ -1,0 +1,87 @@
+"""Backbones: how what a policy has made of an observation becomes the outputs for its commands.
+
+Every policy has a trunk of dense layers, and a recurrent core if it has one, which make features of what is
+observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
+`rans.policy.architecture.BACKBONES`. Executors that do not state it (`rans.policy.capabilities`) leave such a
+policy to torch.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rans.model.spacecraft import Spacecraft
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
+    from rans.policy.network import Network
+
+
+class Backbone(ABC):
+    """Makes outputs for commands of features."""
+
+    has_tokens: bool = False
+    """Whether it is given `effector_tokens`."""
+
+    @abstractmethod
+    def rows(self, given: Architecture) -> int:
+        """Rows of the last layer, whose weights are ``action_net``."""
+
+    def modules(self, given: Architecture) -> dict[str, nn.Module]:
+        """What is learnt beside the trunk, the last layer and the critic, with torch's initial weights."""
+        return {}
+
+    @abstractmethod
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
+        """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
+
+
+class Dense(Backbone):
+    """The last layer on the features."""
+
+    def rows(self, given: Architecture) -> int:
+        """See `Backbone`."""
+        return given.last.weights * given.thrusters
+
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
+        """See `Backbone`."""
+        weight, bias = network.architecture.last.folded(*network.layer("action_net"))
+        return product(features, weight, bias)
+
+
+def effector_tokens(craft: Spacecraft) -> tuple[tuple[float, ...], ...]:
+    """What each effector of a craft is, in the order of its commands.
+
+    Place and direction in B about the centre of mass, three numbers each, places in units of the craft's
+    radius; strength over the largest of its kind; 0 for a thruster and 1 for a reaction wheel.
+    """
+    strongest = max(thruster.force for thruster in craft.thrusters)
+    thrusters = [
+        (
+            *(
+                (p - c) / craft.radius
+                for p, c in zip(t.position, craft.centre_of_mass, strict=True)
+            ),
+            *t.direction,
+            t.force / strongest,
+            0.0,
+        )
+        for t in craft.thrusters
+    ]
+    largest = max((wheel.max_torque for wheel in craft.wheels), default=1.0)
+    wheels = [(0.0, 0.0, 0.0, *w.axis, w.max_torque / largest, 1.0) for w in craft.wheels]
+    return tuple(tuple(map(float, token)) for token in (*thrusters, *wheels))
+
+
+def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """A linear layer: x (n, i), weight (o, i), bias (o,); or K members', each with an axis (K, ...)."""
+    if weight.dim() == 2:
+        return functional.linear(x, weight, bias)
+    # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
+    x = torch.bmm(x, weight.mT)
+    return x + bias[:, None].to(x.dtype)

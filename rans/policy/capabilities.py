@@ -1,0 +1,41 @@
+"""What an executor can do of a policy: it states it, and leaves the rest to the forward of torch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from rans.policy.architecture import Architecture
+
+
+class Capabilities(NamedTuple):
+    """Kinds of policies that an executor computes rightly; those that are not stated it refuses."""
+
+    backbones: tuple[str, ...] = ("dense",)
+    heads: tuple[str, ...] | None = None
+    """None: any, by its formula."""
+    activations: tuple[str, ...] | None = None
+    """None: any, by its formula."""
+    memory: bool = True
+    """Histories, averages and filters."""
+    recurrent: bool = False
+    privileged_critic: bool = True
+    """Executors of commands alone need no critic."""
+
+    def missing(self, given: Architecture) -> str:
+        """What a policy has that the executor has not, in words; "" where it can compute it."""
+        return " and ".join(self._missing(given))
+
+    def _missing(self, given: Architecture) -> Iterator[str]:
+        if given.backbone not in self.backbones:
+            yield f"the backbone {given.backbone!r}"
+        if self.heads is not None and given.head not in self.heads:
+            yield f"the head {given.head!r}"
+        if self.activations is not None and given.activation not in self.activations:
+            yield f"the activation {given.activation!r}"
+        if given.units and not self.recurrent:
+            yield "a recurrent memory"
+        if given.memory and not given.units and not self.memory:
+            yield "a memory"
+        if given.privileged and not self.privileged_critic:
+            yield "a critic that is given privileged observations"

@@ -1,0 +1,94 @@
+"""Attention over effectors: commands follow their effectors, and one set of weights flies many crafts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from rans.deploy.export import Form, write_agent
+from rans.deploy.program import agent_program
+from rans.errors import ConfigError
+from rans.fast.flights import Flights
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.selection import likeliest
+from rans.fast.saved import SavedPolicy, read_policy
+from rans.model.spacecraft import Spacecraft
+from rans.policy.backbones import effector_tokens
+from rans.policy.network import Network
+from tests.support.engines import PLATFORM
+from tests.support.kernel_flights import policy, setup
+from tests.support.training import scatter
+from validation.records.attention import begun, train
+
+
+def attending(craft: Spacecraft, head: str = "on-off") -> Network:
+    return policy(
+        craft, sided=False, backbone="attention", tokens=effector_tokens(craft), head=head
+    )
+
+
+@pytest.mark.parametrize("head", ["on-off", "gaussian", "gated"])
+def test_a_command_follows_its_effector(head: str) -> None:
+    order = [3, 1, 0, 2, 7, 6, 5, 4]
+    moved = replace(PLATFORM, thrusters=tuple(PLATFORM.thrusters[i] for i in order))
+    one = attending(PLATFORM, head)
+    other = Network(replace(one.architecture, tokens=effector_tokens(moved)), one.tensors)
+    generator = torch.Generator().manual_seed(2)
+    rows = torch.randn(500, one.architecture.layout.width, generator=generator)
+    found, expected = (likeliest(network, rows, None)[0] for network in (other, one))
+    # Sums over effectors in another order, which may turn a choice that is close.
+    assert ((found - expected[:, order]).abs() > 1e-5).double().mean() < 1e-2
+    assert expected.std(dim=1).mean() > 0.01
+
+
+def test_weights_have_the_same_shapes_whatever_a_craft_has() -> None:
+    more = replace(PLATFORM, thrusters=(*PLATFORM.thrusters, *PLATFORM.thrusters[:2]))
+    shapes = [attending(craft).architecture.shapes() for craft in (PLATFORM, more)]
+    assert shapes[0] == shapes[1]
+
+
+def test_members_compute_what_each_computes_alone() -> None:
+    networks = [scatter(attending(PLATFORM), seed) for seed in (1, 2)]
+    given = networks[0].architecture
+    both = Network.stacked(
+        given, [one.member(0) for one in networks], torch.device("cpu"), torch.float32
+    )
+    rows = torch.randn(2, 30, given.layout.width)
+    found = likeliest(both, rows.flatten(0, 1), None)[0].unflatten(0, (2, -1))
+    for network, own, commands in zip(networks, rows, found, strict=True):
+        assert (likeliest(network, own, None)[0] != commands).double().mean() < 1e-2
+
+
+def test_executors_that_do_not_know_it_leave_it_to_torch() -> None:
+    network = attending(PLATFORM)
+    with pytest.raises(ConfigError, match="the backbone 'attention'"):
+        agent_program(network)
+    assert Flights(network, setup(PLATFORM)).fly(0, 20, 1).ways == {"stepping, cpu"}
+
+
+def test_one_iteration_reaches_every_weight_of_every_layout() -> None:
+    """Weights learnt on one layout move to the next."""
+    learners = begun(2)
+    before = {name: x.detach().clone() for name, x in learners[0].network.tensors.items()}
+    rewards = train(learners, 1)
+    assert np.isfinite(rewards).all()
+    after = learners[1].network.tensors
+    unmoved = [
+        name for name in learners[0].network.learnt if torch.equal(before[name], after[name])
+    ]
+    assert not [name for name in unmoved if not name.startswith("value_net")]
+
+
+@pytest.mark.parametrize("form", ["rans", "sb3"])
+def test_files_hold_it(form: Form, tmp_path: Path) -> None:
+    network = attending(PLATFORM)
+    write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
+    name = "agent.safetensors" if form == "rans" else "policy.zip"
+    again = read_policy(tmp_path / name).network
+    assert again.architecture.tokens == network.architecture.tokens
+    rows = torch.randn(20, network.architecture.layout.width)
+    assert torch.equal(*(likeliest(one, rows, None)[0] for one in (network, again)))
