@@ -82,7 +82,8 @@ def test_a_replay_moves_zones_and_turns_the_cone() -> None:
         ways = [scenery_pose(at_instant(zone, instant)).translation() for instant in (0, 20)]
         drawn = map_leaves(lambda x: float(x[1]), starts.goal.notes[k])
         expected = [4.0 * drawn.v.x, 4.0 * drawn.v.y, 0.0]
-        np.testing.assert_allclose(ways[1] - ways[0], expected, rtol=0, atol=1e-12)
+        moved = np.subtract(ways[1], ways[0])
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
     port = DockPort(port_rate=(math.radians(3.0), math.radians(3.0)))
     flight = fly(PLATFORM, port, shut(), scenarios(port, PLATFORM, 1, 1), timing)
     cone, _ = Motion.of(flight, 0).scenery
