@@ -18,6 +18,7 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -307,7 +308,8 @@ class _Problem:
 
     def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
         """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: infeasible."""
-        import clarabel
+        # Clarabel has no stubs for what its compiled module holds.
+        clarabel: Any = importlib.import_module("clarabel")
 
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
