@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import SpatialState, State
@@ -106,11 +106,11 @@ class Land(SingleTask):
         """The start of Acikmese and Ploen: (2000, 0, 1500) m, (80, 30, -75) m/s."""
         return upright(0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
 
-    def guidance(self, state: State, goal: State) -> DescentLaw:
+    def guidance(self, state: Any, goal: Any) -> DescentLaw:
         """Guidance law from this state to the goal."""
         return DescentLaw.of(state.p - goal.p, state.v - goal.v, self.gravity, self.haste)
 
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
+    def constraints(self, state: Any, goal: Any) -> dict[str, Field]:
         """Height above the ground and gap of the glide slope, m, and the cosine of the tilt above its least."""
         up = Vec3(0.0, 0.0, 1.0)
         # Within the site the glide slope is below the ground.

@@ -18,9 +18,10 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
@@ -307,7 +308,8 @@ class _Problem:
 
     def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
         """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: infeasible."""
-        import clarabel
+        # Clarabel has no stubs for what its compiled module holds.
+        clarabel: Any = importlib.import_module("clarabel")
 
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
@@ -333,13 +335,13 @@ class _Problem:
             return None
         return self._read(answer)
 
-    def _read(self, answer: object) -> Landing:
+    def _read(self, answer: Any) -> Landing:
         """The solver's answer in SI units."""
-        x = np.array(answer.x)  # type: ignore[attr-defined]
+        x = np.array(answer.x)
         knots = x[: self.knots].reshape(-1, 7)
         controls = x[self.knots :].reshape(-1, 4) * _ACCELERATION
         mass = self.lander.mass * np.exp(knots[:, 6])
-        needed = self.lander.mass * math.exp(-float(answer.obj_val_dual))  # type: ignore[attr-defined]
+        needed = self.lander.mass * math.exp(-float(answer.obj_val_dual))
         return Landing(
             self.period,
             knots[:, :3] * _LENGTH,
@@ -349,8 +351,8 @@ class _Problem:
             controls[:, 3],
             float(mass[0] - mass[-1]),
             float(mass[0] - needed),
-            float(answer.r_prim),  # type: ignore[attr-defined]
-            float(answer.r_dual),  # type: ignore[attr-defined]
+            float(answer.r_prim),
+            float(answer.r_dual),
         )
 
     def _z(self, knot: int) -> int:
@@ -359,7 +361,7 @@ class _Problem:
     def _sigma(self, period: int) -> int:
         return self.knots + 4 * period + 3
 
-    def _dynamics(self) -> tuple[sparse.csc_matrix, np.ndarray, int]:
+    def _dynamics(self) -> tuple[Any, np.ndarray, int]:
         """Equations of motion, the start and, where it is exact, the end."""
         n = self.count
         step = self.period / _TIME
@@ -392,9 +394,7 @@ class _Problem:
                 values.append(np.zeros(3))
         return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
 
-    def _linear(
-        self, log_mass: np.ndarray, side: Side
-    ) -> tuple[sparse.csc_matrix, np.ndarray, int]:
+    def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
         """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
         n = self.count
         full = math.log(self.lander.mass)
@@ -446,7 +446,7 @@ class _Problem:
         matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
         return matrix, np.array(right), 1
 
-    def _fixed_cones(self) -> list[tuple[sparse.csc_matrix, np.ndarray, int]]:
+    def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
         """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""
         n = self.count
         descent = self.descent
@@ -485,7 +485,7 @@ class _Problem:
         return cones
 
 
-def _selected(block: sparse.spmatrix, first: int, size: int) -> sparse.csc_matrix:
+def _selected(block: Any, first: int, size: int) -> Any:
     """A block of columns that begins at one of them, with zeros around it."""
     rows = block.shape[0]
     after = size - first - block.shape[1]
