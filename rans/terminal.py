@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
+from dataclasses import replace
 from functools import partial
-from textwrap import fill
+from textwrap import fill, wrap
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -43,6 +45,16 @@ class Terminal(Console):
         """A sentence: lines break between words on a terminal, and nowhere in a file or a drawing."""
         self.print(text, soft_wrap=not self.is_terminal or "\n" in text)
 
+    def command(self, text: str) -> None:
+        """A command to copy: on a line of its own, which nothing breaks."""
+        self.print(f"  {text}", soft_wrap=True)
+
+    def suggest(self, *commands: str) -> None:
+        """What a user may want to run next, one command a line."""
+        self.print("Next:")
+        for text in commands:
+            self.command(text)
+
     def show(
         self,
         title: str,
@@ -62,7 +74,12 @@ class Terminal(Console):
             columns = [
                 columns[0],
                 *(
-                    fill(name, max(_HEADING, *(len(row[k]) for row in kept), 0))
+                    fill(
+                        name,
+                        max(_HEADING, *(len(row[k]) for row in kept), 0),
+                        break_long_words=False,
+                        break_on_hyphens=False,
+                    )
                     for k, name in enumerate(columns[1:], 1)
                 ),
             ]
@@ -102,16 +119,77 @@ def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) 
 
 
 class _Titled(Table):
-    """Title and caption break where the terminal does: Rich breaks them at the table's edge."""
+    """A table in which no word is broken; where its columns do not fit beside each other, one row a block.
+
+    Title and caption break where the terminal does: Rich breaks them at the table's edge.
+    """
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        rows = copy(self)
-        rows.title = rows.caption = None
         if self.title:
             yield console.render_str(str(self.title), style="table.title")
-        yield from Table.__rich_console__(rows, console, options)
+        heads = [str(column.header) for column in self.columns]
+        cells = [[_plain(cell) for cell in column.cells] for column in self.columns]
+        room = options.max_width - _FRAME * len(heads) - 1
+        widths = _column_widths(heads, cells, room, fixed=1)
+        if widths is None:
+            yield from _blocks(heads, list(zip(*cells, strict=True)), options.max_width)
+        else:
+            rows = copy(self)
+            rows.title = rows.caption = None
+            rows.columns = [
+                replace(column, width=width)
+                for column, width in zip(self.columns, widths, strict=True)
+            ]
+            yield from Table.__rich_console__(rows, console, options)
         if self.caption:
             yield console.render_str(str(self.caption), style="table.caption")
+
+
+def _plain(cell: object) -> str:
+    return cell.plain if isinstance(cell, Text) else legible(str(cell), _LONGEST)
+
+
+def _column_widths(
+    heads: Sequence[str], cells: Sequence[Sequence[str]], room: int, fixed: int
+) -> list[int] | None:
+    """Characters of each column, so that lines break between words only; None where there is no room.
+
+    The widest columns give way first; the first ``fixed`` ones never do.
+    """
+    lines = [
+        [line for text in (head, *column) for line in text.splitlines() or [""]]
+        for head, column in zip(heads, cells, strict=True)
+    ]
+    widths = [max(map(cell_len, some)) for some in lines]
+    least = [
+        width
+        if k < fixed
+        else max(cell_len(word) for line in some for word in line.split() or [""])
+        for k, (some, width) in enumerate(zip(lines, widths, strict=True))
+    ]
+    while sum(widths) > room:
+        loose = [k for k in range(len(widths)) if widths[k] > least[k]]
+        if not loose:
+            return None
+        widths[max(loose, key=lambda k: widths[k])] -= 1
+    return widths
+
+
+def _blocks(heads: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Iterator[Text]:
+    """Every row as lines of its own: its first cell, then what the others hold."""
+    for first, *others in rows:
+        yield Text(first, "bold", no_wrap=True, overflow="ignore")
+        for head, text in zip(heads[1:], others, strict=True):
+            if text:
+                line = f"{' '.join(head.split())}: {text}" if head else text
+                for part in wrap(
+                    line,
+                    width - 4,
+                    break_long_words=False,
+                    break_on_hyphens=False,
+                    subsequent_indent="  ",
+                ):
+                    yield Text(f"  {part}", no_wrap=True, overflow="ignore")
 
 
 def table(
@@ -155,7 +233,7 @@ def kept(write: Callable[[], object]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        Terminal(stderr=True).say("Interrupted; writing what was found, if anything was.")
+        Terminal(stderr=True).say("Interrupted: results so far are written, if there are any.")
         raise
     finally:
         write()

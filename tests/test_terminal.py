@@ -62,7 +62,7 @@ def test_a_table_that_does_not_fit_is_several(
     monkeypatch.setenv("COLUMNS", "60")
     Terminal().show("Title", WIDE, ROWS)
     text = capsys.readouterr().out
-    assert text.count("settled, %") == text.count("thrust-time of the episode, N s") == 2
+    assert text.count("settled, %") == text.count("thrust-time of the episode, N s") == 3
     for cell in ("100 (97 to 100)", "99", "27.8"):
         assert text.count(cell) == 1
     assert max(map(len, text.splitlines())) <= 60
@@ -70,7 +70,7 @@ def test_a_table_that_does_not_fit_is_several(
     text = capsys.readouterr().out
     assert "(97 to 100)" not in text
     assert text.endswith("Shorter.\n")
-    assert "go-to-pose-" in text  # a heading breaks at hyphens
+    assert "go-to-pose-2d-robust" in text
 
 
 def test_a_table_that_fits_is_one_and_whole(
@@ -101,6 +101,31 @@ def test_a_heading_is_as_wide_as_its_column(
         ["", "first thing"],
         ["", "or third"],
     ]
+
+
+def test_no_word_is_broken(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cells break between words; a row without room for its longest words becomes a block of lines."""
+    rows = [("engine", "floating-platform, 1,024 environments", "1,460", "steps/s")]
+    for columns in (60, 40, 24):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        Terminal().print(table("", ("", "measurement", "value", "unit"), rows))
+        text = capsys.readouterr().out
+        assert max(len(line.rstrip()) for line in text.splitlines()) <= columns
+        words = text.replace("│", " ").replace("┃", " ").split()
+        for word in ("floating-platform,", "environments", "1,460", "steps/s"):
+            assert word in words, (columns, text)
+
+
+def test_a_command_is_one_line_to_copy(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    long = "rans view pretrained:go-to-pose-2d --episode 7 --seed 2023"
+    Terminal().suggest(long)
+    assert f"  {long}\n" in capsys.readouterr().out
 
 
 def test_a_title_is_as_long_as_the_terminal_is_wide(

@@ -161,6 +161,11 @@ def _parse(arguments: list[str]) -> Any:
     commands = {
         c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted
     }
+    if arguments[0] in ("-h", "--help"):
+        from rans.cli.helped import overview
+
+        print(overview(_ABOUT, commands))
+        raise SystemExit(0)
     parse = partial(
         tyro.extras.subcommand_cli_from_dict,
         commands,
@@ -179,7 +184,7 @@ def _parse(arguments: list[str]) -> Any:
         return parse()
     from rans.cli.helped import helped
 
-    return helped(parse, commands.values())
+    return helped(parse, commands)
 
 
 def _end(sentence: str, code: int) -> int:

@@ -38,15 +38,15 @@ class Assure:
     """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
     sb3:FILE.zip:TASK-2d, which flies more slowly."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
-    default those of its training."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
+    your own TOML file; by default those of its training."""
     episodes: int | None = None
     """Number of flights, by default 100,000; with --failure-below the most that are flown."""
     failure_below: float | None = None
     """A bound on the probability of failure to be shown or refuted, such as 1e-4, by as many flights as that
     takes."""
     confidence: float = 0.99
-    """Of every bound."""
+    """Probability that every bound holds."""
     plan: bool = False
     """Only say how many flights that takes."""
     worst: int = 4
@@ -57,7 +57,7 @@ class Assure:
     """Also look for the smallest disturbance that breaks the agent, in units of these conditions, such as
     lab."""
     seed: int = ASSURANCE_SEED
-    """Of starts, goals and conditions."""
+    """Seed of starts, goals and conditions."""
     device: str = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
     restart: bool = False

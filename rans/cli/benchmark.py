@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from benchmarks.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
+
+
+_SHORT = 4
+"""Columns of the table of measurements that are printed without ``--full``."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,8 @@ class Benchmark:
     """Rough figures in seconds: one small batch, few repeats, on a CPU nothing compiled."""
     output: Path | None = None
     """JSON file to write everything to; a figure goes beside it."""
+    full: bool = False
+    """Print warm-up times and notes too; the JSON file always has them."""
 
     def run(self) -> int:
         """Print ratios first, then every figure behind them; all there is, if it is interrupted."""
@@ -117,16 +124,12 @@ class Benchmark:
             table(
                 _hardware(about),
                 ("value", "ratio", "of"),
-                [(f"{r.value:,.3g}", r.name, r.note) for r in (*ratios, *shares)],
+                [(_digits(r.value), r.name, r.note) for r in (*ratios, *shares)],
             )
         )
-        console.print(
-            table(
-                "",
-                ("", "measurement", "value", "unit", "warm-up", "note"),
-                map(_measured, measured),
-            )
-        )
+        columns = ("", "measurement", "value", "unit", "warm-up", "note")
+        shown = len(columns) if self.full else _SHORT
+        console.print(table("", columns[:shown], (_measured(m)[:shown] for m in measured)))
         if peers:
             console.print(
                 table(
@@ -138,6 +141,8 @@ class Benchmark:
             console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
         if self.output is not None:
             self._write(self.output, about, measured, shares, peers, ratios)
+        elif self.quick:
+            console.suggest("rans benchmark --output speed.json")
 
     def _write(
         self,
@@ -174,8 +179,17 @@ def _hardware(about: dict[str, str]) -> str:
 
 
 def _measured(m: Measurement) -> tuple[str, ...]:
-    value = "-" if m.value is None else f"{m.value:,.4g}"
+    value = "-" if m.value is None else _digits(m.value)
     return m.kind, m.name, value, m.unit, f"{m.warm_up:.1f} s" if m.warm_up else "", m.note
+
+
+def _digits(value: float) -> str:
+    """Four significant digits at most, without an exponent."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    decimals = 3 - math.floor(math.log10(abs(value)))
+    text = f"{round(value, decimals):,.{max(0, decimals)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _peer(p: PeerResult) -> tuple[str, ...]:
@@ -185,7 +199,7 @@ def _peer(p: PeerResult) -> tuple[str, ...]:
         p.package,
         theirs.get("version", "-"),
         f"{theirs['num_envs']:,}" if theirs else "-",
-        f"{rate / 1e6:,.4g}" if rate else "-",
+        _digits(rate / 1e6) if rate else "-",
         theirs.get("task") or p.reason,
         p.command,
     )

@@ -40,8 +40,8 @@ class Compare:
     )
     """Who joins them: simple controllers, and the best that is possible."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
-    default those that the first contestant was trained in."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
+    your own TOML file; by default those that the first contestant was trained in."""
     episodes: int = 128
     """Number of starts."""
     engine: Literal["fast", "drake"] = "fast"
@@ -58,7 +58,7 @@ class Compare:
     budget: float = 300.0
     """Seconds to look for bounds of the front, from one start after the other; kept for the next time."""
     seed: int = EVALUATION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: bool = False
@@ -120,9 +120,7 @@ def _write(comparison: Comparison, folder: Path) -> None:
     console = Terminal()
     board = scoreboard(comparison)
     if not (comparison.entries or comparison.failures):
-        console.say(
-            f"Nobody has flown yet: {folder / 'compare.html'} and compare.json stay as they were."
-        )
+        console.say("Interrupted before the first contestant had flown: nothing was written.")
         return
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison, command_line()).write(folder / "compare.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -47,14 +48,14 @@ class Evaluate:
     """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
     platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
-    default those of its training."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
+    your own TOML file; by default those of its training."""
     episodes: int = 1024
     """Number of flights. More than 65,536 of an agent are judged as they fly, on a GPU if there is one: a
     million take a blink there, a minute or two on two cores. Their table is shorter, and they are written to
     evaluation-many.json without episodes and figures."""
     seed: int = EVALUATION_SEED
-    """Of starts and goals."""
+    """Seed of starts and goals."""
     engine: Literal["fast", "drake", "both"] = "fast"
     """What computes the motion: the shared equations, Drake as an independent judge, or both side by
     side, with exit code 1 if they disagree."""
@@ -63,6 +64,8 @@ class Evaluate:
     plain: bool = False
     """Fly more than 65,536 episodes by torch's operations as well, as they are written, without a generated
     program or kernel (docs/plain.md); fewer always fly by plain numbers."""
+    full: bool = False
+    """Print all metrics, not only those that matter first; evaluation.json always has all."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -94,7 +97,7 @@ class Evaluate:
         if run.conditions is not None:
             console.print(f"Conditions: {run.conditions.description or self.conditions}.")
         for metrics in measured.values():
-            console.print(metrics.table(console.width))
+            console.print(metrics.table(console.width, self.full))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
         if self.engine == "both":
@@ -103,7 +106,17 @@ class Evaluate:
             results["both"] = comparison.to_json()
             passed = comparison.passed
         Terminal().say(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
+        self._suggest()
         return passed
+
+    def _suggest(self) -> None:
+        more = [] if self.full else ["--full"]
+        given = shlex.join(["rans", "evaluate", self.contestant, *more])
+        Terminal().suggest(
+            f"{given}   # all metrics" if more else f"{given} --engine drake",
+            shlex.join(["rans", "compare", self.contestant]),
+            shlex.join(["rans", "view", self.contestant]),
+        )
 
     def _many(self, run: LoadedRun) -> bool:
         """Whether flights are too many to be kept, and can be judged without."""
@@ -138,7 +151,7 @@ class Evaluate:
         console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {run.conditions.description or self.conditions}.")
-        console.print(metrics.table(console.width))
+        console.print(metrics.table(console.width, self.full))
         listed = [
             {"episode": int(number), "failure": Failure(kind).name}
             for number, kind in zip(statistics.numbers, statistics.kinds, strict=True)

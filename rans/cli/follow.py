@@ -33,7 +33,7 @@ class Follow:
     flights: int = 16
     """Number of flights; each starts at rest near the path's first point with another attitude."""
     seed: int = EVALUATION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion."""
     trust: bool = False

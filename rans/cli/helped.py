@@ -1,4 +1,4 @@
-"""What ``--help`` says, with words kept whole: tyro leaves that to the terminal, which breaks them."""
+"""What ``--help`` prints: an overview in groups, and pages of commands with whole words and examples."""
 
 from __future__ import annotations
 
@@ -7,13 +7,105 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout
-from typing import Annotated, Any, get_type_hints
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Train": ("train", "sweep", "tune"),
+    "Judge": ("evaluate", "compare", "stress", "assure", "follow"),
+    "Show": ("view", "report"),
+    "Limits": ("optimal", "faults"),
+    "Deploy": ("export", "fly", "twin", "replay"),
+    "Check": ("validate", "benchmark", "list"),
+}
+"""Commands by what they are for; those that are in none follow under "More"."""
+
+START = """Start here:
+  rans train go-to-pose --output runs/first     # an agent in seconds
+  rans compare runs/first                       # beside controllers and bounds
+  rans view runs/first                          # in three dimensions"""
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "train": (
+        "rans train go-to-pose --output runs/first",
+        "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
+        "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
+        "rans train --resume runs/first",
+    ),
+    "sweep": (
+        "rans sweep go-to-pose --seeds 8",
+        "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
+    ),
+    "tune": ("rans tune lqr --task go-to-pose --spacecraft mine.toml",),
+    "evaluate": (
+        "rans evaluate runs/first",
+        "rans evaluate runs/first --engine drake --episodes 64",
+        "rans evaluate lqr:go-to-pose-2d@mine.toml --full",
+        "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
+    ),
+    "compare": (
+        "rans compare runs/first",
+        "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
+    ),
+    "stress": (
+        "rans stress runs/first lqr",
+        'rans stress runs/first --only latency "noise of position"',
+    ),
+    "assure": (
+        "rans assure runs/first --failure-below 1e-3",
+        "rans assure runs/first --conditions lab --search lab",
+    ),
+    "follow": ("rans follow pretrained:track-velocity-2d --path lemniscate",),
+    "view": (
+        "rans view runs/first lqr",
+        "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
+    ),
+    "report": ("rans report runs/first",),
+    "optimal": (
+        "rans optimal go-to-pose --objective time",
+        "rans optimal go-to-pose --episodes 4 --certify",
+    ),
+    "faults": ("rans faults floating-platform --picture faults.svg",),
+    "export": (
+        "rans export runs/first --output my-agent --format onnx",
+        "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
+    ),
+    "validate": ("rans validate --spacecraft mine.toml --quick",),
+    "benchmark": ("rans benchmark --quick",),
+    "list": (
+        "rans list",
+        "rans list go-to-pose",
+        "rans list mine.toml --picture craft.svg",
+    ),
+}
+"""Command lines that work once their folders and files exist."""
+
+GUIDES = {
+    "train": "training",
+    "sweep": "sweep",
+    "tune": "comparison",
+    "evaluate": "agents",
+    "compare": "comparison",
+    "stress": "stress",
+    "assure": "assurance",
+    "follow": "agents",
+    "view": "viewing",
+    "report": "viewing",
+    "optimal": "optimal",
+    "faults": "faults",
+    "export": "export",
+    "validate": "verification",
+    "benchmark": "speed",
+    "list": "terminal",
+}
+"""Page of each command under docs/."""
 
 
 class _Page(io.TextIOWrapper):
@@ -26,9 +118,39 @@ class _Page(io.TextIOWrapper):
         self.isatty = sys.stdout.isatty
 
 
-def helped(parse: Callable[[], Any], commands: Iterable[type]) -> Any:
-    """What ``parse`` gives; the help that it prints is wrapped."""
-    explain(commands)
+def overview(about: str, commands: Mapping[str, type]) -> str:
+    """What ``rans`` alone prints: usage, where to start, and every command in a line or two."""
+    width = shutil.get_terminal_size().columns
+    lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", START]
+    grouped = {name for names in GROUPS.values() for name in names}
+    rest = tuple(name for name in commands if name not in grouped)
+    for title, names in (*GROUPS.items(), ("More", rest)):
+        known = [name for name in names if name in commands]
+        if known:
+            lines += ["", f"{title}:"]
+        for name in known:
+            first = f"  {name:<11}"
+            text = f"{first}{_summary(commands[name])}"
+            lines += _filled(text, width, " " * len(first))
+    lines += ["", *_filled("`rans COMMAND --help` has options and examples.", width)]
+    return "\n".join(lines)
+
+
+def _summary(command: type) -> str:
+    """The first clause of a command's text."""
+    text = " ".join((command.__doc__ or "").split())
+    return re.split(r"[;:.]", text, maxsplit=1)[0] + "."
+
+
+def _filled(text: str, width: int, indent: str = "") -> list[str]:
+    return textwrap.wrap(
+        text, width, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent
+    )
+
+
+def helped(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
+    """What ``parse`` gives; the help that it prints is wrapped, and followed by examples."""
+    explain(commands.values())
     page = _Page()
     try:
         with redirect_stdout(page):
@@ -38,19 +160,72 @@ def helped(parse: Callable[[], Any], commands: Iterable[type]) -> Any:
         width = shutil.get_terminal_size().columns
         text = "\n".join(_wrapped(line, width) for line in page.read().splitlines())
         print(re.sub(r"\n{3,}", "\n\n", text))
+        for name in commands:
+            _print_examples(name, width)
+
+
+def _print_examples(command: str, width: int) -> None:
+    """Examples of one command, and the page about it."""
+    if command not in EXAMPLES:
+        return
+    print("\nExamples:")
+    for line in EXAMPLES[command]:
+        whole = f"  {line}"
+        print(whole if len(whole) <= width else " \\\n".join(_filled(whole, width - 2, "      ")))
+    print(f"\nGuide: docs/{GUIDES[command]}.md")
 
 
 def explain(commands: Iterable[type]) -> None:
-    """Give tyro the texts of fields in one line each: it takes the second line of one for a new paragraph."""
+    """Give tyro the texts of fields in one line each, plain names of values, and defaults that say something.
+
+    It takes the second line of a text for a new paragraph, and by itself writes {None}|STR and (default: None).
+    """
     from typing_extensions import Doc
 
     for described in commands:
         hints = get_type_hints(described, include_extras=True)
         texts = meanings(described)
         described.__annotations__ = {
-            name: Annotated[hint, Doc(texts[name])] if name in texts else hint
+            name: Annotated[hint, Doc(texts[name]), *_shown(name, hint)] if name in texts else hint
             for name, hint in hints.items()
         }
+
+
+def _shown(name: str, hint: Any) -> list[Any]:
+    """How tyro is to show one field's value and its default."""
+    from tyro.conf import FlagCreatePairsOff, arg
+
+    plain = hint
+    own = ()
+    if get_origin(hint) is Annotated:
+        plain, *own = get_args(hint)
+    has_metavar = any(getattr(one, "metavar", None) for one in own)
+    found: list[Any] = [arg(help_behavior_hint=_default)]
+    metavar = None if has_metavar else _metavar(name, plain)
+    if metavar:
+        found.append(arg(metavar=metavar))
+    if plain is bool:
+        found.append(FlagCreatePairsOff)
+    return found
+
+
+def _default(shown: str) -> str:
+    """The hint after a text; nothing where the default is nothing."""
+    return "" if shown in ("", "None", "False") else f"(default: {shown})"
+
+
+def _metavar(name: str, hint: Any) -> str | None:
+    """What stands for an option's value; None: as tyro has it."""
+    parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    kinds = [part for part in parts if part is not NoneType]
+    if len(kinds) != 1:
+        return None
+    (kind,) = kinds
+    if get_origin(kind) is Literal:
+        return f"{{{','.join(map(str, get_args(kind)))}}}"
+    if kind is Path:
+        return "FOLDER" if name in ("output", "resume", "peer_folder") else "FILE"
+    return {str: "NAME", int: "INT", float: "NUMBER"}.get(kind)
 
 
 def _wrapped(line: str, width: int) -> str:
@@ -58,5 +233,5 @@ def _wrapped(line: str, width: int) -> str:
     plain = _STYLES.sub("", line)
     if len(plain) <= width or plain[:1] in "╭│╰":
         return line
-    names = re.sub(r"\{[\w,]{40,}\}", "COMMAND ...", plain)  # they are told below
+    names = re.sub(r"\{[\w,]{40,}\}", "COMMAND ...", plain)  # they are listed below
     return textwrap.fill(names, width, break_long_words=False, break_on_hyphens=False)

@@ -30,7 +30,7 @@ def _one(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     name = kind.__name__.upper()
     return PrimitiveConstructorSpec(
         nargs=1,
-        metavar=f"{{None}}|{name}" if NoneType in types else name,
+        metavar=name,
         instance_from_str=lambda words: (
             None if words == ["None"] and NoneType in types else _read(kind, words[0])
         ),

@@ -65,7 +65,7 @@ class Optimal:
     keep_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R ...")] = ()
     """Balls that the centre of mass stays out of: centre and radius, m; in space x,y,z,r."""
     seed: int = EVALUATION_SEED
-    """Of starts and goals."""
+    """Seed of starts and goals."""
     guesses: int | None = None
     """Motions to start the optimiser from, of which the best outcome counts; by default 1, and of tasks that
     leave the attitude free or with --keep-out 3, in space 5."""

@@ -1,7 +1,8 @@
-"""``rans stress``: how much of each trouble agents and controllers bear."""
+"""``rans stress``: a robustness sweep, each disturbance at increasing size."""
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,7 @@ _SHIPPED = ("lab", "roboran", "orbit", "harsh")
 
 @dataclass(frozen=True)
 class Stress:
-    """Fly agents and controllers under every trouble, ever larger, and under whole sets of conditions.
+    """Robustness sweep: fly under each disturbance at increasing size, and under whole sets of conditions.
 
     Writes stress.html, stress.json and a folder stress of conditions, with which `rans view` shows the worst
     episodes again. A contestant that fails is named, the rest is still flown, and the exit code is 1.
@@ -35,18 +36,18 @@ class Stress:
     """As for `rans compare`; the first gives task, spacecraft and rate, others are compared with it. After
     it also controllers by name, such as lqr."""
     conditions: tuple[str, ...] | None = None
-    """Names (see `rans list CONDITIONS`) or TOML files flown in beside single troubles; by default lab,
+    """Sets of conditions (see `rans list CONDITIONS`) or TOML files beside single disturbances; by default lab,
     roboran, orbit and harsh, with --only none."""
-    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="TROUBLE...")] = ()
-    """Single troubles to fly, such as latency "noise of position"; by default all, and failed thrusters."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
+    """Single disturbances to fly, such as latency "noise of position"; by default all, and failed thrusters."""
     episodes: int = 256
-    """Flights in each world."""
+    """Flights in each scenario."""
     slow_episodes: int = 32
-    """The same of controllers that are slow, such as mpc."""
+    """Flights of controllers that are slow, such as mpc."""
     seed: int = EVALUATION_SEED
-    """Of starts, goals and troubles."""
+    """Seed of starts, goals and disturbances."""
     worst: int = 3
-    """Worst episodes to list of each contestant in a world."""
+    """Worst episodes to list of each contestant in a scenario."""
     workers: int | None = None
     """Processes; by default one per processor."""
     output: Path | None = None
@@ -94,15 +95,18 @@ def _show(report: StressReport) -> None:
         )
         if stress.effects:
             console.show(
-                "Size of a trouble up to which 99 % are held",
+                "Size of a disturbance up to which 99 % are held",
                 report.effect_columns(),
                 report.effect_rows(),
             )
         for world, who, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
-            console.say(f"{who}, {world}, episode {episode} ({errors}): {command}")
+            console.say(f"{who}, {world}, episode {episode} ({errors}):")
+            console.command(command)
     for sentence in (*report.notes(), *stress.failures):
         console.say(sentence)
     if stress.outcomes:
         console.say(
             f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress."
         )
+        if not report.is_partial:
+            console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants))]))

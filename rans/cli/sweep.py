@@ -49,8 +49,8 @@ class Sweep:
     total_timesteps: int | None = None
     """End after so many environment steps a member, solved or not."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
-    perfect world."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
+    TOML file; by default everything is nominal."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
     """Folder for the results; by default a new one under runs/."""
     config: Path | None = None

@@ -53,14 +53,14 @@ class Train:
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
     floating-platform."""
     seed: int | None = None
-    """Decides everything random: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
+    """Random seed: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
     """End after so many environment steps, solved or not."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
-    perfect world."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
+    TOML file; by default everything is nominal."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
@@ -78,9 +78,9 @@ class Train:
     """Compute everything as it is written, without a generated program or kernel, so that a breakpoint in a
     task's code stops; many times slower, and equal but for rounding (docs/plain.md)."""
     terms: bool = False
-    """Tell the return by the terms of the reward too."""
+    """Print the return by the terms of the reward too."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
-    """Tell others too: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
+    """Loggers that metrics also go to: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
     trust: bool = False
     """Run the module that --resume, --config or a recipe's file names as MODULE:NAME; only if you know its
     author."""

@@ -29,7 +29,7 @@ class Validate:
     """Fly under these too, each effect alone and all together: a name (see `rans list CONDITIONS`) or your
     own TOML file."""
     seed: int = 0
-    """Of the random states and commands."""
+    """Seed of the random states and commands."""
     output: Path | None = None
     """Folder to write validation.json and validation.html into."""
 

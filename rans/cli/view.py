@@ -31,14 +31,14 @@ class View:
     """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d; after the first,
     also controllers by name, such as lqr, for its task and spacecraft."""
     conditions: str | None = None
-    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
-    default those that they were trained in."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
+    your own TOML file; by default those that they were trained in."""
     episodes: int = 1
     """Flights of each; all contestants of the same task start from the same places."""
     episode: int = 0
     """Number of the first of them, as in the list of a stress report."""
     seed: int = EVALUATION_SEED
-    """Of starts and goals."""
+    """Seed of starts and goals."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake."""
     save: Path | None = None

@@ -54,10 +54,10 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
     held = np.asarray(flown.flight.verdict.held)
     numbers = draws(SEED, count)
-    case = draw(
+    drawn = draw(
         mixed, setup.craft, Body.of(setup.craft), setup.timing.episode_steps, numbers.first, numbers
     )
-    met = _signatures(case, setup, count)
+    met = _signatures(drawn, setup, count)
     shares: list[float] = []
     for world in worlds:
         here = np.isclose(met, _signature(world), rtol=0.0, atol=1e-6).all(axis=1)
@@ -93,11 +93,11 @@ def _signature(world: Conditions) -> list[float]:
     return [bounds(world.thrusters.latency)[1], bounds(world.body.mass)[1], *noise]
 
 
-def _signatures(case: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
+def _signatures(drawn: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
     """The same of what N episodes drew, (N, 6)."""
-    latency = 0.0 if case.lag is None else case.lag.latency
-    mass = case.body.mass / setup.craft.mass
+    latency = 0.0 if drawn.lag is None else drawn.lag.latency
+    mass = drawn.body.mass / setup.craft.mass
     noise: Any = (0.0,) * 4
-    if case.sensors is not None and case.sensors.noise is not None:
-        noise = case.sensors.noise
+    if drawn.sensors is not None and drawn.sensors.noise is not None:
+        noise = drawn.sensors.noise
     return np.stack([np.broadcast_to(x, count) for x in (latency, mass, *noise)], axis=1)

@@ -128,7 +128,7 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     said = capsys.readouterr()
     assert "12.5" in said.out
     assert "0.75" in said.out  # its share of the bound, also on a narrow terminal
-    assert "Interrupted; writing what was found, if anything was." in said.err
+    assert "Interrupted: results so far are written" in said.err
     assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [12.5, 3.0]
     assert "7 environments" in file.with_suffix(".svg").read_text()
 
@@ -222,7 +222,7 @@ def test_a_measurement_is_a_row_with_its_unit() -> None:
     assert _measured(Measurement("engine", "x", 12_345_678.0, "steps/s", 2.25, "a note")) == (
         "engine",
         "x",
-        "1.235e+07",
+        "12,350,000",
         "steps/s",
         "2.2 s",
         "a note",

@@ -142,13 +142,13 @@ def fly_over(
         bus.subscribe(
             topic, kind, lambda data, topic=topic: inbox.put((time.monotonic_ns(), topic, data))
         )
+    collected = gc.isenabled()
+    gc.collect()
+    gc.disable()
     period = round(pilot.period * 1e9)
     due = time.monotonic_ns()
     end = None if seconds is None else due + round(seconds * 1e9)
     next_announcement = due
-    collected = gc.isenabled()
-    gc.collect()
-    gc.disable()
     try:
         while not stopped() and (end is None or due < end):
             # What comes is taken as it comes, until a decision is due.

@@ -112,7 +112,8 @@ class Craft:
         state = self._world.sensed(self._now, self._draws)
         state = map_leaves(lambda x: float(np.squeeze(x)), state)
         values = leaves(replace(state, stores=()))
-        sensors = None if self._now.case is None else self._now.case.sensors
+        drawn = self._now.parameters
+        sensors = None if drawn is None else drawn.sensors
         if sensors is not None and sensors.repeats and values == self._published:
             return None
         self._published = values

@@ -28,6 +28,9 @@ COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
 ROOM = 110
 """Columns of a terminal in which all of these stand without broken words."""
+_FIRST = ("solved", "mission won", "settling time", "failed")
+_LAST = ("impulse",)
+"""Metrics that matter first, before and after the errors at the end."""
 _STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""
 
@@ -98,10 +101,29 @@ class Metrics(NotebookRepr):
         ):
             yield group, _line(tuple(rows))
 
-    def table(self, width: int = ROOM) -> Table:
-        """A table for a terminal of so many columns; a narrow one is not told what each metric means."""
+    def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
+        """The lines of `lines` that matter first: success, time, errors and impulse."""
+        lines = list(self.lines())
+        wanted = [
+            *(name for name in _FIRST),
+            *(texts[0] for _, texts in lines if texts[0].endswith(" error")),
+            *(name for name in _LAST),
+        ]
+        by_name = {texts[0]: (group, texts) for group, texts in lines}
+        return [by_name[name] for name in wanted if name in by_name]
+
+    def table(self, width: int = ROOM, full: bool = True) -> Table:
+        """A table for a terminal of so many columns, of all lines or of those that matter first.
+
+        A narrow one leaves out what each metric means.
+        """
         shown = COLUMNS if width >= ROOM else COLUMNS[:-1]
         hint = f"A terminal of {ROOM} columns or more shows what each of them means."
+        if not full:
+            table = Table(*shown, title=self.title(), title_justify="left")
+            for _, texts in self.key_lines():
+                table.add_row(*texts[: len(shown)])
+            return table
         table = Table(
             *shown,
             title=self.title(),

@@ -101,7 +101,7 @@ class Stress:
             workers: processes, by default one per processor; 1: this one.
         """
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
-        progress = stages(f"{len(self.levels)} worlds", total)
+        progress = stages(f"{len(self.levels)} scenarios", total)
         made = list(self.contestants.values())
         jobs = list(_jobs(self))
         given = (

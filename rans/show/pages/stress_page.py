@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -23,9 +23,9 @@ from rans.tasks.base import UNITS
 
 TEXT = (
     "An episode is held if it is within all tolerances of the task at every step of its last fifth, by the "
-    "true state. Everybody flies the same episodes of one craft; a trouble comes alone, of the same size "
-    "in every episode, its direction and place drawn anew, and nobody is told. Shares stand with Wilson's "
-    "95 % intervals. Somebody is ahead where two intervals share no point."
+    "true state. All contestants fly the same episodes of one craft. A disturbance comes alone, of the same "
+    "size in every episode; its direction and position are drawn anew and hidden from the contestants. Shares "
+    "have Wilson's 95 % intervals. A contestant is ahead where two intervals share no point."
 )
 """How it is judged."""
 
@@ -37,7 +37,7 @@ class StressReport(NotebookRepr):
     stress: Stress
     folder: Path
     worst: int
-    """Episodes that are listed of each contestant in each world."""
+    """Episodes that are listed of each contestant in each scenario."""
     made_by: str = ""
     """The command."""
 
@@ -48,7 +48,7 @@ class StressReport(NotebookRepr):
         return f"<StressReport of {self.title()}: held in {held}>"
 
     def write(self) -> None:
-        """Write stress.html, stress.json and a file of conditions for every world."""
+        """Write stress.html, stress.json and a file of conditions for every scenario."""
         for level in self.stress.levels:
             if self._file(level):
                 text = f"# {level.effect}, {level.name}: see stress.html\n{conditions_text(level.conditions)}"
@@ -65,24 +65,47 @@ class StressReport(NotebookRepr):
             f"{contest.craft.name}, {contest.duration:g} s at {1.0 / contest.timing.control_period:g} Hz"
         )
 
+    @property
+    def is_partial(self) -> bool:
+        """Whether the sweep was interrupted: some contestant has not flown some scenario."""
+        return self.flown() < self._planned() and not self.stress.failures
+
+    def flown(self) -> int:
+        """Number of scenarios that were flown, each contestant's counted by itself."""
+        return len(self.stress.outcomes)
+
+    def _planned(self) -> int:
+        return len(self.stress.levels) * len(self.stress.contestants)
+
     def notes(self) -> Iterator[str]:
         """What a reader should know of the contestants."""
+        if self.is_partial:
+            yield (
+                f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
+            )
         for one in self.stress.contestants.values():
             count = self.stress.episodes(one)
             stopped = self.stress.stopped.get(one.name, 0)
             if count < self.stress.contest.episodes:
-                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each world."
+                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each scenario."
             if stopped:
                 yield f"{one.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
 
     def named_rows(self) -> list[list[str | None]]:
-        """What is held in worlds without a size: name, then a text a contestant."""
-        return [[level.effect, *self._shares(level)] for level in self.stress.named]
+        """What is held in named scenarios: name, then a text a contestant."""
+        return [[level.effect, *shares] for level, shares in self._known(self.stress.named)]
+
+    def _known(self, levels: Iterable[Level]) -> Iterator[tuple[Level, list[str | None]]]:
+        """Scenarios in which somebody flew, and the share that each contestant held."""
+        for level in levels:
+            shares = self._shares(level)
+            if any(shares):
+                yield level, shares
 
     def effect_columns(self) -> list[str]:
         """Headings of `effect_rows`."""
         return [
-            "trouble",
+            "disturbance",
             "unit",
             *self.stress.names,
             *(f"{self.stress.names[0]} or {other}" for other in self.stress.names[1:]),
@@ -98,7 +121,20 @@ class StressReport(NotebookRepr):
                 *(_reach(stress, effect, name) for name in stress.names),
                 *(_lead(stress, effect, other) for other in stress.names[1:]),
             ]
-            for effect in stress.effects
+            for effect in self._flown_effects()
+        ]
+
+    def _flown_effects(self) -> list[Effect]:
+        """Effects of which at least one size was flown."""
+        outcomes = self.stress.outcomes
+        return [
+            effect
+            for effect in self.stress.effects
+            if any(
+                (level.name, name) in outcomes
+                for level in effect.levels()
+                for name in self.stress.names
+            )
         ]
 
     def command(self, level: Level, spec: str, episode: int) -> str:
@@ -112,7 +148,7 @@ class StressReport(NotebookRepr):
         return view_command(who, self.stress.contest.task, world, episode, self.stress.contest.seed)
 
     def worst_rows(self) -> Iterator[list[str]]:
-        """The worst episodes in each world without a size, and at the smallest size that was too much."""
+        """The worst episodes in each named scenario, and at the smallest size that was too much."""
         for level in self._telling():
             for spec, one in self.stress.contestants.items():
                 found = self.stress.outcomes.get((level.name, one.name))
@@ -161,24 +197,26 @@ class StressReport(NotebookRepr):
                 [*(Finding(text, False) for text in stress.failures), *map(Finding, self.held())],
             )
         ]
-        if stress.effects:
+        if self._flown_effects():
             text = (
                 f"The size up to which at least {100 * WANTED:g} % are held, of the sizes flown, and "
                 "that to which two are equally good; where the lead changes hands, between two sizes."
             )
             sections.append(
                 Section(
-                    "How much each bears", text, [Table(self.effect_columns(), self.effect_rows())]
+                    "Largest disturbance held",
+                    text,
+                    [Table(self.effect_columns(), self.effect_rows())],
                 )
             )
         sections += [
             self._group(group, [*some])
-            for group, some in groupby(stress.effects, key=lambda effect: effect.group)
+            for group, some in groupby(self._flown_effects(), key=lambda effect: effect.group)
         ]
         if self.worst:
             text = (
                 "By number, the farthest from their goals first, with the largest errors of their last "
-                "fifth: of the worlds without a size, and of the smallest size that was too much. The "
+                "fifth: of the named scenarios, and of the smallest size that was too much. The "
                 "command shows that very episode."
             )
             sections.append(
@@ -187,7 +225,13 @@ class StressReport(NotebookRepr):
                     text,
                     [
                         Table(
-                            ("world", "who", "episode", "largest errors", "see it"),
+                            (
+                                "scenario",
+                                "contestant",
+                                "episode",
+                                "largest errors",
+                                "command that shows it",
+                            ),
                             [*self.worst_rows()],
                         )
                     ],
@@ -204,11 +248,19 @@ class StressReport(NotebookRepr):
                     "environment": environment(),
                 }
             ),
-            "" if stress.failures else next(self.held(), ""),
+            self._verdict(),
         )
 
+    def _verdict(self) -> str:
+        """The page's first sentence."""
+        if self.stress.failures:
+            return ""
+        if self.is_partial:
+            return next(iter(self.notes()))
+        return next(self.held(), "")
+
     def held(self) -> Iterator[str]:
-        """In how many worlds without a size each holds what is wanted, in a sentence."""
+        """In how many named scenarios each contestant holds what is wanted, in a sentence."""
         for name in self.stress.names:
             shares = [
                 found.share.value
@@ -216,17 +268,14 @@ class StressReport(NotebookRepr):
                 if (found := self.stress.outcomes.get((level.name, name)))
             ]
             held = sum(share >= WANTED for share in shares)
-            worlds = counted(len(shares), "world")
-            yield (
-                f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {worlds} "
-                "without a size."
-            )
+            count = counted(len(shares), "named scenario")
+            yield f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {count}."
 
     def _group(self, group: str, some: list[Effect]) -> Section:
         rows = [
-            [level.effect, f"{level.size:g} {effect.unit}", *self._shares(level)]
+            [level.effect, f"{level.size:g} {effect.unit}", *shares]
             for effect in some
-            for level in effect.levels()
+            for level, shares in self._known(effect.levels())
         ]
         pictures = [
             Picture.of(
@@ -242,11 +291,11 @@ class StressReport(NotebookRepr):
         return [one.share.scaled(100.0).text(".1f") if one else None for one in found]
 
     def _file(self, level: Level) -> bool:
-        """Whether a world has no name, or file, by which `rans view` knows it."""
+        """Whether a scenario has no name, or file, by which `rans view` knows it."""
         return level.size is not None or level.effect.startswith("one thruster")
 
     def _telling(self) -> Iterator[Level]:
-        """Worlds without a size, and of each effect the smallest size that somebody did not hold."""
+        """Named scenarios, and of each effect the smallest size that somebody did not hold."""
         yield from self.stress.named
         for effect in self.stress.effects:
             lost = (
@@ -312,7 +361,7 @@ class StressReport(NotebookRepr):
 
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
-    """To which size somebody holds 99 %; "none" where no trouble is flown that is small enough."""
+    """To which size somebody holds 99 %; "none" where no size that was flown is small enough."""
     sizes, shares = stress.curve(effect, name)
     size = holds_to(sizes, shares)
     if len(sizes) < 2:
