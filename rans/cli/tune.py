@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,11 @@ class Tune:
     price: float = 0.01
     """Of thrust, s per N s: what is minimised is the mean of settling time and time to rest in the goal set,
     and the thrust-time of the episode at this price."""
+    seconds: float = math.inf
+    """Processor time after which no further candidate is flown: the same for every controller is an equal
+    budget."""
+    conditions: str | None = None
+    """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Where to write the result (.json); by default under runs/controllers, where commands look for it."""
 
@@ -46,6 +52,7 @@ class Tune:
         from rans.evaluation.fly.controllers import CONTROLLERS
         from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
         from rans.model.spacecraft_file import load_spacecraft
+        from rans.randomization.conditions_file import conditions_label, load_conditions
         from rans.tasks import TASKS
 
         check_count("--candidates", self.candidates)
@@ -53,8 +60,13 @@ class Tune:
         within = ranges(self.controller)
         craft = load_spacecraft(self.spacecraft)
         task = TASKS[self.task]()
-        setup = Setup(craft, task.for_evaluation(), task.timing)
-        file = self.output or OWN / file_name(self.controller, craft, task)
+        world = None if self.conditions is None else load_conditions(self.conditions)
+        label = conditions_label(self.conditions, world) if self.conditions and world else ""
+        conditions = None if world is None else world.or_none
+        setup = Setup(craft, task.for_evaluation(), task.timing, conditions)
+        file = self.output or OWN / file_name(
+            self.controller, craft, task, label if conditions else ""
+        )
         ready_folder(file.parent)
         known = (
             None if self.output else tuned(self.controller, setup)
@@ -69,6 +81,7 @@ class Tune:
                 self.price,
                 command_line(),
                 step,
+                self.seconds,
             )
         staying = known if known and known.outlasts(found) else None
         if staying is None:
@@ -93,7 +106,7 @@ class Tune:
             else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
             "cost no more on the same; --output FILE writes these all the same."
         )
-        if found.candidates < self.candidates:
+        if found.candidates < self.candidates and found.seconds < self.seconds:
             raise KeyboardInterrupt
         where = f"{self.task}-{craft.dimension}d@{self.spacecraft}"
         Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))

@@ -21,7 +21,7 @@ class Validate:
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     quick: bool = False
-    """Fewer states and flights and no compiler: a few seconds instead of some minutes."""
+    """Fewer states and flights and no compiler: about a quarter of a minute instead of some minutes."""
     layer: str | None = None
     """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, draws,
     readings, onsets, tasks, ..."""

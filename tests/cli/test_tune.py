@@ -42,7 +42,7 @@ def test_what_is_tuned_flies_from_then_on(
     assert "weights.velocity" in said
     assert file.exists()
     contest = Contest(load_spacecraft("atmos"), TASKS["track-velocity"](), Timing(), 1, 1)
-    assert simple_controller("lqr", contest).tuning == "tuned: 2 settings on 2 starts"
+    assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
 
 
 def test_a_worse_result_replaces_nothing(
@@ -60,9 +60,9 @@ def test_a_worse_result_replaces_nothing(
     kept = file.read_text()
     capsys.readouterr()
     assert main([*tune, "--candidates", "1"]) == 0
-    assert "Not written: the settings in use, tuned: 4 settings on 2 starts, were" in " ".join(
-        capsys.readouterr().out.split()
-    )
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Not written: the settings in use, tuned: 4 settings on 2 starts" in said
+    assert "were found on more starts" in said
     assert file.read_text() == kept
     assert main([*tune, "--candidates", "1", "--output", "mine.json"]) == 0
     assert main([*tune[:-1], "1", "--candidates", "1"]) == 0

@@ -177,8 +177,8 @@ def _valves(craft: Spacecraft, case: Any) -> Ranged:
     if craft.actuators.is_continuous:
         return found
     return found | {
-        "least on-time": (case.hold.on, 0.1, 0.6),
-        "least off-time": (case.hold.off, 0.2, 0.5),
+        "least on-time": (case.dwell.on, 0.1, 0.6),
+        "least off-time": (case.dwell.off, 0.2, 0.5),
     }
 
 

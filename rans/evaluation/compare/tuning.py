@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,7 +12,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
+from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name, text_of_conditions
 from rans.model.spacecraft_file import to_toml
 from rans.progress import Progress, unseen
 from rans.scenario import TUNING_SEED
@@ -34,8 +35,9 @@ def tune(
     price: float,
     command: str = "",
     progress: Progress = unseen,
+    seconds: float = math.inf,
 ) -> Tuned:
-    """The settings of a controller with the least `cost`.
+    """The settings of a controller with the least `cost`, in the setup's conditions.
 
     The default settings are the first candidate, so that none are found that are worse than these. An
     interrupt ends the search with what it has found.
@@ -48,10 +50,15 @@ def tune(
         price: of thrust, s per N s.
         command: for the record.
         progress: reports candidates.
+        seconds: processor time after which no further candidate is flown, s, so that slow controllers and quick
+            ones can be given the same.
 
     Raises:
-        ConfigError: the controller has no ``tunable``, or cannot fly this craft; the price is negative.
+        ConfigError: the controller has no ``tunable``, or cannot fly this craft; the price is negative,
+            or the time not positive.
     """
+    if not seconds > 0:
+        raise ConfigError(f"--seconds must be > 0 s of processor time, got {seconds}.")
     if not (math.isfinite(price) and price >= 0):
         raise ConfigError(f"--price must be finite and >= 0 s per N s, got {price}.")
     maker = CONTROLLERS[name]
@@ -60,8 +67,13 @@ def tune(
     within = ranges(name)
     found: list[tuple[float, dict[str, float]]] = []
     random = np.random.default_rng(TUNING_SEED)
+    begun = _processor_time()
     for number in range(candidates):
-        settings = _candidate(number / candidates, defaults(maker, within), within, found, random)
+        spent = _processor_time() - begun
+        if found and spent >= seconds:
+            break
+        gone = max(number / candidates, spent / seconds)
+        settings = _candidate(gone, defaults(maker, within), within, found, random)
         made = maker(craft, task, timing, **arguments(maker, settings))
         try:
             flight, _ = contest.fly(made)
@@ -87,7 +99,14 @@ def tune(
         price=price,
         costs={"default": found[0][0], "tuned": least},
         command=command,
+        conditions=text_of_conditions(setup),
+        seconds=_processor_time() - begun,
     )
+
+
+def _processor_time() -> float:
+    """Of this process and of those that it has waited for, s."""
+    return sum(os.times()[:4])
 
 
 def ranges(name: str) -> Ranges:
@@ -130,4 +149,7 @@ def _candidate(
         change = random.normal(scale=step, size=len(low)) * (random.random(len(low)) < _CHANGED)
         chosen = np.log(list(best.values())) + change * (high - low)
     values = np.exp(np.clip(chosen, low, high))
-    return {key: float(f"{value:.3g}") for key, value in zip(within, values, strict=True)}
+    return {
+        key: round(value) if isinstance(first[key], int) else float(f"{value:.3g}")
+        for key, value in zip(within, values, strict=True)
+    }

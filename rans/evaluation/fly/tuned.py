@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from rans.errors import ConfigError, is_finite
 from rans.files import distinct, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
+from rans.randomization.conditions_file import conditions_text
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
@@ -49,6 +50,10 @@ class Tuned:
     """Of "default" and "tuned" settings, s; see `rans.evaluation.compare.tuning.cost`."""
     command: str
     """What found them."""
+    conditions: str = ""
+    """In which they flew, as TOML (`rans.randomization.conditions_file.conditions_text`); empty: none."""
+    seconds: float = field(default=0.0, compare=False)
+    """Processor time of the search, s; 0: not known."""
 
     @classmethod
     def read(cls, file: Path) -> Tuned:
@@ -67,7 +72,10 @@ class Tuned:
         write_json(file, asdict(self))
 
     def fits(self, name: str, setup: Setup) -> bool:
-        """Whether they were found for this; starts, length of episodes and conditions may differ."""
+        """Whether they were found for this; starts and length of episodes may differ.
+
+        Settings found without conditions fit a setup with any; others those conditions alone.
+        """
         craft, task, timing, _, _ = setup
         return (
             self.controller == name
@@ -75,11 +83,12 @@ class Tuned:
             and self.task == task_name(task)
             and self.control_period == timing.control_period
             and self.spacecraft == to_toml(craft)
+            and self.conditions in ("", text_of_conditions(setup))
         )
 
     def outlasts(self, other: Tuned) -> bool:
         """Whether these stay: others for the same were found on fewer starts, or cost no less on as many."""
-        if (self.seed, self.price) != (other.seed, other.price):
+        if (self.seed, self.price, self.conditions) != (other.seed, other.price, other.conditions):
             return False
         if self.starts != other.starts:
             return self.starts > other.starts
@@ -87,24 +96,37 @@ class Tuned:
 
     def budget(self) -> str:
         """What they cost, for tables."""
-        return f"tuned: {self.candidates} settings on {self.starts} starts"
+        where = " under conditions" if self.conditions else ""
+        time = f", {self.seconds:.0f} s of a processor" if self.seconds else ""
+        return f"tuned: {self.candidates} settings on {self.starts} starts{where}{time}"
 
 
 def tuned(name: str, setup: Setup) -> Tuned | None:
     """What was tuned for this controller in this setup, own files before those that come with RANS.
 
-    Of own files the newest that fits: older versions wrote them by other names.
+    Those tuned under the setup's own conditions before those tuned without any. Of own files the newest that
+    fits: older versions wrote them by other names.
     """
     own = sorted(OWN.glob("*.json"), key=lambda file: file.lstat().st_mtime, reverse=True)
     shipped = sorted(SHIPPED.glob("*.json"))
     read = map(Tuned.read, [*own, *shipped])
-    return next((found for found in read if found.fits(name, setup)), None)
+    fitting = [found for found in read if found.fits(name, setup)]
+    own_conditions = text_of_conditions(setup)
+    return next((found for found in fitting if found.conditions == own_conditions), None) or next(
+        iter(fitting), None
+    )
 
 
-def file_name(name: str, craft: Spacecraft, task: Task) -> str:
-    """Of the file for these; spacecraft of the same name have one each."""
+def text_of_conditions(setup: Setup) -> str:
+    """The conditions of a setup as TOML; empty where there are none."""
+    return "" if setup.conditions is None else conditions_text(setup.conditions)
+
+
+def file_name(name: str, craft: Spacecraft, task: Task, conditions: str = "") -> str:
+    """Of the file for these; spacecraft of the same name have one each. For conditions see `conditions_label`."""
     parts = *re.split(":+", name), *re.split(":+", task_name(task))
-    return f"{'-'.join(map(distinct, parts))}-{spacecraft_label(craft)}.json"
+    label = f"-{conditions}" if conditions else ""
+    return f"{'-'.join(map(distinct, parts))}-{spacecraft_label(craft)}{label}.json"
 
 
 def task_name(task: Task) -> str:

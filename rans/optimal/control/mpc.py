@@ -100,7 +100,7 @@ class MPC(ModelBased):
 
     name = "MPC"
     heeds_constraints = True
-    tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
+    tunable: ClassVar = {**Weights.tunable, **Deadband.tunable, "settings.horizon": (10, 40)}
     """Bounds for `rans tune`."""
     slow = True
     """Many episodes are flown by many processes."""

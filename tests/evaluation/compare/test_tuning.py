@@ -17,6 +17,7 @@ from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
 from rans.tasks import GoToPose
 
@@ -122,3 +123,39 @@ def test_no_report_uses_its_starts() -> None:
 def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         tune(name, SETUP, 1, 1, price)
+
+
+class Whole(Firing):
+    """Has a setting that is a whole number."""
+
+    tunable = {"periods": (2, 30)}  # noqa: RUF012
+
+    def __init__(self, craft: Any, task: Any, timing: Any, periods: int = 5) -> None:
+        assert isinstance(periods, int)
+        super().__init__(craft, task, timing, Habit(1.0 / periods))
+
+
+def test_whole_settings_stay_whole() -> None:
+    found = tune(f"{HERE}:Whole", SETUP, 6, 2, 0.01)
+    assert isinstance(found.settings["periods"], int)
+    assert 2 <= found.settings["periods"] <= 30
+
+
+def test_the_search_ends_when_its_time_is_spent() -> None:
+    """At least the default settings are flown, whatever the time."""
+    found = tune(f"{HERE}:Firing", SETUP, 10_000, 2, 0.01, seconds=1e-9)
+    assert (found.candidates, found.seconds > 0.0) == (1, True)
+    with pytest.raises(ConfigError, match="--seconds must be > 0"):
+        tune(f"{HERE}:Firing", SETUP, 1, 2, 0.01, seconds=0.0)
+
+
+def test_settings_tuned_under_conditions_are_for_these_alone() -> None:
+    """Those tuned without any serve where there are none of the setup's own."""
+    lab, harsh = (load_conditions(name).or_none for name in ("lab", "harsh"))
+    in_lab = tune(f"{HERE}:Firing", SETUP._replace(conditions=lab), 1, 2, 0.01)
+    perfect = tune(f"{HERE}:Firing", SETUP, 1, 2, 0.01)
+    for world, fits in ((lab, True), (harsh, False), (None, False)):
+        setup = SETUP._replace(conditions=world)
+        assert in_lab.fits(f"{HERE}:Firing", setup) == fits
+        assert perfect.fits(f"{HERE}:Firing", setup)
+    assert in_lab.budget().startswith("tuned: 1 settings on 2 starts under conditions")
