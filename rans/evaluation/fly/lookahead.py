@@ -91,7 +91,7 @@ class _AgentPolicy:
 
     def blank(self, count: int) -> Tensor | None:
         """See `_Policy`."""
-        return self._network.blank(count)
+        return self._network.initial_state(count)
 
     def repeated(self, memory: Tensor | None, count: int) -> Tensor | None:
         """See `_Policy`."""
@@ -106,9 +106,9 @@ class _AgentPolicy:
         self, state: Any, goal: Any, seen: np.ndarray, memory: Tensor | None, change: np.ndarray
     ) -> tuple[np.ndarray, Tensor | None]:
         """See `_Policy`."""
-        output, columns = self._network.shown(torch.from_numpy(seen), memory)
+        output, columns = self._network.forward(torch.from_numpy(seen), memory)
         command = (output.policy.mode() - torch.from_numpy(change)).abs()
-        after = self._network.remember(columns, memory, command, output)
+        after = self._network.next_state(columns, memory, command, output)
         return command.double().numpy(), after
 
 
@@ -250,7 +250,7 @@ class Lookahead:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory = self._policy.blank(count)
+        self._memory = self._policy.initial_state(count)
         self._last = np.zeros((count, len(self._shares)))
         self._been = np.zeros(count, dtype=bool)
 
