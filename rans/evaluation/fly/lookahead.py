@@ -64,7 +64,7 @@ class ArrivalCost:
 class _Policy(Protocol):
     """What looks ahead: its commands as a function of what it has in its memory, which any episode may take."""
 
-    def blank(self, count: int) -> Any:
+    def initial_state(self, count: int) -> Any:
         """The memory of episodes that begin; its rows are one an episode."""
         ...
 
@@ -89,7 +89,7 @@ class _AgentPolicy:
     def __init__(self, agent: Agent) -> None:
         self._network = agent.network
 
-    def blank(self, count: int) -> Tensor | None:
+    def initial_state(self, count: int) -> Tensor | None:
         """See `_Policy`."""
         return self._network.initial_state(count)
 
@@ -118,7 +118,7 @@ class _ControllerPolicy:
     def __init__(self, controller: Any) -> None:
         self._controller = controller
 
-    def blank(self, count: int) -> np.ndarray:
+    def initial_state(self, count: int) -> np.ndarray:
         """See `_Policy`."""
         self._controller.reset(count)
         return self._controller.memory()
