@@ -353,14 +353,14 @@ def golden(
         flights = seen
         seen = seen.observations
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
-    memory = exact.blank(seen.shape[1])
+    memory = exact.initial_state(seen.shape[1])
     commands = []
     margins = []
     for rows in torch.from_numpy(seen):
-        output, columns = exact.shown(rows, memory)
+        output, columns = exact.forward(rows, memory)
         commands.append(output.policy.mode())
         margins.append(output.policy.margin())
-        memory = exact.remember(columns, memory, commands[-1], output)
+        memory = exact.next_state(columns, memory, commands[-1], output)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
     kept, pairs = (
         x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())

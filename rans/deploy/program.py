@@ -118,7 +118,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
 
     Commands are in the ranges of the craft; without one they are from 0 to 1.
 
-    The same as `rans.fast.learn.selection.likeliest`, of "observation" (N, width) and "memory" (N, m).
+    The same as `rans.policy.network.Network.deterministic_action`, of "observation" (N, width) and "memory" (N, m).
     What the network sees of its columns is traced from the layout's own code.
     """
     given = network.architecture

@@ -16,7 +16,6 @@ from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief
-from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
 from rans.fast.threads import one_thread
 from rans.flight_statistics import FlightStatistics
@@ -189,10 +188,10 @@ class Flights:
         clock = draws.first * 0
         count = len(clock)
         now = world.begin(*world.scenario(clock, draws), clock, draws)
-        memory = network.blank(count)
+        memory = network.initial_state(count)
         for _ in range(world.timing.episode_steps):
             seen = self._seen(world.observe(now, draws), count)
-            command, memory = likeliest(network, seen, memory)
+            command, memory = network.deterministic_action(seen, memory)
             columns = command.T.contiguous()
             outputs = tuple(columns.numpy() if backend.on_numpy else columns)
             outcome = step(world, now, tuple(of_outputs(world.craft, outputs)), draws)

@@ -128,16 +128,16 @@ def predict(
     given = network.architecture
     device = next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
-    memory = network.blank(len(rows))
+    memory = network.initial_state(len(rows))
     if memory is not None and state is not None:
         memory = torch.as_tensor(state[0]).to(memory)
         if episode_start is not None:
             memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
-    output, columns = network.shown(rows, memory)
+    output, columns = network.forward(rows, memory)
     command = output.policy.mode()
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
-    memory = network.remember(columns, memory, command, output)
+    memory = network.next_state(columns, memory, command, output)
     said = command.cpu().numpy().astype(np.float32 if given.continuous else np.int64)
     said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
     return said, None if memory is None else (memory.cpu().numpy(),)
@@ -168,7 +168,7 @@ class AgentPolicy(ActorCriticPolicy):
 
     def _evaluated(self, obs: Any) -> Output:
         network = network_of(self)
-        return network.evaluate(obs, network.blank(len(obs)))
+        return network.evaluate(obs, network.initial_state(len(obs)))
 
     def forward(self, obs: Tensor, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""

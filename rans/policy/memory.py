@@ -22,6 +22,11 @@ if TYPE_CHECKING:
     from rans.policy.network import Output
 
 
+PolicyState = Tensor | None
+"""What a policy remembers of N spacecraft from step to step, (N, m): a history, what filters expect, or a recurrent
+state; None of a policy without memory. Zeros where an episode begins (`Remembering.initial_state`)."""
+
+
 class Remembering:
     """What a network remembers of N spacecraft, as it saw them.
 
@@ -42,7 +47,7 @@ class Remembering:
         self._views = None if views is None else views.tensors_like(like)
         self._preprocessor = preprocessor(architecture, self._views, like)
 
-    def blank(self, count: int) -> Tensor | None:
+    def initial_state(self, count: int) -> PolicyState:
         """The memory (N, m) of N spacecraft whose episodes begin; None for a network that has none."""
         width = self.architecture.memory
         return self._like.new_zeros(count, width) if width else None
@@ -57,9 +62,9 @@ class Remembering:
         history, filters = memory.tensor_split([given.rows], dim=1)
         return history if given.recalled else None, filters
 
-    def remember(
-        self, columns: Tensor, memory: Tensor | None, command: Tensor, output: Output
-    ) -> Tensor | None:
+    def next_state(
+        self, columns: Tensor, memory: PolicyState, command: Tensor, output: Output
+    ) -> PolicyState:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core

@@ -12,7 +12,7 @@ from torch import Tensor
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
-from rans.policy.memory import Remembering, by_row, recurrent, viewed
+from rans.policy.memory import PolicyState, Remembering, by_row, recurrent, viewed
 from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
 
 Pooled = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
@@ -114,15 +114,16 @@ class Network(Remembering):
     def evaluate(
         self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
     ) -> Output:
-        """What every member says about its own rows of observations (N, width), as `shown`."""
-        return self.shown(observation, memory, privileged)[0]
+        """What every member says about its own rows of observations (N, width), as `forward`."""
+        return self.forward(observation, memory, privileged)[0]
 
-    def shown(
+    def forward(
         self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
     ) -> tuple[Output, Tensor]:
-        """What every member says about its rows (N, width) of observations, and what to `remember` of them.
+        """Distributions and values of every member's own rows (N, width) of observations.
 
-        Memories are as from `blank`; what the critic is told, (N, p), is by default of a nominal craft.
+        Beside them the columns that `next_state` is given. Memories are as from `initial_state`; what the critic
+        is given beside, (N, p), is by default that of a nominal craft.
         """
         if (whole := self._preprocessor.whole(observation, self.tensors)) is not None:
             return Output(
@@ -134,6 +135,15 @@ class Network(Remembering):
         return output if place is None else output._replace(
             policy=output.policy.placed(place)
         ), columns
+
+    @torch.no_grad()
+    def deterministic_action(
+        self, observation: Tensor, state: PolicyState
+    ) -> tuple[Tensor, PolicyState]:
+        """Deterministic commands (N, n), from 0 to 1, of observations (N, width), and the state after them."""
+        output, columns = self.forward(observation, state)
+        command = output.policy.mode()
+        return command, self.next_state(columns, state, command, output)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """The columns (N, k) of observations (N, width) in the body frame."""

@@ -117,7 +117,7 @@ def test_programs_filter_as_torch_does(
     ours._preprocessor = programs = (CpuPreprocessor if dtype == torch.float32 else HostLook)(
         given, cast("Any", theirs._preprocessor)
     )
-    memory = theirs.blank(64)
+    memory = theirs.initial_state(64)
     look = (
         ours.look
         if dtype == torch.float32
@@ -140,7 +140,9 @@ def test_programs_filter_as_torch_does(
         command = (drawn < 0.2).to(dtype)
         output = theirs.evaluate(engine.observe(), memory)
         # As many operations; covariances are larger numbers.
-        found, memory = (each.remember(columns, memory, command, output) for each in (ours, theirs))
+        found, memory = (
+            each.next_state(columns, memory, command, output) for each in (ours, theirs)
+        )
         torch.testing.assert_close(
             found, memory, rtol=1000 * torch.finfo(dtype).eps, atol=1000 * torch.finfo(dtype).eps
         )

@@ -151,7 +151,7 @@ def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -
     assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
     assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())
     rows = torch.randn(50, given.layout.width, generator=torch.Generator().manual_seed(1))
-    memory = whole.blank(50)
+    memory = whole.initial_state(50)
     with torch.no_grad():
         commands = [one.evaluate(rows, memory).policy.mode() for one in (whole, saved.network)]
     assert torch.equal(*commands)

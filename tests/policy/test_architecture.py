@@ -100,7 +100,7 @@ def test_body_frame_in_space() -> None:
 def test_untrained_agents_open_thrusters_as_often_as_asked(continuous: bool) -> None:
     learner = tiny_learner(initial_duty=0.1, continuous=continuous)
     policy = learner.network.evaluate(learner.engine.observe()).policy
-    share = policy.mean if isinstance(policy, ClippedGaussian) else torch.sigmoid(policy.logit)
+    share = policy.mean if isinstance(policy, ClippedGaussian) else torch.sigmoid(policy.logit)  # type: ignore
     # An untrained head has a gain of 0.01 on features of order one: its logits are within 0.1 or so.
     torch.testing.assert_close(share.detach(), torch.full_like(share, 0.1), rtol=0, atol=0.02)
 

@@ -14,7 +14,6 @@ from rans.deploy.program import agent_program
 from rans.errors import ConfigError
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.selection import likeliest
 from rans.fast.saved import SavedPolicy, read_policy
 from rans.model.spacecraft import Spacecraft
 from rans.policy.backbones import effector_tokens
@@ -39,7 +38,7 @@ def test_a_command_follows_its_effector(head: str) -> None:
     other = Network(replace(one.architecture, tokens=effector_tokens(moved)), one.tensors)
     generator = torch.Generator().manual_seed(2)
     rows = torch.randn(500, one.architecture.layout.width, generator=generator)
-    found, expected = (likeliest(network, rows, None)[0] for network in (other, one))
+    found, expected = (network.deterministic_action(rows, None)[0] for network in (other, one))
     # Sums over effectors in another order, which may turn a choice that is close.
     assert ((found - expected[:, order]).abs() > 1e-5).double().mean() < 1e-2
     assert expected.std(dim=1).mean() > 0.01
@@ -58,9 +57,9 @@ def test_members_compute_what_each_computes_alone() -> None:
         given, [one.member(0) for one in networks], torch.device("cpu"), torch.float32
     )
     rows = torch.randn(2, 30, given.layout.width)
-    found = likeliest(both, rows.flatten(0, 1), None)[0].unflatten(0, (2, -1))
+    found = both.deterministic_action(rows.flatten(0, 1), None)[0].unflatten(0, (2, -1))
     for network, own, commands in zip(networks, rows, found, strict=True):
-        assert (likeliest(network, own, None)[0] != commands).double().mean() < 1e-2
+        assert (network.deterministic_action(own, None)[0] != commands).double().mean() < 1e-2
 
 
 def test_executors_that_do_not_know_it_leave_it_to_torch() -> None:
@@ -91,4 +90,4 @@ def test_files_hold_it(form: Form, tmp_path: Path) -> None:
     again = read_policy(tmp_path / name).network
     assert again.architecture.tokens == network.architecture.tokens
     rows = torch.randn(20, network.architecture.layout.width)
-    assert torch.equal(*(likeliest(one, rows, None)[0] for one in (network, again)))
+    assert torch.equal(*(one.deterministic_action(rows, None)[0] for one in (network, again)))

@@ -14,7 +14,6 @@ import torch
 from rans.deploy.export import Form, write_agent
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.selection import likeliest
 from rans.fast.saved import SavedPolicy
 from rans.model.actuators import Throttle
 from rans.policy.filter_bank import Filters
@@ -58,17 +57,17 @@ def known(kind: str) -> tuple[Network, np.ndarray, np.ndarray]:
     width = network.architecture.layout.width
     rows = torch.randn(STEPS, COUNT, width, generator=torch.Generator().manual_seed(3))
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
-    memory = exact.blank(COUNT)
+    memory = exact.initial_state(COUNT)
     commands = []
     clear = torch.ones(COUNT, dtype=torch.bool)
     with torch.no_grad():
         for one in rows.double():
-            output, columns = exact.shown(one, memory)
+            output, columns = exact.forward(one, memory)
             margin = output.policy.margin()
             if not network.architecture.last.spread or network.architecture.head == "gated":
                 clear &= (margin > 1e-3).all(dim=1)
             commands.append(output.policy.mode())
-            memory = exact.remember(columns, memory, commands[-1], output)
+            memory = exact.next_state(columns, memory, commands[-1], output)
     assert clear.sum() > COUNT // 2
     return network, rows[:, clear].numpy(), torch.stack(commands)[:, clear].numpy()
 
@@ -89,10 +88,10 @@ def test_policies_command_something(kind: str) -> None:
 @each_policy
 def test_torch_in_single_precision(kind: str) -> None:
     network, rows, expected = known(kind)
-    memory = network.blank(rows.shape[1])
+    memory = network.initial_state(rows.shape[1])
     found = []
     for one in torch.from_numpy(rows):
-        command, memory = likeliest(network, one, memory)
+        command, memory = network.deterministic_action(one, memory)
         found.append(command)
     agree(torch.stack(found), expected)
 

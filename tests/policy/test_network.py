@@ -63,24 +63,26 @@ def test_many_members_say_what_each_says_alone() -> None:
         )
         observations = seen(PLATFORM, 12).double()
         if given.filters:  # whose memory is no random numbers
-            before, columns = together.shown(
-                seen(PLATFORM, 12, seed=5).double(), together.blank(12)
+            before, columns = together.forward(
+                seen(PLATFORM, 12, seed=5).double(), together.initial_state(12)
             )
-            memory = together.remember(columns, together.blank(12), before.policy.mode(), before)
-        output, shown = together.shown(observations, memory, known)
-        remembered = together.remember(shown, memory, output.policy.mode(), output)
+            memory = together.next_state(
+                columns, together.initial_state(12), before.policy.mode(), before
+            )
+        output, shown = together.forward(observations, memory, known)
+        remembered = together.next_state(shown, memory, output.policy.mode(), output)
         for number, network in enumerate(alone):
             own = slice(4 * number, 4 * number + 4)
-            one, looked = network.shown(
+            one, looked = network.forward(
                 observations[own],
                 None if memory is None else memory[own],
                 None if known is None else known[own],
             )
             # Products of float64 in another order.
-            torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)
+            torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)  # type: ignore
             torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
             if remembered is not None:
-                expected = network.remember(looked, memory[own], one.policy.mode(), one)  # type: ignore[index]
+                expected = network.next_state(looked, memory[own], one.policy.mode(), one)  # type: ignore[index]
                 torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
 
 
@@ -108,12 +110,12 @@ def test_the_recurrent_core_is_torchs() -> None:
 
 def test_a_history_holds_the_last_columns_and_commands() -> None:
     network = make_network(PLATFORM, history=2)
-    memory = network.blank(3)
+    memory = network.initial_state(3)
     rows = []
     for step in range(3):
-        output, columns = network.shown(seen(PLATFORM, 3, seed=step).double(), memory)
+        output, columns = network.forward(seen(PLATFORM, 3, seed=step).double(), memory)
         command = output.policy.mode()
-        memory = network.remember(columns, memory, command, output)
+        memory = network.next_state(columns, memory, command, output)
         rows.append(torch.cat((columns, command), dim=1))
     torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
 
@@ -121,13 +123,13 @@ def test_a_history_holds_the_last_columns_and_commands() -> None:
 def test_averages_keep_their_share_of_what_was() -> None:
     """Of a 1 before three zeros 0.5^4 is left in the first average, 0.1 x 0.9^3 in the second."""
     network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))
-    memory = network.blank(2)
+    memory = network.initial_state(2)
     width = network.architecture.seen
-    output, columns = network.shown(seen(PLATFORM, 2).double(), memory)
+    output, columns = network.forward(seen(PLATFORM, 2).double(), memory)
     command = output.policy.mode()
     for level in (1.0, 0.0, 0.0, 0.0):
         told = torch.full_like(columns, level), memory, torch.full_like(command, level)
-        memory = network.remember(*told, output)
+        memory = network.next_state(*told, output)
     assert memory is not None
     assert memory.shape == (2, 3 * (width + len(PLATFORM.thrusters)))
     rows = memory.unflatten(1, (3, -1))[0]
@@ -168,9 +170,9 @@ def test_turning_the_world_changes_nothing(craft: Any, angle: float) -> None:
     here = outputs(state, goal)
     there = outputs(turned(state, angle, axis), turned(goal, angle, axis))
     # Rounding of float64 through two rotations and weights of order one.
-    torch.testing.assert_close(there.policy[0], here.policy[0], rtol=0, atol=1e-11)
+    torch.testing.assert_close(there.policy[0], here.policy[0], rtol=0, atol=1e-11)  # type: ignore
     torch.testing.assert_close(there.value, here.value, rtol=0, atol=1e-11)
-    assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1
+    assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1  # type: ignore
 
 
 def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:

@@ -112,18 +112,18 @@ def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 
     def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
-        kept = network.blank(50)
+        kept = network.initial_state(50)
         said = torch.empty(0)
         for step, state in enumerate(states):
             seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
-            output, columns = network.shown(torch.from_numpy(seen), kept)
+            output, columns = network.forward(torch.from_numpy(seen), kept)
             told = torch.randn(
                 50, len(place), generator=torch.Generator().manual_seed(step)
             ).double()
             command = torch.empty_like(told)
             command[:, place] = told  # the same nozzles, wherever they are now
-            kept = network.remember(columns, kept, command, output)
-            said = output.policy[0][:, place]
+            kept = network.next_state(columns, kept, command, output)
+            said = output.policy[0][:, place]  # type: ignore
         return said
 
     views = views_of(craft)

@@ -172,20 +172,20 @@ def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
 def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Unequal:
     """An export's answers beside the agent's, batch after batch."""
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
-    memory = network.blank(len(batches[0]))
+    memory = network.initial_state(len(batches[0]))
     commands = 0
     beyond = 0
     furthest = 0.0
     slack = DUTY_TOLERANCE if network.architecture.continuous else 0.0
     for batch in batches:
         rows = torch.from_numpy(batch)
-        output, columns = network.shown(rows, memory)
+        output, columns = network.forward(rows, memory)
         command = output.policy.mode()
         given = np.zeros((len(batch), 0), np.float32) if memory is None else memory.numpy()
         told, after = answer(batch, given)
         different = (np.abs(told - command.numpy()) > slack).any(axis=1)
         if different.any():
-            closest = exact.shown(rows, None if memory is None else memory.double())[0].policy
+            closest = exact.forward(rows, None if memory is None else memory.double())[0].policy
             near = (
                 closest.logit.abs().amin(dim=1).numpy() < TIE
                 if isinstance(closest, OnOff)
@@ -193,7 +193,7 @@ def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Uneq
             )
             commands = commands + int(different.sum())
             beyond = beyond + int((different & ~near).sum())
-        memory = network.remember(columns, memory, command, output)
+        memory = network.next_state(columns, memory, command, output)
         if memory is not None:
             furthest = max(
                 furthest, float(np.abs(after - memory.numpy())[~different].max(initial=0.0))

@@ -290,7 +290,7 @@ class _Writer(Lines):
             yield f"const real command_{i} = {self.operand(command)};"
 
     def _remember(self) -> Iterator[str]:
-        """As `rans.policy.network.Network.remember`."""
+        """As `rans.policy.network.Network.next_state`."""
         given = self._given
         width = given.row
         averages = len(given.averages)

@@ -13,7 +13,6 @@ from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
@@ -40,7 +39,7 @@ class Agent:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory = self.network.blank(count)
+        self._memory = self.network.initial_state(count)
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
@@ -50,7 +49,9 @@ class Agent:
             ConfigError: the observation has another width than those that it was trained on.
         """
         self.network.architecture.check_width(self.name, observation)
-        command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
+        command, self._memory = self.network.deterministic_action(
+            torch.from_numpy(observation), self._memory
+        )
         outputs = command.numpy()
         if self._craft is None or is_identity(self._craft):
             return outputs

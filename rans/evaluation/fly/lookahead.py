@@ -64,7 +64,7 @@ class ArrivalCost:
 class _Policy(Protocol):
     """What looks ahead: its commands as a function of what it has in its memory, which any episode may take."""
 
-    def blank(self, count: int) -> Any:
+    def initial_state(self, count: int) -> Any:
         """The memory of episodes that begin; its rows are one an episode."""
         ...
 
@@ -89,9 +89,9 @@ class _AgentPolicy:
     def __init__(self, agent: Agent) -> None:
         self._network = agent.network
 
-    def blank(self, count: int) -> Tensor | None:
+    def initial_state(self, count: int) -> Tensor | None:
         """See `_Policy`."""
-        return self._network.blank(count)
+        return self._network.initial_state(count)
 
     def repeated(self, memory: Tensor | None, count: int) -> Tensor | None:
         """See `_Policy`."""
@@ -106,9 +106,9 @@ class _AgentPolicy:
         self, state: Any, goal: Any, seen: np.ndarray, memory: Tensor | None, change: np.ndarray
     ) -> tuple[np.ndarray, Tensor | None]:
         """See `_Policy`."""
-        output, columns = self._network.shown(torch.from_numpy(seen), memory)
+        output, columns = self._network.forward(torch.from_numpy(seen), memory)
         command = (output.policy.mode() - torch.from_numpy(change)).abs()
-        after = self._network.remember(columns, memory, command, output)
+        after = self._network.next_state(columns, memory, command, output)
         return command.double().numpy(), after
 
 
@@ -118,7 +118,7 @@ class _ControllerPolicy:
     def __init__(self, controller: Any) -> None:
         self._controller = controller
 
-    def blank(self, count: int) -> np.ndarray:
+    def initial_state(self, count: int) -> np.ndarray:
         """See `_Policy`."""
         self._controller.reset(count)
         return self._controller.memory()
@@ -250,7 +250,7 @@ class Lookahead:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory = self._policy.blank(count)
+        self._memory = self._policy.initial_state(count)
         self._last = np.zeros((count, len(self._shares)))
         self._been = np.zeros(count, dtype=bool)
 

@@ -142,9 +142,9 @@ class GradientLearner:
         cut_weight = torch.zeros_like(gained)
         for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
             privileged = self._privileged(episode)
-            output, columns = network.shown(observation, memory)
+            output, columns = network.forward(observation, memory)
             action, command = output.policy.differentiable(uniform)
-            after = network.remember(columns, memory, command, output)
+            after = network.next_state(columns, memory, command, output)
             step, episode = engine.stepped(episode, engine.commands(command))
             # What is passed back from one period to the one before is bounded.
             episode = replace(episode, state=map_leaves(self._bounded, episode.state))

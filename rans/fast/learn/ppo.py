@@ -257,7 +257,7 @@ def act(
     uniform: Tensor,
 ) -> Acted:
     """Random actions that uniform random numbers (N, thrusters) in [0, 1) choose."""
-    output, columns = network.shown(observation, memory, privileged)
+    output, columns = network.forward(observation, memory, privileged)
     policy = output.policy
     action = policy.sample(uniform)
     command = policy.command(action)
@@ -266,7 +266,7 @@ def act(
         policy.log_prob(action),
         output.value,
         command,
-        network.remember(columns, memory, command, output),
+        network.next_state(columns, memory, command, output),
     )
 
 

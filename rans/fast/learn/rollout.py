@@ -84,10 +84,10 @@ class Rollout:
         self.steps = [
             Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)
         ]
-        self.memory = network.blank(count)
+        self.memory = network.initial_state(count)
         """What the network remembers now, (N, m)."""
         self.cut = new(count, width)
-        self.cut_memory = network.blank(count)
+        self.cut_memory = network.initial_state(count)
         """Last observation of an episode that time cut off, and what the network remembered then. An episode
         is no shorter than a rollout, so there is one a rollout at most."""
         self._processes = engine.processes

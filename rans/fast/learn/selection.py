@@ -63,7 +63,7 @@ class Selection:
 
         self._network = network
         self._engines = {name: engine(name) for name in judged[0]}
-        self._act = fused(likeliest, device, plain)
+        self._act = fused(Network.deterministic_action, device, plain)
         self._flight = graphed(self._fly, device, plain)
 
     def judge(self) -> list[dict[str, float]]:
@@ -99,7 +99,7 @@ class Selection:
         last = last_fifth(steps)
         mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
         observation = engine.reset(SELECTION_SEED)
-        memory = self._network.blank(engine.num_envs)
+        memory = self._network.initial_state(engine.num_envs)
         verdict = map_leaves(torch.as_tensor, FlightAccumulator.begin(engine, engine.episode))
         duty = mean(verdict.lost)
         total = duty[:, None]
@@ -122,13 +122,3 @@ class Selection:
             else:
                 verdict = verdict.without_instant(step.terminated, done)
         return torch.cat((duty[:, None], mean(verdict.solved)[:, None], total / last), dim=1)
-
-
-@torch.no_grad()
-def likeliest(
-    network: Network, observation: Tensor, memory: Tensor | None
-) -> tuple[Tensor, Tensor | None]:
-    """The deterministic agents' commands (N, thrusters), and what they remember after them."""
-    output, columns = network.shown(observation, memory)
-    command = output.policy.mode()
-    return command, network.remember(columns, memory, command, output)

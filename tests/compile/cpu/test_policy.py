@@ -10,7 +10,6 @@ import torch
 
 from rans.compile.cpu.history import CpuHistory
 from rans.compile.cpu.policy import WIDTH, CpuPolicy
-from rans.fast.learn.selection import likeliest
 from rans.model.spacecraft import Spacecraft
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import policy
@@ -32,7 +31,7 @@ def test_commands_are_torchs(kind: str, count: int) -> None:
     craft, settings = KINDS[kind]
     network = policy(craft, **settings)
     rows = seen(count, network.architecture.layout.width)
-    expected, _ = likeliest(network, rows, None)
+    expected, _ = network.deterministic_action(rows, None)
     columns, view = shown(network, rows)
     found = CpuPolicy(network)(columns, view, CpuHistory(network.architecture, count))
     # Both sum float32 numbers, in another order: one command in ten thousand may be as near to zero.

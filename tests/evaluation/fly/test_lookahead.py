@@ -44,16 +44,16 @@ class Told:
         self._first = first
 
     def reset(self, count: int) -> None:
-        self._memory = self._network.blank(count)
+        self._memory = self._network.initial_state(count)
         self._periods = 0
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        output, columns = self._network.shown(torch.from_numpy(observation), self._memory)
+        output, columns = self._network.forward(torch.from_numpy(observation), self._memory)
         command = output.policy.mode()
         if self._periods < len(self._first):
             command = torch.from_numpy(self._first[self._periods]).float()
-        self._memory = self._network.remember(columns, self._memory, command, output)
+        self._memory = self._network.next_state(columns, self._memory, command, output)
         self._periods += 1
         return command.numpy()
 
@@ -133,13 +133,13 @@ class Shown:
     """A network that sees a knob, to who shows it none."""
 
     def __init__(self, network: Network, knob: float) -> None:
-        self.blank = network.blank
-        self.remember = network.remember
+        self.initial_state = network.initial_state
+        self.next_state = network.next_state
         self._network = network
         self._knob = knob
 
-    def shown(self, seen: torch.Tensor, memory: torch.Tensor | None) -> Any:
-        return self._network.shown(
+    def forward(self, seen: torch.Tensor, memory: torch.Tensor | None) -> Any:
+        return self._network.forward(
             torch.cat((seen, torch.full((len(seen), 1), self._knob)), dim=1), memory
         )
 

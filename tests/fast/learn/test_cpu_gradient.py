@@ -80,7 +80,7 @@ def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
     network = collected(craft, **settings)[0].network
     plain = Network(network.architecture, network.tensors)
     generator = torch.Generator().manual_seed(1)
-    memory = network.blank(count)
+    memory = network.initial_state(count)
     observation = torch.randn(count, network.architecture.layout.width, generator=generator)
     with torch.no_grad():
         found, expected = (x.evaluate(observation, memory) for x in (network, plain))

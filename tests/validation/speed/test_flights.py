@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 import torch
 
-from rans.fast.learn.selection import likeliest
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy
 from validation.speed.flights import flight_rates
@@ -38,7 +37,7 @@ def test_logits_are_the_networks() -> None:
         seen, _, place = network.look(network.in_body(observation))
         assert place is not None
         said = (logits(network, seen, 0) > 0).float().gather(1, place)
-        assert torch.equal(said, likeliest(network, observation, None)[0])
+        assert torch.equal(said, network.deterministic_action(observation, None)[0])
 
 
 @pytest.mark.parametrize("name", ["multi-task-2d"])
