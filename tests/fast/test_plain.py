@@ -17,6 +17,7 @@ from torch import Tensor
 
 import rans
 from rans.cli import main
+from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
@@ -34,7 +35,7 @@ SHORT = Timing(episode_steps=40)
 PACKAGE = Path(rans.__file__).parent
 STEP_FILES = 16
 """Of ours, that one step of an environment touches in plain mode."""
-LEARNER_FILES = 13
+LEARNER_FILES = 14
 """Of ours, that one iteration of PPO touches beside those of its steps and resets."""
 
 
@@ -204,8 +205,9 @@ def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
 def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
     run = rans.load_agent("go-to-pose-2d")
     network: Any = run.controller
+    setup = Setup(run.craft, run.task, run.timing)
     plain, fast = (
-        Flights(network.network, run.judged, plain=plain).fly(0, 256, 1) for plain in (True, False)
+        Flights(network.network, setup, plain=plain).fly(0, 256, 1) for plain in (True, False)
     )
     assert plain.settled == fast.settled
     assert plain.failures == fast.failures

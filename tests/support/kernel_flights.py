@@ -44,12 +44,13 @@ def policy(
 ) -> Network:
     """A float32 network with random weights and statistics, which sees the craft from one of its sides."""
     views = symmetries(craft) if sided else None
+    usual: dict[str, Any] = {"head": "gaussian" if craft.actuators.is_continuous else "on-off"}
     given = Architecture(
         layout(task, craft.dimension),
         len(craft.thrusters),
         layers,
         symmetries=views,
-        **({"head": "gaussian" if craft.actuators.is_continuous else "on-off"} | settings),
+        **(usual | settings),
     )
     tensors, _ = given.initial(0, 0.3)
     return scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float32))

@@ -13,7 +13,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
@@ -137,7 +136,7 @@ def test_starts_are_those_of_the_publication_and_around() -> None:
     assert [float(x) for x in (*nominal.p.columns(), *nominal.v.columns())] == pytest.approx(
         [2000.0, 0.0, 1500.0, 80.0, 30.0, -75.0]
     )
-    starts = scenarios(TASK, LANDER, seed=3, count=2000).start
+    starts: Any = scenarios(TASK, LANDER, seed=3, count=2000).start
     distance = np.hypot(starts.p.x, starts.p.y)
     away = (starts.p.x * starts.v.x + starts.p.y * starts.v.y) / distance
     across = (starts.p.x * starts.v.y - starts.p.y * starts.v.x) / distance
@@ -163,8 +162,7 @@ def test_engines_and_environments_fly_it() -> None:
     assert env.unwrapped.craft.name == "mars-lander-steered"
     observation, _ = env.reset(seed=1)
     assert observation.shape == tuple(engine.observe().shape[1:])
-    with pytest.raises(ConfigError, match="works in space, but not in the plane"):
-        gymnasium.make("rans/Land2D-v0", spacecraft="floating-platform")
+    assert "rans/Land2D-v0" not in gymnasium.registry
 
 
 PLACES = st.floats(-2000.0, 2000.0)
@@ -181,9 +179,8 @@ def test_the_time_to_go_is_a_root(
     if speed @ speed > 10.0 * np.linalg.norm(p):
         return
     law = DescentLaw.of(Vec3(*p), Vec3(*speed), G, haste)
-    roots = np.roots(
-        [haste + 0.5 * G**2, 0.0, -2.0 * speed @ speed, -12.0 * p @ speed, -18.0 * p @ p]
-    )
+    coefficients = [haste + 0.5 * G**2, 0.0, -2.0 * speed @ speed, -12.0 * p @ speed, -18.0 * p @ p]
+    roots = np.roots(np.array(coefficients, dtype=float))
     times = roots[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0.0)].real
     # Newton's error, see `rans.tasks.descent`.
     assert np.abs(times / float(law.time) - 1.0).min() < 1e-3

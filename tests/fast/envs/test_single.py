@@ -24,11 +24,13 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation
+from tests.support.crafts import ANY_CRAFT
 
 PLANE = "rans/GoToPose2D-v0"
 IDS = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
 SHUT = np.zeros(8, dtype=np.int64)
-ALL_IDS = pytest.mark.parametrize("name", IDS)
+ANY_CRAFT_IDS = [gymnasium_ids(name)[d - 2] for name in ANY_CRAFT for d in (2, 3)]
+ALL_IDS = pytest.mark.parametrize("name", ANY_CRAFT_IDS)
 
 
 def make(name: str = PLANE, **kwargs: Any) -> SpacecraftEnv:

@@ -118,6 +118,9 @@ def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPat
             expected = plain.evaluate(observation)
         # Sums of 16 float32 products in another order.
         torch.testing.assert_close(
-            found, (expected.policy[0], expected.value), rtol=1e-5, atol=1e-5
+            found,
+            (expected.policy[0], expected.value),  # type: ignore
+            rtol=1e-5,
+            atol=1e-5,  # type: ignore
         )
     assert len(shared) == 1 + bool(change)
