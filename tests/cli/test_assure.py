@@ -129,7 +129,6 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["lqr:go-to-pose-2d"], "no trained agent"),
         (["pretrained:multi-task-2d"], "#go-to-pose"),
         ([AGENT, "--episodes", "0"], "--episodes"),
         ([AGENT, "--rare", "-1"], "--rare"),
