@@ -81,8 +81,7 @@ def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> 
     told = "\n".join(comparison.failures)
     for sentence in (
         "broken failed: KeyError: 'no such layer'",
-        "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts (nothing found that arrives: "
-        "the goal is out of reach in this time).",
+        "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts",
     ):
         assert sentence in told
     assert len(comparison.failures) == 2
@@ -312,7 +311,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     ("spec", "episodes", "sentence"),
     [
         ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
-        (IDLE, 4, "idle knows no task: name somebody who does before it"),
+        (IDLE, 4, "idle knows no task: add one"),
         ("nobody:x", 4, "there is no contestant 'nobody:x'"),
     ],
 )

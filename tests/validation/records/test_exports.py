@@ -15,7 +15,7 @@ def test_a_table_of_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert Exports(("go-to-pose-2d-fast",), 250, tmp_path / "exports.json").run() == 0
     rows = json.loads((tmp_path / "exports.json").read_text())["rows"]
     assert [(row["agent"], row["form"], row["observations"], row["unequal"]) for row in rows] == [
-        ("go-to-pose-2d-fast", form, 250, 0) for form in ("sb3", "onnx", "numpy")
+        ("go-to-pose-2d-fast", form, 250, 0) for form in ("sb3", "onnx", "numpy", "c")
     ]
     assert "beyond rounding" in capsys.readouterr().out
 
