@@ -114,7 +114,7 @@ class Agent:
         return agent_folder(self.spec)
 
     def under(self, conditions: str | Path | Conditions | None) -> Agent:
-        """The same agent, judged under other conditions: by name, TOML file or as such; None: its own.
+        """This agent, judged under other conditions: a name, a TOML file or a value; None: its own.
 
         Raises:
             ConfigError: there are no such conditions.

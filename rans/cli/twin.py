@@ -36,7 +36,7 @@ class Twin:
     start: tuple[float, ...] = ()
     """x, y (m) and heading (degrees) in the plane, x, y, z in space; that of the episode by default."""
     seed: int = 0
-    """Of what the conditions draw, and of the start."""
+    """Seed of the random numbers of conditions and of the start."""
     episode: int = 0
     """Number of the episode."""
     seconds: float = 600.0

@@ -39,7 +39,7 @@ _REALS = {torch.float32: "float", torch.float64: "double"}
 def compiled_preprocessor(
     given: Architecture, views: Symmetries | None, like: Tensor
 ) -> Preprocessor:
-    """Of a network with tensors like this one: by programs, where they gain something.
+    """Preprocessor of a network with tensors like this one: programs where they are faster.
 
     In double precision on a CPU, which is for comparisons, that is nowhere.
     """

@@ -62,7 +62,7 @@ class Flights(NamedTuple):
     states: Any
     """`State` of arrays (T, N), as sensors measured it: the observations are of these."""
     goals: Any
-    """The same of goals."""
+    """Goals of the states: `State` of arrays (T, N)."""
 
 
 class Recorder:
@@ -285,7 +285,7 @@ def _example_states(task: Task, craft: Spacecraft, count: int) -> tuple[Any, Any
 
 
 def _meanings(task: Task, craft: Spacecraft) -> list[str]:
-    """Of each column; of a multi-task those that its tasks share (see `_flagged`)."""
+    """Meaning of each column; of a multi-task the meanings that its tasks share (see `_flagged`)."""
     state, goal = _example_states(task, craft, WIRED)
     return meanings(task, state, goal)
 

@@ -18,7 +18,7 @@ from rans.randomization.parameters import EpisodeParameters, draw
 from rans.scenario import draws
 
 SEED = 2028
-"""Of the starts; no training, selection or evaluation uses it."""
+"""Seed of the starts; no training, selection or evaluation uses it."""
 MEASURED = (
     "latency",
     "more mass",
@@ -94,7 +94,7 @@ def _signature(world: Conditions) -> list[float]:
 
 
 def _signatures(drawn: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
-    """The same of what N episodes drew, (N, 6)."""
+    """Signatures of the parameters that N episodes drew, (N, 6)."""
     latency = 0.0 if drawn.lag is None else drawn.lag.latency
     mass = drawn.body.mass / setup.craft.mass
     noise: Any = (0.0,) * 4

@@ -147,7 +147,7 @@ class Poses(Floats):
 
 
 class PosesAndTwists(Poses):
-    """The same, and geometry_msgs/TwistStamped: the linear velocity in the world, the angular one in the body."""
+    """geometry_msgs/PoseStamped and TwistStamped: linear velocity in the world, angular in the body."""
 
     has_velocity = True
     inputs = {"pose": POSE, "twist": TWIST}  # noqa: RUF012

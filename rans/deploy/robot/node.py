@@ -40,7 +40,7 @@ class Report:
     decisions: int = 0
     """Control periods."""
     missed: int = 0
-    """Those whose command went out after the next period had begun."""
+    """Control periods whose command went out after the next one had begun."""
     computed: list[float] = field(default_factory=list)
     """s from the beginning of each decision until its command was sent."""
     used: list[float] = field(default_factory=list)
@@ -221,9 +221,9 @@ class Replay:
     decisions: int
     """Commands of the bag."""
     equal: int
-    """Those that came out the same, bit for bit."""
+    """Commands that the replay gave again, bit for bit."""
     first_difference: int | None
-    """Number of the first one that did not."""
+    """Number of the first command that differs; None: all are equal."""
 
 
 def replay(bag: Path, folder: Path | None = None) -> Replay:

@@ -95,7 +95,7 @@ class Plan:
     """What a flight is: everything that decides its commands beside the messages."""
 
     folder: str
-    """Of the exported agent (`AGENT_FILES`)."""
+    """Folder of the exported agent, with the files of `AGENT_FILES`."""
     task: dict[str, Any]
     """Settings of the task, with its name under "name"."""
     robot: RobotName = "ros"

@@ -55,7 +55,7 @@ class TwinPlan:
     start: tuple[float, ...] = ()
     """x, y (m) and heading (degrees) in the plane; x, y, z in space. Empty: the start of the episode."""
     seed: int = 0
-    """Of what the conditions draw and of the start."""
+    """Seed of the random numbers of conditions and of the start."""
     episode: int = 0
     """Its number."""
     seconds: float = 600.0
