@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.progress import Progress
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, Task
+from rans.tasks import TASKS, Land, Task
 from rans.tasks.orbital import OrbitalMission
 from rans.terminal import Terminal, progress, stages
 
@@ -43,8 +43,10 @@ class Optimal:
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """What to do; `rans list` knows the tasks."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the task's own, or
     floating-platform."""
+    start: tuple[float, float, float, float, float, float] | None = None
+    """Of land: position x y z, m, and velocity, m/s, in place of the task's starts; the site is 0 0 0."""
     objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
     """Least thrust-time, time or squared thrust, least squared distance, or the task's greatest reward."""
     ending: Literal["exact", "set"] = "exact"
@@ -85,6 +87,10 @@ class Optimal:
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
         if isinstance(task, OrbitalMission):
             return self._mission(craft, task)
+        if isinstance(task, Land):
+            return self._land(craft, task)
+        if self.start is not None:
+            raise ConfigError(f"--start is of land alone, not of {self.task}.")
         objective = objective_of(
             self.objective, self.horizon, self.control_period, self.ending, self.intervals
         )
@@ -149,6 +155,34 @@ class Optimal:
         Terminal().say(
             f"{self.episodes - lost} of {self.episodes} solved and flown in both engines. Written to "
             f"{folder / 'optimal.json'}."
+        )
+        return 1 if lost else 0
+
+    def _land(self, craft: Spacecraft, task: Land) -> int:
+        """Landings by convex programming, of which nothing but the starts and the ending is a choice."""
+        from rans.evaluation.compare.landings import (
+            landing_table,
+            landings,
+            single_start,
+            write_landings,
+        )
+
+        starts = scenarios(task, craft, self.seed, self.episodes)
+        if self.start is not None:
+            starts = single_start(task, craft, self.start)
+        name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-propellant"
+        folder = ready_folder(self.output or Path("runs") / name)
+        with progress() as bars:
+            step = stages(bars)("landings", len(starts.start.p.x))
+            answers = landings(craft, task, starts, self.ending == "exact", step)
+        title = f"least propellant: {self.task} with {craft.name}, turned at once"
+        Terminal().print(landing_table(title, answers))
+        about = {"task": self.task, "spacecraft": craft.name, "seed": self.seed}
+        write_landings(folder, about, answers)
+        lost = sum(not answer.good for answer in answers)
+        Terminal().say(
+            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
+            f"{folder / 'optimal.json'} and optimal.npz."
         )
         return 1 if lost else 0
 

@@ -66,6 +66,8 @@ class Land(SingleTask):
     """Reward lost per kg of propellant that is used."""
     approach_weight: float = 0.9
     """Reward for every m/s less that the guidance law needs to land."""
+    missed_weight: float = 1.5
+    """Reward lost, where the mission is lost, for every m/s that the guidance law would still have needed."""
     haste: float = 2.0
     """Weight of time in the guidance law, m^2/s^4: a larger one lands sooner."""
     done_weight: float = 30.0
@@ -134,17 +136,20 @@ class Land(SingleTask):
         return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Propellant used, and what the guidance law needs less than before; nothing once landed."""
+        """Propellant used, what the guidance law needs less than before, and what it needs where all is lost."""
         state = transition.state
         goal = transition.goal
         before = transition.before or state
-        landed = self.reached(state, goal)
-        left = where(landed, 0.0, self.guidance(state, goal).speed)
         needed = self.guidance(before, goal).speed
+        left = where(self.reached(state, goal), 0.0, self.guidance(state, goal).speed)
+        lost = self.failed(state, goal)
+        for margin in self.constraints(state, goal).values():
+            lost = lost | (margin < 0.0)
         used = _propellant(before) - _propellant(state)
         return {
             "propellant": used * -self.propellant_weight,
             "approach": (needed - left) * self.approach_weight,
+            "missed": where(lost, left, 0.0) * -self.missed_weight,
             **self.prices(transition),
         }
 

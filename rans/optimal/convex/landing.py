@@ -19,7 +19,6 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,6 +37,8 @@ _SPEED = _LENGTH / _TIME
 _ACCELERATION = _LENGTH / _TIME**2
 _ROUNDS = 6
 """Linearisations of the upper bound at most; two or three suffice."""
+_COARSE = 2.0
+"""Hold with which the flight time is searched, s."""
 _SETTLED = 1e-5
 """Change of ln m between linearisations that no longer matters: 0.02 kg of two tonnes."""
 
@@ -207,45 +208,66 @@ def best_landing(
 ) -> Landing | None:
     """Landing with the least propellant of all flight times; None: there is none.
 
-    The least propellant has one minimum over the time. It is enclosed by sections of whole periods that begin
-    from a grid of eight times, because short and long flights are infeasible.
+    The time is found with long holds first, then with those of the period.
+
+    Args:
+        lander: what lands.
+        descent: what is asked for.
+        start: position, m, and velocity, m/s.
+        period: for which an acceleration is held, s.
+        side: as for `landing`.
+        times: shortest and longest flight that is tried, s.
+        propellant: left at the start, kg; None: a full tank.
+    """
+    coarse = period * max(1, round(_COARSE / period))
+    guess = _least(lander, descent, start, coarse, "bound", times, propellant)
+    if guess is None:
+        return None
+    # Shorter holds lose less, so that the best time may be a coarse period away; walk downhill from there.
+    near = (guess.time - coarse, guess.time + coarse)
+    return _least(lander, descent, start, period, side, near, propellant, guess.time)
+
+
+def _least(
+    lander: Lander,
+    descent: Descent,
+    start: tuple[np.ndarray, np.ndarray],
+    period: float,
+    side: Side,
+    times: tuple[float, float],
+    propellant: float | None,
+    guess: float | None = None,
+) -> Landing | None:
+    """Landing with the least propellant between two times (s), of which the propellant has one minimum.
+
+    Without a guess of the time nine times are tried first, because short and long flights are infeasible.
     """
     known: dict[int, Landing | None] = {}
 
     def used(count: int) -> float:
         if count not in known:
-            known[count] = landing(lander, descent, start, count * period, period, side, propellant)
+            time = count * period
+            known[count] = landing(lander, descent, start, time, period, side, propellant)
         found = known[count]
         return math.inf if found is None else found.propellant
 
-    low, high = (round(t / period) for t in times)
-    grid = sorted({round(low + (high - low) * k / 8.0) for k in range(9)})
-    best = min(grid, key=used)
-    if math.isinf(used(best)):
+    low = max(1, round(times[0] / period))
+    high = max(low, round(times[1] / period))
+    if guess is None:
+        best = min({round(low + (high - low) * k / 8.0) for k in range(9)}, key=used)
+        step = max(1, (high - low) // 16)
+    else:
+        best = round(guess / period)
+        step = 1
+    if math.isinf(used(best)) and guess is None:
         return None
-    step = max(1, grid[1] - grid[0])
-    left = max(low, best - step)
-    right = min(high, best + step)
-    best = _least(used, left, best, right)
+    while step:
+        beside = [count for count in (best - step, best + step) if low <= count <= high]
+        better = min((best, *beside), key=used)
+        if better == best:
+            step //= 2
+        best = better
     return known[best]
-
-
-def _least(cost: Callable[[int], float], left: int, best: int, right: int) -> int:
-    """Whole number of the least cost between two others, beside the best one that is known."""
-    while right - left > 2:
-        if right - best > best - left:
-            trial = best + max(1, round(0.382 * (right - best)))
-        else:
-            trial = best - max(1, round(0.382 * (best - left)))
-        if trial in (left, right):
-            break
-        if cost(trial) < cost(best):
-            left, best, right = (best, trial, right) if trial > best else (left, trial, best)
-        elif trial > best:
-            right = trial
-        else:
-            left = trial
-    return min((left, best, right), key=cost)
 
 
 class _Problem:
@@ -378,7 +400,10 @@ class _Problem:
         full = math.log(self.lander.mass)
         least = self.lander.least_thrust / _ACCELERATION
         most = self.lander.largest_thrust / _ACCELERATION
-        about = log_mass[:-1]
+        # Thrust that is held for a period acts on the mass in its middle, ln of which is the mean of both ends.
+        about = 0.5 * (log_mass[:-1] + log_mass[1:])
+        lightest = 0.5 * (self.lightest[:-1] + self.lightest[1:])
+        heaviest = 0.5 * (self.heaviest[:-1] + self.heaviest[1:])
         rows: list[tuple[int, int, float]] = []
         right: list[float] = []
 
@@ -390,17 +415,29 @@ class _Problem:
         for k in range(n):
             # sigma >= least exp(-zeta) (1 - (ln m - zeta)), a tangent.
             low = least * math.exp(-about[k])
-            add(-low * (1.0 + about[k] - full), (self._sigma(k), -1.0), (self._z(k), -low))
+            middle = [(self._z(k), 0.5), (self._z(k + 1), 0.5)]
+            add(
+                -low * (1.0 + about[k] - full),
+                (self._sigma(k), -1.0),
+                *((z, -low * share) for z, share in middle),
+            )
             if side == "flyable":
                 high = most * math.exp(-about[k])
-                add(high * (1.0 + about[k] - full), (self._sigma(k), 1.0), (self._z(k), high))
+                add(
+                    high * (1.0 + about[k] - full),
+                    (self._sigma(k), 1.0),
+                    *((z, high * share) for z, share in middle),
+                )
             else:
                 # The chord between the masses that can be reached.
-                light, heavy = self.lightest[k], self.heaviest[k]
+                light, heavy = lightest[k], heaviest[k]
                 above = most * math.exp(-light)
-                wide = max(heavy - light, 1e-12)
-                slope = (most * math.exp(-heavy) - above) / wide if k else -above
-                add(above + slope * (full - light), (self._sigma(k), 1.0), (self._z(k), -slope))
+                slope = (most * math.exp(-heavy) - above) / (heavy - light)
+                add(
+                    above + slope * (full - light),
+                    (self._sigma(k), 1.0),
+                    *((z, -slope * share) for z, share in middle),
+                )
             vertical = self.knots + 4 * k + 2
             add(0.0, (self._sigma(k), cosine), (vertical, -1.0))
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)

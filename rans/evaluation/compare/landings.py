@@ -1,0 +1,229 @@
+"""Landings with the least propellant from given starts: bounded, flown in our engine and in Drake, in a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from rans.episode import Mover, Setup, World
+from rans.evaluation.measure.aggregate import save_arrays
+from rans.files import environment, write_json
+from rans.model.body import Body
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3, leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing
+from rans.progress import Progress, unseen
+from rans.randomization.parameters import StepInputs
+from rans.reference.flight import DrakeMover
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks.land import Land
+
+REPLAY_BOUND = 0.1
+"""Distance between the planned and the flown end, m, a tenth of what the task tolerates: between two knots a plan's
+acceleration is constant, a thrust's grows as the craft gets lighter."""
+
+
+@dataclass(frozen=True)
+class LandingAnswer:
+    """The optimum of one start; what was not found is None, its numbers NaN."""
+
+    start: int
+    """Number of the scenario."""
+    landing: Landing | None
+    """Flyable one."""
+    bound: float = math.nan
+    """Propellant below which nothing lands, kg, see `rans.optimal.convex.landing.landing`."""
+    replayed: float = math.nan
+    """Distance from the plan's end at which our engine ends, m."""
+    in_drake: float = math.nan
+    """The same of Drake, m."""
+
+    @property
+    def good(self) -> bool:
+        """Whether there is a landing, and both engines fly it."""
+        return self.landing is not None and max(self.replayed, self.in_drake) <= REPLAY_BOUND
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`; what is missing is NaN."""
+        found = self.landing
+        return {
+            "start": self.start,
+            "good": self.good,
+            "propellant": math.nan if found is None else found.propellant,
+            "bound": self.bound,
+            "time": math.nan if found is None else found.time,
+            "duality_gap": math.nan if found is None else found.propellant - found.dual,
+            "primal_residual": math.nan if found is None else found.primal_residual,
+            "dual_residual": math.nan if found is None else found.dual_residual,
+            "looseness": math.nan if found is None else found.looseness,
+            "replayed": self.replayed,
+            "in_drake": self.in_drake,
+        }
+
+
+def descent_of(task: Land, exact: bool = False) -> Descent:
+    """What the task asks for; exact: to end at the site at rest instead of within the tolerances."""
+    return Descent(
+        gravity=task.gravity,
+        glide_slope=task.glide_slope,
+        margin=task.position_tolerance,
+        tilt=task.tilt_limit,
+        position_tolerance=0.0 if exact else task.position_tolerance,
+        velocity_tolerance=0.0 if exact else task.velocity_tolerance,
+    )
+
+
+def landings(
+    craft: Spacecraft,
+    task: Land,
+    starts: Scenario,
+    exact: bool = False,
+    progress: Progress = unseen,
+) -> list[LandingAnswer]:
+    """Least propellant from every start, its lower bound, and the flight in both engines.
+
+    The craft's attitude is not optimised: its axis points along the thrust at once. A craft that has to turn
+    needs at least as much.
+
+    Args:
+        craft: lander, see `rans.optimal.convex.landing.Lander`.
+        task: what is asked for; its control period is the time for which thrust is held.
+        starts: batch of starts.
+        exact: whether to end at the site at rest instead of within the tolerances.
+        progress: told of every start that is done.
+
+    Raises:
+        ConfigError: the craft is no lander.
+    """
+    lander = Lander.of(craft)
+    descent = descent_of(task, exact)
+    period = task.timing.control_period
+    answers = []
+    for number, one in enumerate(each(starts)):
+        start = _columns(one.start.p), _columns(one.start.v)
+        found = best_landing(lander, descent, start, period)
+        answer = LandingAnswer(number, found)
+        if found is not None:
+            bound = best_landing(
+                lander, descent, start, period, "bound", (found.time - 2.0, found.time + 2.0)
+            )
+            answer = replace(
+                answer,
+                bound=math.nan if bound is None else bound.propellant,
+                replayed=_missed(craft, task, lander, one.start, found, drake=False),
+                in_drake=_missed(craft, task, lander, one.start, found, drake=True),
+            )
+        answers.append(answer)
+        progress(1)
+    return answers
+
+
+def replay_landing(
+    craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
+) -> list[SpatialState]:
+    """States after every period of a plan whose thrusts are held, with the craft turned at once.
+
+    Args:
+        craft: what flies.
+        task: whose gravity pulls.
+        lander: what the plan knows of the craft.
+        start: state of numbers.
+        plan: what is flown.
+        drake: whether Drake moves it instead of our engine.
+    """
+    timing = Timing(plan.period, None, len(plan.acceleration))
+    move: Mover
+    if drake:
+        move = DrakeMover(craft, timing, task.drift)
+    else:
+        move = World(Setup(craft, task, timing)).move
+    zero = np.zeros(1)
+    state = map_leaves(lambda x: zero + x, replace(start, stores=()))
+    left = lander.propellant
+    states = []
+    for k, acceleration in enumerate(plan.acceleration):
+        # Constant thrust that changes the velocity as much, with the same propellant.
+        used = plan.mass[k] - plan.mass[k + 1]
+        thrust = lander.exhaust_speed * used / plan.period
+        full = lander.largest_thrust / craft.actuators.high
+        throttle = np.clip(thrust / full, craft.actuators.low, craft.actuators.high)
+        state = replace(
+            state,
+            attitude=_upright_along(acceleration),
+            w=Vec3(zero, zero, zero),
+            stores=(zero + left, *(zero for _ in craft.wheels)),
+        )
+        command = (zero + throttle,) * len(craft.thrusters) + (zero,) * len(craft.wheels)
+        (state,) = move(state, StepInputs(Body.of(craft), (command,)))
+        left = float(np.asarray(state.stores[0]).item())
+        states.append(state)
+    return states
+
+
+def _missed(
+    craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
+) -> float:
+    """Distance, m, between the plan's end and that of its flight."""
+    last = replay_landing(craft, task, lander, start, plan, drake)[-1]
+    return float(np.linalg.norm(_columns(last.p) - plan.p[-1]))
+
+
+def _upright_along(direction: np.ndarray) -> Quat:
+    """Attitude, of arrays (1,), that turns z of B along a direction by the shortest way."""
+    x, y, z = direction / np.linalg.norm(direction)
+    w = math.sqrt(0.5 * (1.0 + z))
+    return Quat(*(np.array([value]) for value in (w, -0.5 * y / w, 0.5 * x / w, 0.0)))
+
+
+def _columns(vector: Any) -> np.ndarray:
+    """(3,) numbers of a vector of numbers or of arrays of one number."""
+    return np.array([float(np.asarray(x).item()) for x in leaves(vector)])
+
+
+def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
+    """One row a start."""
+    table = Table(title=title)
+    for name in ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", ""):
+        table.add_column(name, justify="right")
+    for one in answers:
+        if one.landing is None:
+            table.add_row(str(one.start), "-", "-", "-", "-", "-", "no landing: out of reach")
+            continue
+        table.add_row(
+            str(one.start),
+            f"{one.landing.propellant:.2f}",
+            f"{one.bound:.2f}",
+            f"{one.landing.time:.1f}",
+            f"{one.replayed:.3f}",
+            f"{one.in_drake:.3f}",
+            "solved" if one.good else "solved, but it flies elsewhere",
+        )
+    return table
+
+
+def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAnswer]) -> None:
+    """Write optimal.json, and optimal.npz with every landing's p, v, mass and acceleration."""
+    rows = [one.to_json() for one in answers]
+    write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
+    arrays = {
+        f"{name}_{one.start}": getattr(one.landing, name)
+        for one in answers
+        if one.landing is not None
+        for name in ("p", "v", "mass", "acceleration")
+    }
+    save_arrays(folder / "optimal.npz", arrays)
+
+
+def single_start(task: Land, craft: Spacecraft, numbers: Sequence[float]) -> Scenario:
+    """One scenario whose craft begins upright at a position, m, and with a velocity, m/s: six numbers."""
+    one = scenarios(task, craft, 0, 1)
+    p, v = (Vec3(*(np.full(1, float(x)) for x in part)) for part in (numbers[:3], numbers[3:]))
+    return Scenario(replace(one.start, p=p, v=v), one.goal)

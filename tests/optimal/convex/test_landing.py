@@ -1,0 +1,103 @@
+"""Least propellant of landings: the published case, hand-worked burns, bounds and flights of what is found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.landings import descent_of, landings, single_start
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.convex.landing import Descent, Lander, best_landing, landing
+from rans.tasks.land import Land
+
+CRAFT = load_spacecraft("mars-lander-steered")
+LANDER = Lander.of(CRAFT)
+PUBLISHED = np.array([2000.0, 0.0, 1500.0]), np.array([80.0, 30.0, -75.0])
+"""Acikmese and Ploen (2007)."""
+EXACT = Descent(margin=1e-3, speed=500.0 / 3.6)
+
+
+def test_the_lander_of_a_craft() -> None:
+    """Six engines of 3100 N, canted by 27 degrees, at 30 and at 80 %; 225 s of specific impulse."""
+    cosine = math.cos(math.radians(27.0))
+    assert LANDER.least_thrust == pytest.approx(0.3 * 6 * 3100 * cosine)
+    assert LANDER.largest_thrust == pytest.approx(0.8 * 6 * 3100 * cosine)
+    assert LANDER.exhaust_speed == pytest.approx(225 * 9.80665 * cosine)
+    with pytest.raises(ConfigError, match="'free-flyer' is no lander"):
+        Lander.of(load_spacecraft("free-flyer"))
+
+
+@pytest.mark.parametrize(("time", "expected"), [(74.0, 374.0), (75.0, 373.6), (80.0, 378.6)])
+def test_the_published_landing(time: float, expected: float) -> None:
+    """Propellant of an independent implementation with accelerations held for half a second, within 0.1 %.
+
+    It bounds the thrust by the mass at the start of a period instead of that in its middle, which is dearer.
+    """
+    found = landing(LANDER, EXACT, PUBLISHED, time)
+    assert found is not None
+    assert found.propellant == pytest.approx(expected, rel=1e-3)
+    # The relaxation is lossless: the slack is the acceleration's size.
+    assert found.looseness < 1e-5
+    assert abs(found.propellant - found.dual) < 1e-3
+    assert max(found.primal_residual, found.dual_residual) < 1e-7
+
+
+def test_too_short_a_flight_is_out_of_reach() -> None:
+    assert landing(LANDER, EXACT, PUBLISHED, 70.0) is None
+    assert best_landing(LANDER, EXACT, PUBLISHED, 2.0, times=(20.0, 60.0)) is None
+
+
+def test_bound_and_flight_enclose_the_optimum() -> None:
+    """The chord of the upper thrust bound costs some hundredths of a kilogram."""
+    flyable = best_landing(LANDER, EXACT, PUBLISHED, 1.0)
+    bound = best_landing(LANDER, EXACT, PUBLISHED, 1.0, "bound")
+    assert flyable is not None
+    assert bound is not None
+    assert bound.propellant < flyable.propellant < bound.propellant + 0.05
+    assert flyable.time == pytest.approx(75.0, abs=1.0)
+    middle = np.sqrt(flyable.mass[:-1] * flyable.mass[1:])
+    thrust = flyable.acceleration * middle[:, None]
+    size = np.linalg.norm(thrust, axis=1)
+    # Linearised bounds have converged to the true ones.
+    assert size.max() < LANDER.largest_thrust * 1.0001
+    assert size.min() > LANDER.least_thrust * 0.9999
+    assert np.degrees(np.arccos(thrust[:, 2] / size)).max() < 40.01
+
+
+def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
+    """A start for which most thrust all the way stops it just above the ground has no cheaper landing."""
+    time = 20.0
+    flow = LANDER.largest_thrust / LANDER.exhaust_speed
+    left = LANDER.mass - flow * time
+    speed = LANDER.exhaust_speed * math.log(LANDER.mass / left) - 3.7114 * time
+    way = LANDER.exhaust_speed * (time - left / flow * math.log(LANDER.mass / left))
+    height = speed * time - (way - 0.5 * 3.7114 * time**2)
+    start = np.array([0.0, 0.0, height + 0.5]), np.array([0.0, 0.0, -speed])
+    found = best_landing(LANDER, EXACT, start, 0.5, times=(10.0, 40.0))
+    assert found is not None
+    # Half a metre of room; flight times are whole half seconds, in which most thrust takes 3 kg.
+    assert flow * time < found.propellant < flow * (time + 0.5)
+    assert found.time == pytest.approx(20.0, abs=0.51)
+    lower = np.array([0.0, 0.0, height - 5.0]), start[1]
+    assert best_landing(LANDER, EXACT, lower, 0.5, times=(10.0, 40.0)) is None
+
+
+def test_less_propellant_than_it_takes_is_out_of_reach() -> None:
+    """With 300 kg the craft is 100 kg lighter, and still needs more than it has."""
+    assert landing(LANDER, EXACT, PUBLISHED, 75.0, 1.0) is not None
+    assert landing(LANDER, EXACT, PUBLISHED, 75.0, 1.0, propellant=300.0) is None
+
+
+def test_what_is_found_flies_in_our_engine_and_in_drake() -> None:
+    """From the published start, within the tolerances; exactly it costs a little more."""
+    starts = single_start(Land(), CRAFT, (*PUBLISHED[0], *PUBLISHED[1]))
+    [answer] = landings(CRAFT, Land(), starts)
+    assert answer.good
+    assert answer.landing is not None
+    assert answer.bound <= answer.landing.propellant <= 1.0002 * answer.bound
+    exact = landing(LANDER, descent_of(Land(), exact=True), PUBLISHED, answer.landing.time)
+    assert exact is not None
+    assert 0.0 < exact.propellant - answer.landing.propellant < 1.0
