@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from rans.display import default, meanings
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task, observation_columns
 from rans.tasks.base import UNITS
@@ -16,8 +15,6 @@ from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
 from rans.tasks.observation_terms import Dimension
 from rans.terminal import table
-
-_USUAL = Timing()
 
 
 class Listing(NamedTuple):
@@ -113,9 +110,21 @@ def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
     return Listing(
         f"Reward of a step{f' of {name}' if name else ''}, the sum of",
         ("term", "value"),
-        [*reward_formulas(task, dimension).items()] or [_UNREAD],
+        [(name, _readable(text, task)) for name, text in reward_formulas(task, dimension).items()]
+        or [_UNREAD],
         f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
     )
+
+
+_LONGEST = 1000
+"""Characters of a formula that anybody reads."""
+
+
+def _readable(formula: str, task: Task) -> str:
+    """A formula, or where to read what it says if it is too long."""
+    if len(formula) <= _LONGEST:
+        return formula
+    return f"{len(formula):,} characters long: see the docstring of {type(task).__name__}"
 
 
 _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
@@ -127,18 +136,25 @@ def _ends(task: Task) -> Listing:
         for name, value in task.tolerances().items()
     )
     failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
-    seconds = _USUAL.episode_steps * _USUAL.control_period
+    timing = task.timing
+    seconds = timing.episode_steps * timing.control_period
+    if type(task).done is Task.done:
+        won = f"truncated with errors within {near}"
+    else:
+        won = (
+            f"within {near}, at any of {timing.looks} instants of every control period: terminated"
+        )
     return Listing(
         "An episode",
         ("ends", "when"),
         [
             (
                 "truncated",
-                f"{_USUAL.episode_steps} control periods of {_USUAL.control_period:g} s are over, "
+                f"{timing.episode_steps} control periods of {timing.control_period:g} s are over, "
                 f"{seconds:g} s",
             ),
             ("terminated, failed", " ".join(failing)),
-            ("as a success", f"truncated with errors within {near}"),
+            ("as a success", won),
         ],
     )
 
