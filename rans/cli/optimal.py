@@ -8,16 +8,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import distinct, ready_folder, write_text
+from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.progress import Progress
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Land, Task
+from rans.tasks.orbital import OrbitalMission
 from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
@@ -35,6 +37,9 @@ class Optimal:
     controllers and no certificates. Writes optimal.json (with residuals of the optimality conditions),
     optimal.npz (with multipliers), optimal.csv and optimal.svg. Exit code 1 if any start was left
     without a trajectory that Drake flies.
+
+    Of missions on an orbit (dock, hold, rendezvous) it finds the least impulse by a deadline, proven from below
+    by a conic program and flown in both engines, and sets guidance, LQR and agents beside it, start by start.
     """
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
@@ -47,7 +52,8 @@ class Optimal:
     ending: Literal["exact", "set"] = "exact"
     """Arrive exactly, or within the task's tolerances; for fuel, time and energy."""
     horizon: float | None = None
-    """Length of the trajectory, s; by default 20, for reward 25. For time it follows."""
+    """Length of the trajectory, s; by default 20, for reward 25. For time it follows. Of a mission on an orbit
+    its deadline, by default the latest."""
     control_period: float = 0.2
     """Time a command is held, s; for time it follows, and is that of the on/off certificate."""
     intervals: int = 50
@@ -74,6 +80,8 @@ class Optimal:
     """Also find what nothing can beat: certified for on/off thrust where that is possible."""
     certify_seconds: float = 20.0
     """For every question of the certificate; less gives wider gaps."""
+    agents: tuple[str, ...] = ()
+    """Run folders or pretrained:NAME that fly a mission on an orbit beside its bound."""
     workers: int | None = None
     """Processes; by default one per processor."""
     output: Path | None = None
@@ -92,6 +100,8 @@ class Optimal:
         self._check()
         task = TASKS[self.task]().for_evaluation()
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
+        if isinstance(task, OrbitalMission):
+            return self._mission(craft, task)
         if isinstance(task, Land):
             return self._land(craft, task)
         objective = objective_of(
@@ -138,6 +148,35 @@ class Optimal:
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
             f"{folder / 'optimal.json'}, optimal.npz, optimal.csv and optimal.svg."
+        )
+        return 1 if lost else 0
+
+    def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:
+        """Contestants beside the bounds of a mission on an orbit: print and write their table."""
+        from rans.evaluation.compare.transfers import contestants_of, judged
+
+        if self.start or self.goal:
+            raise ConfigError(f"--start and --goal are not for {self.task}, whose goal is fixed.")
+        deadline = task.deadline[1] if self.horizon is None else self.horizon
+        folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
+        makers = contestants_of(craft, self.agents)
+        table = self._with_progress(
+            "bounds",
+            lambda step: judged(
+                craft, task, makers, deadline, self.seed, self.episodes, progress=step
+            ),
+        )
+        Terminal().show(
+            f"{self.task} with {craft.name} by {deadline:g} s, {self.episodes} starts",
+            table.columns,
+            table.cells(),
+            caption="Impulse over the proven bound of the same start and deadline, of those who won.",
+        )
+        write_json(folder / "optimal.json", table.to_json())
+        lost = int((~np.isfinite(table.upper)).sum())
+        Terminal().say(
+            f"{self.episodes - lost} of {self.episodes} solved and flown in both engines. Written to "
+            f"{folder / 'optimal.json'}."
         )
         return 1 if lost else 0
 

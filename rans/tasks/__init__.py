@@ -18,8 +18,10 @@ from rans.tasks.dock_port import DockPort
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.hold import Hold
 from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
+from rans.tasks.rendezvous import Rendezvous
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
@@ -91,6 +93,8 @@ TASKS = Registry(
         "avoid": "rans.tasks:Avoid",
         "dock-port": "rans.tasks:DockPort",
         "dock": "rans.tasks:Dock",
+        "hold": "rans.tasks:Hold",
+        "rendezvous": "rans.tasks:Rendezvous",
         "land": "rans.tasks:Land",
     },
     _checked,
@@ -154,7 +158,9 @@ __all__ = [
     "GoToPosePriced",
     "GoToPosition",
     "Land",
+    "Hold",
     "MultiTask",
+    "Rendezvous",
     "SingleTask",
     "Task",
     "TrackTwist",

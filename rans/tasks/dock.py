@@ -10,7 +10,6 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, Vector, cos, sin
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.tasks.observation_terms import Dimension
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Shape, SpeedLimit
 
@@ -52,7 +51,6 @@ class Dock(OrbitalMission):
     violation_weight: float = 1.0
 
     flag = 5
-    dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "afrl-deputy"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, looks=10)
 

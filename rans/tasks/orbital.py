@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, ClassVar
 
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift, velocity_to_reach
@@ -15,6 +15,7 @@ from rans.model.fields import Field, Vector, absolute, at_least, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import (
+    Dimension,
     Information,
     InformationInW,
     ObservationTerm,
@@ -78,6 +79,9 @@ class OrbitalMission(SingleTask):
     """Reward lost per step and open thruster: impulse is priced instead."""
 
     symmetric = False
+    dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
+    brakes: ClassVar[bool] = False
+    """Whether plans and rewards count the braking at the arrival too, and guidance brakes."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,7 +114,7 @@ class OrbitalMission(SingleTask):
         """Velocity that an arrival after this time costs, m/s; more where the coast to it is beyond a limit."""
         gain = self.velocity_to_gain(start, goal, time)
         begun = start.v + gain
-        price = _sum_of_sizes(gain)
+        price = self._price(start, goal, time, gain)
         for share in (0.0, 1 / 3, 2 / 3, 1.0):
             p, v = self.drift.carry(start.p, begun, at_least(time, self.shortest_aim) * share)
             for limit in self.limits(goal).values():
@@ -195,8 +199,16 @@ class OrbitalMission(SingleTask):
 
     def _counted(self, state: State, goal: State, left: Field) -> Field:
         """Velocity to gain as rewards count it, m/s."""
-        gain = _sum_of_sizes(self.velocity_to_gain(state, goal, left))
+        gain = self._price(state, goal, left, self.velocity_to_gain(state, goal, left))
         return where(gain < self.most_gain, gain, self.most_gain)
+
+    def _price(self, state: Any, goal: Any, left: Field, gain: Any) -> Field:
+        """Velocity that gaining this now costs, m/s, with that of arrival where it must be braked."""
+        price = _sum_of_sizes(gain)
+        if not self.brakes:
+            return price
+        time = at_least(left, self.shortest_aim)
+        return price + _sum_of_sizes(self.drift.carry(state.p, state.v + gain, time)[1] - goal.v)
 
     def done(self, state: State, goal: State) -> Field:
         """Within every tolerance, and no later than the deadline."""

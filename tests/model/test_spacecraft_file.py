@@ -62,6 +62,7 @@ def edited(old: str, new: str) -> str:
 def test_shipped_spacecraft_are_found() -> None:
     assert spacecraft_names() == [
         "afrl-deputy",
+        "arpod-chaser",
         "atmos",
         "floating-platform",
         "floating-platform-air-tank",
@@ -69,6 +70,7 @@ def test_shipped_spacecraft_are_found() -> None:
         "free-flyer",
         "free-flyer-shared",
         "mars-lander-steered",
+        "vbar-chaser",
     ]
 
 

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.lqr import LQR
 from rans.optimal.convex.rendezvous import Answer, Meeting, rendezvous
 from rans.progress import Progress
 from rans.reference.flight import fly_in_drake
@@ -65,9 +68,68 @@ class Table:
     """(N,) N s, of flights that keep the limits, replayed in both engines; infinite where none was found."""
     rows: tuple[Row, ...]
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Heads of `cells`."""
+        return ("", "won", "limit broken", "over the bound", "worst", "impulse")
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """One row a contestant, as text."""
+        rows = []
+        for row in self.rows:
+            ratios = self.ratios(row)
+            known = len(ratios) > 0
+            rows.append(
+                (
+                    row.name,
+                    f"{100.0 * row.docked.mean():.1f} %",
+                    f"{100.0 * row.violated.mean():.1f} %",
+                    f"{ratios.mean():.3f}" if known else "-",
+                    f"{ratios.max():.3f}" if known else "-",
+                    f"{row.impulse[row.docked].mean():.3g} N s" if known else "-",
+                )
+            )
+        return rows
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, start by start."""
+        return {
+            "deadline": self.deadline,
+            "lower": self.lower.tolist(),
+            "upper": [x if np.isfinite(x) else None for x in self.upper.tolist()],
+            "rows": [
+                {
+                    "name": row.name,
+                    "won": row.docked.tolist(),
+                    "violated": row.violated.tolist(),
+                    "impulse": row.impulse.tolist(),
+                }
+                for row in self.rows
+            ],
+        }
+
     def ratios(self, row: Row) -> np.ndarray:
         """Impulse over the lower bound of its own start, of those who docked."""
         return (row.impulse / self.lower)[row.docked]
+
+
+def contestants_of(
+    craft: Spacecraft, agents: Sequence[str] = ()
+) -> dict[str, Callable[[OrbitalMission], Controller]]:
+    """Guidance to the planned arrival and to the deadline, LQR, and agents by their run folders' names."""
+
+    def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
+        agent = contestant(spec).controller
+        return lambda task: agent
+
+    return {
+        **{spec: flown_by(spec) for spec in agents},
+        "guidance": lambda task: VelocityToGain(craft, task, task.timing),
+        "guidance to the deadline": lambda task: VelocityToGain(
+            craft, task, task.timing, deadline=task.deadline[1]
+        ),
+        "LQR": lambda task: LQR(craft, task, task.timing),
+    }
 
 
 def judged(

@@ -57,7 +57,8 @@ class VelocityToGain(ModelBased):
         deadline: time of arrival after `reset`, s; None: what the task has planned
             (`rans.tasks.base.Task.arrival`), or 0.4 of the episode.
         stop: whether to arrive at the goal's velocity; without, there is no second burn. None: unless the
-            task is a mission that is over once it is won (`rans.tasks.base.Task.done`).
+            task is a mission that is over once it is won (`rans.tasks.base.Task.done`) and asks for no braking
+            (`rans.tasks.orbital.OrbitalMission.brakes`).
         deadband: when to leave all thrusters shut.
 
     Raises:
@@ -92,7 +93,8 @@ class VelocityToGain(ModelBased):
         if not (is_finite(deadline) and deadline > 0):
             raise ConfigError(f"guidance: deadline must be finite and > 0 s, got {deadline!r}.")
         self._deadline = max(1, round(deadline / period))
-        self._stop = type(self._task).done is Task.done if stop is None else stop
+        lasts = type(self._task).done is Task.done
+        self._stop = (lasts or getattr(self._task, "brakes", False)) if stop is None else stop
         self._deadband = checked("deadband", deadband, Deadband)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._allocation = Allocation(craft)

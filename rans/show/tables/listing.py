@@ -110,9 +110,21 @@ def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
     return Listing(
         f"Reward of a step{f' of {name}' if name else ''}, the sum of",
         ("term", "value"),
-        [*reward_formulas(task, dimension).items()] or [_UNREAD],
+        [(name, _readable(text, task)) for name, text in reward_formulas(task, dimension).items()]
+        or [_UNREAD],
         f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
     )
+
+
+_LONGEST = 1000
+"""Characters of a formula that anybody reads."""
+
+
+def _readable(formula: str, task: Task) -> str:
+    """A formula, or where to read what it says if it is too long."""
+    if len(formula) <= _LONGEST:
+        return formula
+    return f"{len(formula):,} characters long: see the docstring of {type(task).__name__}"
 
 
 _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")

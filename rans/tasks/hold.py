@@ -1,0 +1,67 @@
+"""Approach a hold point behind a target on a circular orbit from any side, around a keep-out ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from rans.model.dynamics import State
+from rans.model.random import Random
+from rans.model.timing import Timing
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Ball, Shape
+
+
+@dataclass(frozen=True)
+class Hold(OrbitalMission):
+    """Reach a hold point behind a target on a circular orbit, from any side, and stay out of a keep-out ball.
+
+    >>> rans.load_task("hold").hold_distance
+    100.0
+
+    Goal: at rest 100 m behind the target, on its orbit. Won: within 5 m at 0.05 m/s or less, at any look. Limit:
+    never nearer to the target than 50 m, at every look.
+
+    Start: at rest in the target's Hill frame, 150 to 300 m from the target in a uniform direction, and no nearer
+    to the goal than the goal is to the ball.
+
+    Numbers: hold point, keep-out ball and tolerances of the approach benchmark V-BAR (2026), with its craft
+    `vbar-chaser` at 500 km. Its range of starts is ours.
+    """
+
+    mean_motion: float = 0.0011068
+    """n of an orbit 500 km above the Earth (mu = 3.986004e14 m^3/s^2, radius 6,378.137 km), rad/s."""
+    spawn_distance: tuple[float, float] = (150.0, 300.0)
+    """Range of the start's distance from the target, m."""
+    hold_distance: float = 100.0
+    """Distance of the hold point behind the target, m."""
+    keep_out: float = 50.0
+    """Radius of the keep-out ball around the target, m."""
+    position_tolerance: float = 5.0
+    """Distance from the hold point that counts as there, m."""
+    velocity_tolerance: float = 0.05
+    """Speed that counts as held, m/s."""
+    done_weight: float = 1.0
+    violation_weight: float = 1.0
+    impulse_weight: float = 0.002
+    """Reward lost per newton-second of the thrusters."""
+    gain_weight: float = 1.0
+    """Reward for each m/s by which the velocity to gain falls: by default the price of 1 m/s for 500 kg."""
+
+    flag = 9
+    brakes: ClassVar[bool] = True
+    spacecraft: ClassVar[str | None] = "vbar-chaser"
+    timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, looks=10)
+
+    def limits(self, goal: State) -> dict[str, Shape]:
+        """The keep-out ball around the target, at the origin."""
+        origin = goal.p.scale(0.0)
+        return {"keep-out": Ball(origin, origin, self.keep_out)}
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start around the target, goal behind it, a deadline and a plan."""
+        place = random.direction().scale(random.uniform(*self.spawn_distance))
+        rest = random.at_rest(random.origin(), random.no_rotation())
+        behind = replace(rest.p, y=-self.hold_distance)
+        start = replace(rest, p=place)
+        return start, self.planned(random, start, replace(rest, p=behind))

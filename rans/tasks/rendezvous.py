@@ -1,0 +1,83 @@
+"""Rendezvous and dock in geostationary orbit, from 1 km, inside a line-of-sight cone near the target."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from rans.model.dynamics import State
+from rans.model.random import Random
+from rans.model.timing import Timing
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Cone, Shape
+
+
+@dataclass(frozen=True)
+class Rendezvous(OrbitalMission):
+    """Rendezvous with a target in geostationary orbit, and dock inside its line-of-sight cone.
+
+    >>> rans.load_task("rendezvous").cone_length
+    100.0
+
+    Goal: the origin of W, the target's Hill frame. Won: within 1 m at 0.05 m/s or less, at any look. Limit: nearer
+    than 100 m the craft stays inside a cone of 30 degrees half angle that opens towards -x, at every look.
+
+    Start: at rest in the Hill frame, 0.4 to 1 km away along the cone's axis, within 25 degrees of it.
+
+    Numbers: phases 2 and 3 of the benchmark of C. Jewison and R. S. Erwin, "A spacecraft benchmark problem for
+    hybrid control and estimation", IEEE Conference on Decision and Control, 2016, as coded in ARPOD_Benchmark.m
+    of EASEL-UCI: a = 42,164 km, chaser 500 kg with 10 N an axis, phases end at 1 km and 100 m, a line of sight of
+    60 degrees along -x, 5 cm/s. The benchmark's cone is a pyramid, ours the round cone within it; contact at 1 m
+    is ours.
+    """
+
+    mean_motion: float = 7.2922e-5
+    """n of a geostationary orbit, rad/s."""
+    deadline: tuple[float, float] = (4000.0, 10000.0)
+    """Range of the time that an episode has, s."""
+    spawn_distance: tuple[float, float] = (400.0, 1000.0)
+    """Range of the start's distance from the target along the cone's axis, m."""
+    cone_length: float = 100.0
+    """Distance from the target within which the cone counts, m."""
+    cone_degrees: float = 30.0
+    """Half angle of the cone, degrees."""
+    spawn_degrees: float = 25.0
+    """Angle from the cone's axis within which episodes start, degrees."""
+    position_tolerance: float = 1.0
+    """Distance from the target that counts as contact, m."""
+    velocity_tolerance: float = 0.05
+    """Speed at which contact is docking, m/s."""
+    shortest_aim: float = 50.0
+    """The velocity to gain is at least for so long a time, s: a control period."""
+    fail_distance: float = 5000.0
+    """An episode fails farther than this from the target, m."""
+    done_weight: float = 1.0
+    violation_weight: float = 1.0
+    impulse_weight: float = 0.002
+    """Reward lost per newton-second of the thrusters."""
+    gain_weight: float = 1.0
+    """Reward for each m/s by which the velocity to gain falls: by default the price of 1 m/s for 500 kg."""
+
+    flag = 10
+    brakes: ClassVar[bool] = True
+    spacecraft: ClassVar[str | None] = "arpod-chaser"
+    timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, looks=10)
+
+    def limits(self, goal: State) -> dict[str, Shape]:
+        """The line-of-sight cone, whose apex is a contact's distance behind the target."""
+        axis = replace(goal.p.scale(0.0), x=-1.0)
+        depth = self.position_tolerance / math.sin(math.radians(self.cone_degrees))
+        apex = goal.p - axis.scale(depth)
+        return {"cone": Cone(apex, axis, math.radians(self.cone_degrees), self.cone_length)}
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start within the cone's directions, target at the origin, a deadline and a plan."""
+        distance = random.uniform(*self.spawn_distance)
+        rest = random.at_rest(random.origin(), random.no_rotation())
+        # Across the axis at most as far as the angle allows.
+        widest = math.tan(math.radians(self.spawn_degrees))
+        across = random.direction().scale(distance * random.uniform(0.0, widest))
+        place = replace(across, x=distance * -1.0)
+        start = replace(rest, p=place)
+        return start, self.planned(random, start, rest)
