@@ -153,7 +153,7 @@ class Agent:
             observation: (width,) or (N, width), of NumPy or torch.
             state: memory that the step before gave; None where all episodes begin.
             episode_start: (N,) bool, where an episode begins; None: nowhere.
-            deterministic: whether to take the likeliest action instead of a sample.
+            deterministic: whether to take the most probable action instead of a sample.
 
         Raises:
             ConfigError: the observation has another width, or this is a controller that decides from the
