@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -333,9 +334,23 @@ def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
         )
 
 
+def _takes(value: Any, method: str, arguments: int) -> bool:
+    """Whether a value has a method that may be called with so many arguments."""
+    function = getattr(value, method, None)
+    if not callable(function):
+        return False
+    try:
+        inspect.signature(function).bind(*range(arguments))
+    except TypeError:
+        return False
+    except ValueError:  # written in C, without a signature
+        return True
+    return True
+
+
 def _check_controller(controller: Controller, craft: Spacecraft) -> None:
     """Refuse (`ConfigError`) what is no controller, or is one for other spacecraft."""
-    if not all(callable(getattr(controller, need, None)) for need in ("reset", "act")):
+    if not (_takes(controller, "reset", 1) and _takes(controller, "act", 3)):
         raise ConfigError(
             "a controller has the methods reset and act, see rans.Controller, such as "
             f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}."
