@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -18,8 +18,8 @@ from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import Task, load_task
 
 if TYPE_CHECKING:
-    from rans.api.trajectory import OptimalTrajectory
-    from rans.evaluation.compare.bounds import Bound, Kind
+    from rans.api.trajectory import CertifiedBound, OptimalTrajectory
+    from rans.evaluation.compare.bounds import Kind
     from rans.optimal.trajectory.objectives import ObjectiveName
 
 StateLike = int | State
@@ -91,7 +91,10 @@ def optimal_trajectory(
     ending: Literal["exact", "set"] = "exact",
     control_period: float = 0.2,
     intervals: int = 50,
-    guesses: int = 1,
+    guesses: int | None = None,
+    most_speed: float | None = None,
+    most_spin: float | None = None,
+    keep_out: Sequence[Sequence[float]] = (),
 ) -> OptimalTrajectory:
     """The best trajectory from one start, with thrust between 0 and 1, flown in Drake.
 
@@ -113,20 +116,31 @@ def optimal_trajectory(
         ending: exactly, or within the task's tolerances.
         control_period: s.
         intervals: control periods of a least time.
-        guesses: motions to start the optimiser from; the best outcome counts.
+        guesses: motions to start the optimiser from; the best outcome counts. None: 1, and of tasks that leave
+            the attitude free, or with balls to keep out of, 3, in space 5.
+        most_speed: largest speed on the way, m/s.
+        most_spin: largest angular speed on the way, rad/s.
+        keep_out: balls that the centre of mass stays out of: the coordinates of the centre in W, then the
+            radius, m.
 
     Raises:
         ConfigError: one of these does not exist, or they do not go together.
     """
     from rans.api.trajectory import OptimalTrajectory
     from rans.evaluation.compare.optima import optima
+    from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import objective_of
+    from rans.optimal.trajectory.transcription import usual_guesses
 
     judged = load_task(task).for_evaluation()
     craft = load_spacecraft(spacecraft)
     wanted = objective_of(objective, horizon, control_period, ending, intervals)
     one = _scenario(judged, craft, seed, start, goal)
-    (found,) = optima(craft, judged, wanted, one, whole("guesses", guesses), workers=1)
+    balls = tuple(tuple(_numbers("ball to keep out of", ball)) for ball in keep_out)
+    limits = PathLimits(most_speed, most_spin, balls) if most_speed or most_spin or balls else None
+    usual = max(usual_guesses(craft, judged), 3 if balls else 1)
+    tried = usual if guesses is None else whole("guesses", guesses)
+    (found,) = optima(craft, judged, wanted, one, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start
     return OptimalTrajectory(
         number, found.trajectory, found.replay_error, found.errors, found.flight
@@ -144,8 +158,8 @@ def certify(
     seed: int = EVALUATION_SEED,
     control_period: float = 0.2,
     seconds: float = 20.0,
-) -> Bound:
-    """What no on/off controller can beat from one start: a proof, and the best that was found.
+) -> CertifiedBound:
+    """What no on/off controller can beat from one start: a proof, and the best commands that were found.
 
     >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
     >>> found.lower, found.upper  # s: nothing is faster than 5.5, and something is as fast
@@ -165,6 +179,7 @@ def certify(
     Raises:
         ConfigError: one of these does not exist, or no bound is known of such an event.
     """
+    from rans.api.trajectory import CertifiedBound
     from rans.evaluation.compare.bounds import Event, Kind, bound, question
     from rans.optimal.certificate.certificate import Effort
     from rans.scenario import each
@@ -172,10 +187,15 @@ def certify(
     one_of("kind", kind, get_args(Kind))
     judged = load_task(task).for_evaluation()
     craft = load_spacecraft(spacecraft)
-    (one,) = each(_scenario(judged, craft, seed, start, goal))
+    scenario = _scenario(judged, craft, seed, start, goal)
+    (one,) = each(scenario)
     event = Event(kind, horizon)
     number = _OWN if isinstance(start, State) else start
-    return bound(number, question(craft, judged, control_period, event, Effort(seconds), one))
+    found = bound(number, question(craft, judged, control_period, event, Effort(seconds), one))
+    known = {key.name: getattr(found, key.name) for key in fields(found)}
+    return CertifiedBound(
+        **known, craft=craft, task=judged, scenario=scenario, control_period=control_period
+    )
 
 
 _OWN = -1
@@ -206,5 +226,5 @@ def _placed(what: str, given: object, like: State) -> State:
             f"got {brief(given)}."
         )
     placed = replace(given, notes=(), stores=())
-    fields = map_leaves(lambda x: np.full(1, float(x)), placed)
-    return replace(fields, notes=like.notes, stores=like.stores)
+    batch = map_leaves(lambda x: np.full(1, float(x)), placed)
+    return replace(batch, notes=like.notes, stores=like.stores)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.errors import ConfigError, checked, one_of, whole
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft, to_toml
-from rans.randomization.conditions_file import load_conditions
+from rans.randomization.conditions_file import conditions_label, load_conditions
 from rans.tasks import Task, load_task, registered_name
 
 if TYPE_CHECKING:
@@ -226,6 +227,8 @@ def tune(
     candidates: int = 300,
     starts: int = 256,
     price: float = 0.01,
+    seconds: float = math.inf,
+    conditions: ConditionsLike | None = None,
     output: str | Path | None = None,
 ) -> Tuned:
     """Search the settings of a controller that needs no training: at random, then near the best.
@@ -243,6 +246,9 @@ def tune(
         starts: starts of each, of a seed that no report uses.
         price: of thrust, s per N s: the cost is the mean of settling time and time to rest in the goal set,
             and the impulse at this price.
+        seconds: processor time after which no further candidate is flown: the same for every controller is an
+            equal budget.
+        conditions: domain randomization, disturbances, faults and sensors to tune in; None: none.
         output: file to write the settings to (.json); None: under runs/controllers, where every command looks
             for them, unless the ones there were found on more starts or cost less.
 
@@ -259,14 +265,21 @@ def tune(
     ranges(controller)
     craft = load_spacecraft(spacecraft)
     wanted = load_task(task)
-    setup = Setup(craft, wanted.for_evaluation(), wanted.timing)
-    file = Path(output) if output is not None else OWN / file_name(controller, craft, wanted)
+    drawn = None if conditions is None else load_conditions(conditions).or_none
+    label = ""
+    if drawn is not None:
+        name = conditions if isinstance(conditions, str) else "own.toml"
+        label = conditions_label(name, drawn)
+    setup = Setup(craft, wanted.for_evaluation(), wanted.timing, drawn)
+    file = Path(output) if output is not None else OWN / file_name(controller, craft, wanted, label)
     ready_folder(file.parent)
     known = None if output is not None else tuned(controller, setup)
     count = whole("candidates", candidates)
     with watched() as stage:
         step = stage(f"tuning {controller}", count)
-        found = search(controller, setup, count, whole("starts", starts), price, "rans.tune", step)
+        found = search(
+            controller, setup, count, whole("starts", starts), price, "rans.tune", step, seconds
+        )
     if known is None or not known.outlasts(found):
         found.write(file)
     return found

@@ -1,34 +1,101 @@
-"""An optimal trajectory as arrays, a figure, a table, and a flight."""
+"""Optimal trajectories and certified on/off commands as arrays, figures, tables and flights."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.errors import ConfigError, one_of
-from rans.evaluation.compare.optima import Optimum
+from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.optima import Optimum, episode
 from rans.files import write_text
 from rans.flight import Flight, fly
 from rans.model.fields import leaves, map_leaves
-from rans.scenario import Scenario
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.transcription import Trajectory
+from rans.scenario import Scenario, each
+from rans.tasks.base import Task
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rans.api.pages import Replay
     from rans.evaluation.fly.episodes import EngineName
 
 _COLUMNS = {2: "x y heading v_x v_y w", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Names of a state's numbers, by the dimension."""
 
 
-class OptimalTrajectory(Optimum):
+class ControlHistory(ABC):
+    """Commands from one start, each held for a control period: arrays, a figure, a table, and flights."""
+
+    @property
+    @abstractmethod
+    def u(self) -> np.ndarray:
+        """(T, thrusters) commands."""
+
+    @property
+    @abstractmethod
+    def x(self) -> np.ndarray:
+        """(T + 1, k) states: position (m), heading (rad) or quaternion, velocity (m/s), spin (rad/s)."""
+
+    @property
+    @abstractmethod
+    def t(self) -> np.ndarray:
+        """(T + 1,) times, s."""
+
+    @abstractmethod
+    def replay(self, engine: EngineName = "drake") -> Flight:
+        """The commands flown from the same start, in Drake or by our equations.
+
+        Raises:
+            ConfigError: there is no such engine, or there are no commands.
+        """
+
+    def plot(self) -> Figure:
+        """A figure of path, errors and commands; `ConfigError` where nothing was found."""
+        from rans.show.figures.figures import episode_figure
+
+        return episode_figure(self.replay("drake"))
+
+    def view(self) -> Replay:
+        """A page that replays the commands in three dimensions, flown by Drake; see `rans.view`.
+
+        Raises:
+            ConfigError: there are no commands.
+        """
+        from rans.api.pages import Replay, title_of
+
+        flights = [self.replay("drake")]
+        return Replay(flights, title_of(flights, None))
+
+    def to_csv(self, file: str | Path) -> Path:
+        """Write a row for each instant: time, state and the command that is held from then on.
+
+        Raises:
+            ConfigError: the disk refused.
+        """
+        names = _COLUMNS[2 if self.x.shape[1] < len(_COLUMNS[3].split()) else 3].split()
+        names += [f"x_{k}" for k in range(len(names), self.x.shape[1])]
+        header = ["t", *names, *(f"u_{k}" for k in range(self.u.shape[1]))]
+        commands = np.vstack([self.u, np.zeros(self.u.shape[1])])
+        rows = np.column_stack([self.t, self.x, commands])
+        lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+        write_text(Path(file), "\n".join(lines) + "\n")
+        return Path(file)
+
+
+class OptimalTrajectory(Optimum, ControlHistory):
     """A trajectory that the optimiser found, with thrust between 0 and 1, flown in Drake.
 
     >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
-    >>> found.t.shape, found.x.shape, found.u.shape
-    ((21,), (21, 6), (20, 8))
+    >>> found.t.shape, found.x.shape, found.u.shape, found.multipliers.shape
+    ((21,), (21, 6), (20, 8), (20, 6))
     """
 
     @property
@@ -51,26 +118,16 @@ class OptimalTrajectory(Optimum):
         """How it ended, in words."""
         return self.sentence
 
-    def plot(self) -> Figure:
-        """A figure of path, errors and commands; `ConfigError` where nothing was found."""
-        from rans.show.figures.figures import episode_figure
+    @property
+    def multipliers(self) -> np.ndarray:
+        """(T, k) costates: how much the cost falls with a unit more of the state after each period.
 
-        return episode_figure(self.replay("drake"))
-
-    def to_csv(self, file: str | Path) -> Path:
-        """Write a row for each instant: time, state and the command that is held from then on.
-
-        Raises:
-            ConfigError: the disk refused.
+        See `rans.optimal.trajectory.transcription.Optimality`, which also has the residuals of the optimality
+        conditions; `ConfigError` where nothing was found.
         """
-        names = _COLUMNS[2 if self.x.shape[1] < len(_COLUMNS[3].split()) else 3].split()
-        names += [f"x_{k}" for k in range(len(names), self.x.shape[1])]
-        header = ["t", *names, *(f"u_{k}" for k in range(self.u.shape[1]))]
-        commands = np.vstack([self.u, np.zeros(self.u.shape[1])])
-        rows = np.column_stack([self.t, self.x, commands])
-        lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
-        write_text(Path(file), "\n".join(lines) + "\n")
-        return Path(file)
+        if self.trajectory.optimality is None:
+            raise ConfigError(f"there are no multipliers: {self.sentence}.")
+        return self.trajectory.optimality.costates
 
     def replay(self, engine: EngineName = "drake") -> Flight:
         """The commands flown from the same start, in Drake or by our equations.
@@ -86,13 +143,70 @@ class OptimalTrajectory(Optimum):
             return flight
         first = map_leaves(lambda x: x[0], flight.states)
         goal = map_leaves(lambda x: x[0] if np.ndim(x) == 2 else x, flight.goals)
-        return fly(
-            flight.craft,
-            flight.task,
-            _OpenLoop(flight.controller, flight.commands),
-            Scenario(first, goal),
-            flight.timing,
+        commands = _OpenLoop(flight.controller, flight.commands)
+        return fly(flight.craft, flight.task, commands, Scenario(first, goal), flight.timing)
+
+
+@dataclass(frozen=True, repr=False)
+class CertifiedBound(Bound, ControlHistory):
+    """What no on/off controller beats from one start, and the best on/off commands that were found.
+
+    >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
+    >>> found.lower, found.upper, found.u.shape
+    (5.5, 5.5, (11, 8))
+    """
+
+    craft: Spacecraft | None = None
+    """What flies."""
+    task: Task | None = None
+    """What it is to do."""
+    scenario: Scenario | None = None
+    """Start and goal, fields of arrays (1,)."""
+    control_period: float = 0.2
+    """For which commands are held, s."""
+
+    @property
+    def u(self) -> np.ndarray:
+        """(T, thrusters) zeros and ones; `ConfigError` where none were found."""
+        if self.commands is None:
+            raise ConfigError(
+                "no on/off commands were found from this start: there is a bound only; more seconds may "
+                "find some, and none are needed where the start is in the goal set."
+            )
+        return np.array(self.commands, dtype=float)
+
+    @property
+    def t(self) -> np.ndarray:
+        """(T + 1,) times, s."""
+        return np.arange(len(self.u) + 1) * self.control_period
+
+    @property
+    def x(self) -> np.ndarray:
+        """(T + 1, k) states, as the engines' equations fly the commands; see `ControlHistory.x`."""
+        states = self.replay("fast").states
+        return np.stack([np.asarray(one)[:, 0] for one in leaves(states)], axis=-1)
+
+    def replay(self, engine: EngineName = "drake") -> Flight:
+        """The commands flown from the same start, in Drake or by our equations.
+
+        Raises:
+            ConfigError: there is no such engine, or no commands were found.
+        """
+        one_of("engine", engine, ("fast", "drake"))
+        assert self.craft is not None
+        assert self.task is not None
+        assert self.scenario is not None
+        commands = self.u
+        label = f"certified {self.event.text}"
+        timing = Timing(control_period=self.control_period, episode_steps=len(commands))
+        if engine == "fast":
+            open_loop = _OpenLoop(label, commands[:, None])
+            return fly(self.craft, self.task, open_loop, self.scenario, timing)
+        (one,) = each(self.scenario)
+        path = Trajectory(
+            label, "", True, self.upper, None, commands, self.control_period, 0, self.seconds
         )
+        return episode(self.craft, self.task, timing, one, path)
 
 
 class _OpenLoop:

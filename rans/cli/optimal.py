@@ -71,6 +71,9 @@ class Optimal:
     """Largest angular speed on the way, rad/s."""
     keep_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R ...")] = ()
     """Balls that the centre of mass stays out of: centre and radius, m; in space x,y,z,r."""
+    refine: int = 0
+    """How often the problem is solved again with the control period halved; prints cost, estimated error and
+    defect of every mesh."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     guesses: int | None = None
@@ -90,6 +93,8 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
+        from rans.evaluation.compare.refinement import Mesh, refined_objectives, to_json
+        from rans.evaluation.compare.refinement import table as refinement_table
         from rans.optimal.trajectory.allocation import check_attitude
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -107,6 +112,16 @@ class Optimal:
         objective = objective_of(
             self.objective, self.horizon, self.control_period, self.ending, self.intervals
         )
+        finer = []
+        if self.refine:
+            finer = refined_objectives(
+                self.objective,
+                self.refine,
+                self.horizon,
+                self.control_period,
+                self.ending,
+                self.intervals,
+            )[1:]
         starts = self._starts(task, craft)
         limits = self._limits()
         usual = max(usual_guesses(craft, task), 3 if self.keep_out else 1)
@@ -138,12 +153,27 @@ class Optimal:
             "limits": None if limits is None else asdict(limits),
         }
         write_text(folder / "optimal.svg", svg(optimal_figure(answers)))
-        write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
+        write(
+            folder, about, answers, craft, starts
+        )  # bounds can take long: an interrupt must not lose these
+        if finer:
+            meshes = [Mesh.of(answers)]
+            for number, mesh in enumerate(finer, 1):
+                found = self._with_progress(
+                    f"control period / {2**number}",
+                    lambda step, mesh=mesh: optima(
+                        craft, task, mesh, starts, guesses, self.workers, step, limits=limits
+                    ),
+                )
+                meshes.append(Mesh.of(found))
+            Terminal().print(refinement_table(objective.measure, meshes))
+            about["meshes"] = to_json(meshes)
+            write(folder, about, answers, craft, starts)
         if self.certify:
             about["bounds"] = [
                 asdict(b) for b in self._bounds(craft, task, objective, starts, answers)
             ]
-            write(folder, about, answers)
+            write(folder, about, answers, craft, starts)
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "

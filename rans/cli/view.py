@@ -12,6 +12,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
+from rans.registry import trust_files
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
 
@@ -29,7 +30,8 @@ class View:
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d; after the first,
-    also controllers by name, such as lqr, for its task and spacecraft."""
+    also controllers by name, such as lqr, for its task and spacecraft. Folders of `rans optimal` show their
+    trajectories, in Drake."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
     your own TOML file; by default those that they were trained in."""
@@ -70,8 +72,11 @@ class View:
             from rans.show.scene.video import check_video
 
             check_video(self.video)
-        runs = flyers(self.contestants, self.conditions, self.trust)
+        folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
+        others = tuple(one for one in self.contestants if one not in folders)
+        runs = flyers(others, self.conditions, self.trust)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
+        flights += [flight for one in folders for flight in self._optima(Path(one))]
         if self.frames is not None:
             from rans.show.scene.frames import save_frames
 
@@ -82,6 +87,22 @@ class View:
         if self.save is not None or self.frames is self.video is None:
             self._show(flights)
         return 0
+
+    def _optima(self, folder: Path) -> list[Flight]:
+        """The trajectories of the starts that are asked for."""
+        from rans.evaluation.compare.optima import flights
+
+        if self.trust:
+            trust_files()
+        last = self.episode + self.episodes
+        every = flights(folder)
+        found = [flight for start, flight in every if self.episode <= start < last]
+        if not found:
+            known = ", ".join(str(start) for start, _ in every) or "none"
+            raise ConfigError(
+                f"{folder} has no trajectory of start {self.episode}; it has those of: {known}."
+            )
+        return found
 
     def _show(self, flights: list[Flight]) -> None:
         from rans.api.pages import title_of

@@ -50,6 +50,25 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
     )
 
 
+def test_optimal_trajectories_are_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder of `rans optimal`: Drake flies its commands from its starts again."""
+    asked = ["go-to-pose", "--episodes", "2", "--control-period", "1", "--output", "best"]
+    assert main(["optimal", *asked, "--workers", "1", "--refine", "1"]) == 0
+    assert "defect" in capsys.readouterr().out
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    assert main(["view", "lqr:go-to-pose-2d", "best", "--episode", "1"]) == 0
+    assert [flight.engine for flight in shown] == ["fast", "drake"]
+    task = GoToPose().for_evaluation()
+    start = scenario(task, 2, 2023, 1).start
+    for flight in shown:
+        assert [float(x.flat[0]) for x in leaves(flight.states)] == pytest.approx(leaves(start))
+    assert main(["view", "best", "--episode", "7"]) == 2
+    assert "it has those of: 0, 1" in capsys.readouterr().err
+
+
 def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside the first, a controller by its name flies the same craft from the same start."""
     shown: list[Any] = []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,13 +14,15 @@ import numpy as np
 from rich.table import Table
 
 from rans import terminal
+from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import save_arrays
 from rans.evaluation.measure.metrics import DISPLAY
-from rans.files import environment, write_json, write_text
+from rans.files import environment, first_line, write_json, write_text
 from rans.flight import Flight
 from rans.model.actuators import Pulsed, Throttle
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.trajectory.arrival import moves_goal
 from rans.optimal.trajectory.endpoints import NAMES
@@ -29,6 +33,8 @@ from rans.optimal.trajectory.transcription import Trajectory
 from rans.progress import Progress, unseen
 from rans.reference.flight import replay
 from rans.scenario import Scenario, each
+from rans.scenario import scenario as example
+from rans.tasks import TASKS
 from rans.tasks.base import Task
 
 REPLAY_BOUND = 1e-3
@@ -218,12 +224,20 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
     return result
 
 
-def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> None:
+def write(
+    folder: Path,
+    about: dict[str, Any],
+    answers: Sequence[Optimum],
+    craft: Spacecraft,
+    starts: Scenario,
+) -> None:
     """Write optimal.json, the answers, and the trajectories as optimal.npz and optimal.csv.
 
     The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
     (N, T, thrusters), ``control_period`` (N,), ``costates`` (N, T, leaves) and ``command_multipliers`` (N, T,
     thrusters), see `rans.optimal.trajectory.transcription.Optimality`; NaN where a problem was not solved.
+    ``starts`` and ``goals`` (N, fields) are the scenarios, with all that the task keeps in them. spacecraft.toml
+    is what flew.
     optimal.csv has a row for every instant of the trajectories that were solved, with the commands of the
     period that begins there, empty at the last one.
 
@@ -241,13 +255,56 @@ def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> No
             "costates": np.stack([_multipliers(p)[0] for p in paths]),
             "command_multipliers": np.stack([_multipliers(p)[1] for p in paths]),
             "leaves": np.array(_names(paths[0].states)),
+            "starts": np.stack(leaves(starts.start), axis=-1),
+            "goals": np.stack(leaves(starts.goal), axis=-1),
         },
     )
+    write_text(folder / "spacecraft.toml", to_toml(craft))
     write_text(folder / "optimal.csv", _csv(answers))
     write_json(
         folder / "optimal.json",
         {**about, "environment": environment(), "starts": [answer.to_json() for answer in answers]},
     )
+
+
+def flights(folder: Path) -> list[tuple[int, Flight]]:
+    """The trajectories that `write` wrote, flown again by Drake, each with the number of its start.
+
+    Those without a solution are left out.
+
+    Raises:
+        ConfigError: the folder has no such files, or one of them is damaged; or it names the module of a task,
+            which only files of authors that a user trusts may.
+    """
+    try:
+        about = json.loads((folder / "optimal.json").read_text())
+        with np.load(folder / "optimal.npz", allow_pickle=False) as file:
+            arrays = {
+                name: file[name] for name in ("commands", "control_period", "starts", "goals")
+            }
+        name = about["task"]
+        objective = str(about["objective"])
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise ConfigError(
+            f"{folder} is no folder of rans optimal with trajectories that can be flown: {first_line(error)}."
+        ) from error
+    TASKS.check_file(name, folder / "optimal.json")
+    task = TASKS[name]().for_evaluation()
+    craft = load_spacecraft(folder / "spacecraft.toml")
+    like = example(task, craft.dimension, seed=0, episode=0)
+    found = []
+    for k, commands in enumerate(arrays["commands"]):
+        if not np.isfinite(commands).all():
+            continue
+        one = Scenario(
+            unflatten(like.start, [float(x) for x in arrays["starts"][k]]),
+            unflatten(like.goal, [float(x) for x in arrays["goals"][k]]),
+        )
+        period = float(arrays["control_period"][k])
+        label = f"{objective}, start {k}"
+        path = Trajectory(label, "", True, math.nan, None, commands, period, 0, 0.0)
+        found.append((k, episode(craft, task, _AS_PLANNED, one, path)))
+    return found
 
 
 def _names(states: Any) -> list[str]:

@@ -100,7 +100,7 @@ def test_files_hold_everything(tmp_path: Path) -> None:
     batch = starts()
     batch.start.p.x[1] = 60.0
     answers = optima.optima(PLATFORM, TASK, FUEL, batch, workers=1)
-    optima.write(tmp_path, {"seed": 5}, answers)
+    optima.write(tmp_path, {"seed": 5}, answers, PLATFORM, batch)
     written = json.loads((tmp_path / "optimal.json").read_text())
     assert written["seed"] == 5
     assert [row["good"] for row in written["starts"]] == [True, False, True]
