@@ -16,7 +16,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress, stages
+from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -61,10 +61,10 @@ class Compare:
     """Starts whose bounds are certified if optimal joins, about 25 processor seconds each, in space minutes;
     kept for the next time."""
     front: bool = False
-    """Draw time against impulse as well: the line of an agent with a knob, all others, and the certified
+    """Draw time against impulse as well: the line of an agent with a trade-off, all others, and the certified
     front."""
     positions: int = 9
-    """At which an agent with a knob flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
+    """At which an agent with a trade-off flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
     tables it has the first and the last."""
     budget: float = 300.0
     """Seconds to look for bounds of the front, from one start after the other; kept for the next time."""
@@ -102,7 +102,7 @@ class Compare:
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
-        with kept(show), progress() as bars:
+        with writing_at_end(show), progress() as bars:
             try:
                 comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
                 if self.front:
@@ -142,7 +142,7 @@ class Compare:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:
             raise ConfigError(
-                f"--positions must be >= 2, the ends of the knob, got {self.positions}."
+                f"--positions must be >= 2, the ends of the trade-off, got {self.positions}."
             )
         if not self.budget >= 0:
             raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")

@@ -71,7 +71,7 @@ class Task(Settings, ABC):
         """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
         return {"": self}
 
-    def drawn(self, goal: State) -> Task:
+    def task_of(self, goal: State) -> Task:
         """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""
         return self
 
@@ -107,14 +107,14 @@ class Task(Settings, ABC):
     def remember(self, goal: State, state: State) -> State:
         """Goal whose ``notes`` remember what has happened, such as points seen: by default nothing.
 
-        Asked at every instant that `rans.model.timing.Timing.looks` says, after `later`.
+        Asked at every instant that `rans.model.timing.Timing.checks` says, after `later`.
         """
         return goal
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Margins by name that must never be negative, such as a distance to a wall (m): by default none.
 
-        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.looks` says.
+        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.checks` says.
         """
         return {}
 

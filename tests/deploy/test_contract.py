@@ -18,8 +18,8 @@ from rans.deploy.margins import SEED, measure_margins
 from rans.episode import Setup
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import read_policy
 from rans.files import plain
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder
@@ -264,7 +264,7 @@ def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[s
 
 
 def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None:
-    assert contract_of(folder("go-to-pose-2d-knob"))["trade_off"] == {
+    assert contract_of(folder("go-to-pose-2d-trade-off"))["trade_off"] == {
         "column": 10,
         "0": "fast",
         "1": "thrifty",

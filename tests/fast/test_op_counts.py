@@ -18,7 +18,7 @@ from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import PPOLearner, act, losses, shown
+from rans.fast.learn.ppo import PPOLearner, act, losses, preprocessed
 from rans.fast.learn.rollout import gae, minibatches, remember
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.training import TINY, sb3_twin, tiny_learner
@@ -48,7 +48,7 @@ def operations(function: Callable[[], object]) -> Counter[str]:
 def trained(craft: Any = PLATFORM, **settings: Any) -> PPOLearner:
     """A trainer whose optimiser has its memory already: the first update allocates it."""
     model = tiny_learner(craft, **settings)
-    model.by_hand = None  # as on a GPU in TF32
+    model.backend = None  # as on a GPU in TF32
     model.collect()
     model.update()
     return model
@@ -98,7 +98,7 @@ def test_what_comes_once_an_update(craft: Any, plain: int, symmetric: int) -> No
 def test_what_a_critic_is_told_of_conditions() -> None:
     """However many numbers they draw: all of them beside each other, less the mean, times the scale."""
     engine = Engine(PLATFORM, NEAR, 16, SHORT, conditions="lab", remember=True)
-    assert engine.known.width > 10
+    assert engine.privileged_quantities.width > 10
     assert operations(engine.privileged).total() == 3
 
 
@@ -162,7 +162,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
         (losses, (network, part, model.coefficients, False)),
         (act, (network, kept.observation[0], None, None, uniform)),
         (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout)),
-        (shown, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
+        (preprocessed, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
         (gae, (kept.reward, kept.value, kept.ended, kept.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:

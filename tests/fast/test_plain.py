@@ -104,9 +104,11 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
 
 def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path) -> None:
     """With its selection and its search for failures."""
-    trainer = _trainer(tmp_path, witness, failures=Failures(0.25, begin=0.5, looks=1, flights=64))
+    trainer = _trainer(
+        tmp_path, witness, failures=Failures(0.25, begin=0.5, searches=1, flights=64)
+    )
     trainer.train(lambda _: None)
-    assert trainer.failures.state()["looks"] == 1
+    assert trainer.failures.state()["searches"] == 1
     assert not witness.symbols
 
 
@@ -181,7 +183,7 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
         for plain in (True, False)
     )
     begun = {name: x.detach().clone() for name, x in plain.network.tensors.items()}
-    assert plain.learner.by_hand is None
+    assert plain.learner.backend is None
     for _ in range(3):
         plain.learn(1024)
         fast.learn(1024)
@@ -198,8 +200,8 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
 
 def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
     engine = Engine(PLATFORM, "go-to-pose", 8)
-    assert rans.PPO(engine, plain=True, n_steps=16).learner.by_hand is None
-    assert rans.PPO(engine, n_steps=16).learner.by_hand is not None
+    assert rans.PPO(engine, plain=True, n_steps=16).learner.backend is None
+    assert rans.PPO(engine, n_steps=16).learner.backend is not None
 
 
 def test_flights_equal_the_fast_ones_but_for_rounding() -> None:

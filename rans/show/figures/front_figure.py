@@ -1,4 +1,4 @@
-"""The figure of a front: the line of a knob, everybody else, and what is certified to be impossible."""
+"""The figure of a front: the line of a trade-off, everybody else, and what is certified to be impossible."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rans.evaluation.compare.front import Front, point
 from rans.show.figures import panels
 from rans.show.figures.comparison_figures import logarithmic
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, label, look
+from rans.show.figures.panels import GREY, INK, label, series_style
 
 
 @styled
@@ -40,7 +40,7 @@ def front_figure(front: Front, curve: Sequence[Entry] = ()) -> Figure:
     for k, (agent, line) in enumerate(lines.items()):
         _draw_line(axes, front, agent, line, k)
     for k, other in enumerate(front.others(), len(lines)):
-        colour, marker = look(k)
+        colour, marker = series_style(k)
         axes.plot(
             *_places([other]),
             color=colour,
@@ -94,8 +94,8 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
 
 
 def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: int) -> None:
-    """All positions, the first, middle and last with where the knob stands; below each its own bound."""
-    colour, marker = look(k)
+    """All positions, the first, middle and last with the trade-off; below each its own bound."""
+    colour, marker = series_style(k)
     axes.plot(
         *_places(line),
         color=colour,
@@ -103,12 +103,12 @@ def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: i
         markersize=4.5,
         linewidth=1.6,
         zorder=4,
-        label=f"{agent}, knob at {counted(len(line), 'position')}",
+        label=f"{agent}, trade-off at {counted(len(line), 'position')}",
     )
     for one in (line[0], line[len(line) // 2], line[-1]):
         place = point(one)
         axes.annotate(
-            f"{one.contestant.knob:g}",
+            f"{one.contestant.trade_off:g}",
             (place.time, place.impulse),
             (4, 4),
             textcoords="offset points",

@@ -22,11 +22,13 @@ from stable_baselines3.common.save_util import load_from_zip_file
 
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
-from rans.fast import archives, packed, saved
+from rans.fast.agent_files import agent as agent_file
+from rans.fast.agent_files import archives
+from rans.fast.agent_files import tensors as tensor_file
+from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
+from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
-from rans.fast.saved import AGENT, SavedPolicy, is_agent, packed_actor, read_policy
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from tests.support.strangers import older, rewritten, trapped, trapped_weights
@@ -115,7 +117,7 @@ def test_code_that_no_list_knows_is_not_run_either(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
-    monkeypatch.setattr(saved, "foul", lambda *_: None)
+    monkeypatch.setattr(agent_file, "foul", lambda *_: None)
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     before = opened(folder).network.tensors
@@ -146,7 +148,7 @@ def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -
     }
     whole = Network(given, tensors)
     file = tmp_path / AGENT
-    file.write_bytes(packed_actor(given, whole.member(0), 128))
+    file.write_bytes(actor_bytes(given, whole.member(0), 128))
     saved = read_policy(file)
     assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
     assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())
@@ -241,7 +243,7 @@ def test_members_are_packed_as_agents_are(folder: Path) -> None:
 def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
     content = pack({"steps": 1, "more": "x" * 2000})
     assert unpack(content, "here")["steps"] == 1
-    monkeypatch.setattr(packed, "_LARGEST_HEADER", 2000)
+    monkeypatch.setattr(tensor_file, "_LARGEST_HEADER", 2000)
     with pytest.raises(
         ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"
     ):
