@@ -41,6 +41,9 @@ class View:
     """Seed of starts and goals."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     save: Path | None = None
     """Write a page that replays the flights anywhere, without RANS and offline, and return."""
     frames: Path | None = None
@@ -70,7 +73,7 @@ class View:
             from rans.show.scene.video import check_video
 
             check_video(self.video)
-        runs = flyers(self.contestants, self.conditions, self.trust)
+        runs = flyers(self.contestants, self.conditions, self.trust, self.guard)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
         if self.frames is not None:
             from rans.show.scene.frames import save_frames
