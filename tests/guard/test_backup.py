@@ -26,7 +26,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import Avoid, DockPort, GoToPose, load_task
+from rans.tasks import Avoid, DockPort, GoToPose
 from rans.tasks.shapes import Ball
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -159,13 +159,22 @@ def test_engines_and_environments_fly_it() -> None:
     engine = Engine(PLATFORM, task, 8, seed=4, guard=FlownBackup())
     torch.manual_seed(0)
     for _ in range(20):
-        result = engine.step((torch.rand(8, 8) < 0.5).float())
-    assert torch.isfinite(result.reward).all()
+        assert torch.isfinite(engine.step((torch.rand(8, 8) < 0.5).float()).reward).all()
     with pytest.raises(ConfigError, match="compiled"):
         Engine(PLATFORM, task, 8, guard=FlownBackup(), compiled=True)
     env: Any = gymnasium.make("rans/Avoid2D-v0", guard=FlownBackup())
     env.reset(seed=0)
     assert env.step(np.ones(8, int))[0].shape == env.observation_space.shape
+
+
+def test_metrics_tell_what_the_filter_did() -> None:
+    found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
+    assert found["failed"].value == 0.0
+    assert 0.0 < found["interventions"].value < 100.0
+    free = rans.evaluate("lqr:avoid-2d", episodes=6)
+    assert free["failed"].value > 0.0
+    with pytest.raises(KeyError):
+        _ = free["interventions"]
 
 
 def test_a_task_without_constraints_is_refused() -> None:
@@ -206,7 +215,7 @@ def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not() -> No
     task = DockPort()
     starts = scenarios(task, PLATFORM, seed=5, count=200)
     rng = np.random.default_rng(1)
-    p = starts.goal.p + Vec2(*(0.6 * rng.normal(size=(2, 200))))
+    p: Any = starts.goal.p + Vec2(*(0.6 * rng.normal(size=(2, 200))))
     v = Vec2(*(0.05 * rng.normal(size=(2, 200))))
     state = replace(starts.start, p=p, v=v)
     world = World(Setup(PLATFORM, task, task.timing))
@@ -221,7 +230,7 @@ def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not() -> No
 
 
 def test_dock_port_is_kept_too() -> None:
-    task = load_task("dock-port").for_evaluation()
+    task = DockPort()
     starts = scenarios(task, PLATFORM, seed=6, count=6)
     guard = FlownBackup()
     pilot = Ramming(PLATFORM, _OnlyTarget(task))
