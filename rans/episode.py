@@ -112,7 +112,9 @@ class Outcome:
 class Guard(Protocol):
     """A safety filter between a policy and the effectors of a spacecraft.
 
-    It is a pure function over fields like everything in this module, so that it works in every engine.
+    It is a pure function over fields like everything in this module, so that it works in every engine. One
+    that chooses by their values, and so cannot be traced or compiled, says so by a true attribute
+    ``by_values``: engines then step without a generated program, on NumPy or torch.
     """
 
     def admitted(

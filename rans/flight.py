@@ -88,6 +88,8 @@ class Flight:
     lengths: np.ndarray | None = None
     """(N,) int, control periods until the mission was won, otherwise T. From then on a flight stands still
     with shut thrusters. None: T for all."""
+    guarded: np.ndarray | None = None
+    """(T, N) bool, whether a safety filter gave another command than the wanted one; None: there was none."""
 
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period
@@ -259,6 +261,7 @@ def fly(
     goals = [starts.goal]
     commands = []
     margins = []
+    guarded = []
     alive = np.ones(count, dtype=bool)
     won = None
     lengths = None
@@ -275,6 +278,9 @@ def fly(
             )
         outcome = step(world, now, tuple(told.T), draws, move)
         command = np.stack(outcome.command, axis=1)
+        if outcome.guarded is not None:
+            changed = np.broadcast_to(outcome.guarded, count)
+            guarded.append(changed if won is None else changed & ~won)
         period_margins = outcome.margins
         if outcome.done is not None:
             if won is None or lengths is None:
@@ -315,6 +321,7 @@ def fly(
         {name: np.stack([one[name] for one in margins]) for name in margins[0]},
         won,
         lengths,
+        np.stack(guarded) if guarded else None,
     )
 
 

@@ -37,7 +37,7 @@ LAYERS: list[set[str]] = [
     {"rans.environment"},
     {"rans.policy"},
     {"rans.compile"},
-    {"rans.fast", "rans.reference", "rans.optimal"},
+    {"rans.fast", "rans.reference", "rans.optimal", "rans.guard"},
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},

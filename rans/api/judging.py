@@ -71,6 +71,7 @@ def evaluate(
     engine: EngineName = "fast",
     conditions: ConditionsLike | None = None,
     protocol: ProtocolName = "own",
+    guard: bool = False,
 ) -> Metrics:
     """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
 
@@ -86,6 +87,7 @@ def evaluate(
         conditions: domain randomization, disturbances, faults and sensors, by name, TOML file or as such;
             None: those of the training.
         protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
+        guard: whether it flies behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
 
     Raises:
         ConfigError: one of these does not exist, or the agent knows several tasks and none is picked, as in
@@ -103,7 +105,7 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    return measure(flown(run.under(conditions), count, seed, engine))
+    return measure(flown(run.under(conditions).guarded(guard), count, seed, engine))
 
 
 def compare(
@@ -116,6 +118,7 @@ def compare(
     conditions: ConditionsLike | None = None,
     trust: bool = False,
     workers: int | None = None,
+    guard: bool = False,
 ) -> Comparison:
     """Fly agents, policies and simple controllers from the same starts, beside what is possible.
 
@@ -136,6 +139,7 @@ def compare(
         conditions: see `evaluate`.
         trust: whether ``sb3:`` files may be pickles of strangers, which run the code in them.
         workers: processes; None: one per processor.
+        guard: see `evaluate`.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
@@ -161,6 +165,7 @@ def compare(
         engine,
         _conditions(contestants[0], conditions),
         trust,
+        guard,
     )
     found = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
@@ -187,6 +192,7 @@ def stress(
     trust: bool = False,
     workers: int | None = None,
     output: str | Path | None = None,
+    guard: bool = False,
 ) -> StressReport:
     """Robustness sweep: fly under each disturbance at increasing size, and under sets of conditions.
 
@@ -207,6 +213,7 @@ def stress(
         workers: processes; None: one per processor.
         output: folder to write stress.html and stress.json into; None: nothing is written, see
             `rans.show.pages.stress_page.StressReport.write`.
+        guard: see `evaluate`.
 
     Raises:
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
@@ -218,7 +225,7 @@ def stress(
     from rans.show.progress import watched
 
     first, invited = invitations(contestants)
-    contest = contest_of(first, whole("episodes", episodes), seed, trust=trust)
+    contest = contest_of(first, whole("episodes", episodes), seed, trust=trust, guard=guard)
     sets = stress_conditions(conditions, only)
     planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
     folder = Path() if output is None else ready_folder(Path(output))

@@ -105,6 +105,7 @@ def view(
     engine: EngineName = "fast",
     trust: bool = False,
     save: str | Path | None = None,
+    guard: bool = False,
 ) -> Replay:
     """Fly agents and controllers from the same starts and replay them in three dimensions.
 
@@ -123,6 +124,7 @@ def view(
         engine: "fast", or "drake".
         trust: see `compare`.
         save: file to write the page to (.html); None: none.
+        guard: whether all fly behind the safety filter for their spacecraft and task.
 
     Raises:
         ConfigError: there is no such contestant, or a number is out of its range.
@@ -131,7 +133,7 @@ def view(
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
-    runs = flyers(contestants, conditions, trust)
+    runs = flyers(contestants, conditions, trust, guard)
     flights = [flown(run, count, seed, engine, first) for run in runs]
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(flights, title_of(flights, label))
@@ -141,7 +143,10 @@ def view(
 
 
 def flyers(
-    contestants: tuple[object, ...], conditions: ConditionsLike | None, trust: bool
+    contestants: tuple[object, ...],
+    conditions: ConditionsLike | None,
+    trust: bool,
+    guard: bool = False,
 ) -> list[LoadedRun]:
     """Who flies, in which setup; a bare name after the first flies the first one's.
 
@@ -155,7 +160,7 @@ def flyers(
     for one in contestants:
         setup = found[0].judged if found else None
         run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
-        found.append(run.under(conditions))
+        found.append(run.under(conditions).guarded(guard))
     return found
 
 

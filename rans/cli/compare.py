@@ -57,6 +57,9 @@ class Compare:
     """Number of starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake as an independent judge."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     certified: int = 4
     """Starts whose bounds are certified if optimal joins, about 25 processor seconds each, in space minutes;
     kept for the next time."""
@@ -89,7 +92,13 @@ class Compare:
             turned(spec, self.positions) if self.front else [spec] for spec in self.contestants
         ]
         contest = contest_of(
-            named[0][0], self.episodes, self.seed, self.engine, self.conditions, self.trust
+            named[0][0],
+            self.episodes,
+            self.seed,
+            self.engine,
+            self.conditions,
+            self.trust,
+            self.guard,
         )
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)

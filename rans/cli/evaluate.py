@@ -61,6 +61,9 @@ class Evaluate:
     side, with exit code 1 if they disagree."""
     trajectories: bool = False
     """Write all states and commands into episodes.npz too."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     plain: bool = False
     """Fly more than 65,536 episodes by torch's operations as well, as they are written, without a generated
     program or kernel (docs/plain.md); fewer always fly by plain numbers."""
@@ -86,6 +89,7 @@ class Evaluate:
         from rans.evaluation.measure.agreement import compare_engines
 
         run = contestant(self.contestant, self.protocol, trust=self.trust).under(self.conditions)
+        run = run.guarded(self.guard)
         ready_folder(output_folder(self.contestant))
         self._file(run)  # a link in its place is told before anybody flies
         if self._many(run):
@@ -111,11 +115,12 @@ class Evaluate:
 
     def _suggest(self) -> None:
         more = [] if self.full else ["--full"]
-        given = shlex.join(["rans", "evaluate", self.contestant, *more])
+        guard = ["--guard"] if self.guard else []
+        given = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
         Terminal().suggest(
             f"{given}   # all metrics" if more else f"{given} --engine drake",
-            shlex.join(["rans", "compare", self.contestant]),
-            shlex.join(["rans", "view", self.contestant]),
+            shlex.join(["rans", "compare", self.contestant, *guard]),
+            shlex.join(["rans", "view", self.contestant, *guard]),
         )
 
     def _many(self, run: LoadedRun) -> bool:
@@ -221,7 +226,8 @@ class Evaluate:
         conditions = ""
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
-        names = filter(None, (picked_task(self.contestant), protocol, conditions))
+        guard = "guard" if self.guard else ""
+        names = filter(None, (picked_task(self.contestant), protocol, conditions, guard))
         return output_folder(self.contestant), "".join(f"-{name}" for name in names)
 
     def _file(self, run: LoadedRun) -> Path:
@@ -237,6 +243,8 @@ class Evaluate:
             "episodes": self.episodes,
             "seed": self.seed,
         }
+        if run.guard is not None:
+            given["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
         return given if run.conditions is None else given | {"conditions": asdict(run.conditions)}
 
 

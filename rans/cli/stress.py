@@ -46,6 +46,9 @@ class Stress:
     """Flights of controllers that are slow, such as mpc."""
     seed: int = EVALUATION_SEED
     """Seed of starts, goals and disturbances."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     worst: int = 3
     """Worst episodes to list of each contestant in a scenario."""
     workers: int | None = None
@@ -68,7 +71,9 @@ class Stress:
             check_count(f"--{name.replace('_', '-')}", getattr(self, name))
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
-        contest = contest_of(self.contestants[0], self.episodes, self.seed, trust=self.trust)
+        contest = contest_of(
+            self.contestants[0], self.episodes, self.seed, trust=self.trust, guard=self.guard
+        )
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
         stress = prepared(
             contest, self.contestants, sets, self.only, self.slow_episodes, self.trust

@@ -43,6 +43,9 @@ class View:
     """Seed of starts and goals."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     save: Path | None = None
     """Write a page that replays the flights anywhere, without RANS and offline, and return."""
     frames: Path | None = None
@@ -74,7 +77,7 @@ class View:
             check_video(self.video)
         folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
         others = tuple(one for one in self.contestants if one not in folders)
-        runs = flyers(others, self.conditions, self.trust)
+        runs = flyers(others, self.conditions, self.trust, self.guard)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
         flights += [flight for one in folders for flight in self._optima(Path(one))]
         if self.frames is not None:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from rans.effectors.commands import check, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, checked, counted
+from rans.errors import ConfigError, brief, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import stepping
@@ -68,6 +68,7 @@ class Engine:
         processes: those among which the batch is divided; ``num_envs`` are this one's.
         body: other than the craft's, each number or (N,), one for each spacecraft.
         conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
+        guard: safety filter between actions and effectors; None: every action is taken.
         remember: whether what episodes draw from their conditions lies in memory, for `privileged`; the
             generated kernel else draws it again in every step. A step without one always remembers.
         plain: whether every step is the equations as they are written, on torch's tensors, one operation
@@ -115,6 +116,13 @@ class Engine:
         self.dtype = dtype
         self.device = backend.device
         self._is_usual = is_identity(craft)
+        if getattr(guard, "by_values", False):
+            if compiled:
+                raise ConfigError(
+                    f"the guard {brief(guard)} chooses by values, which no compiled step does: leave "
+                    "compiled=True out."
+                )
+            compiled = False
         self.plain = plain
         """Whether everything is computed as it is written, see the class."""
         self.compiled = not plain and (self.device.type == "cuda" if compiled is None else compiled)

@@ -80,6 +80,8 @@ class Flights:
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
         """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""
+        if getattr(self._setup.guard, "by_values", False):
+            return None
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
         given = self._network.architecture

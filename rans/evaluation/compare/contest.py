@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Setup
+from rans.episode import Guard, Setup
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
 from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
@@ -51,6 +51,8 @@ class Contest:
     """What computes the motion of the contestants."""
     conditions: Conditions | None = None
     """What episodes do not promise; None: a perfect world."""
+    guard: Guard | None = None
+    """Safety filter between every contestant and the effectors; None: every command is given."""
 
     @cached_property
     def starts(self) -> Scenario:
@@ -69,7 +71,7 @@ class Contest:
     @property
     def setup(self) -> Setup:
         """What flies, what for and how long."""
-        return Setup(self.craft, self.task, self.timing, self.conditions)
+        return Setup(self.craft, self.task, self.timing, self.conditions, self.guard)
 
     def fly(
         self,
@@ -109,6 +111,8 @@ class Contest:
             if self.conditions is None
             else f"; {self.conditions.description or 'own conditions'}"
         )
+        if self.guard is not None:
+            world += "; behind a safety filter"
         return (
             f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
             f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}"

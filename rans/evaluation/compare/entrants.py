@@ -93,12 +93,14 @@ def contest_of(
     engine: EngineName = "fast",
     conditions: str | Path | Conditions | None = None,
     trust: bool = False,
+    guard: bool = False,
 ) -> Contest:
     """The setup of the first contestant, for all others too.
 
     `ConfigError` if it knows no task, or one that works in the other dimension only.
 
-    Conditions by name, file or as such take the place of its own.
+    Conditions by name, file or as such take the place of its own. With ``guard`` all fly behind the safety
+    filter for spacecraft and task.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
@@ -106,10 +108,10 @@ def contest_of(
         run = _single(spec, contestant(spec, trust=trust)).under(conditions)
     else:
         run = _single(spec.controller.name, spec).under(conditions)
-    craft, task, timing, world, _ = run.judged
+    craft, task, timing, world, guarded = run.guarded(guard).judged
     seed_words(seed)  # what is wrong here is told once: else every contestant would
     check_dimension(task, craft.dimension)
-    return Contest(craft, task, timing, seed, episodes, engine, world)
+    return Contest(craft, task, timing, seed, episodes, engine, world, guarded)
 
 
 def _single(spec: str, run: LoadedRun) -> LoadedRun:

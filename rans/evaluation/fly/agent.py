@@ -10,11 +10,12 @@ import numpy as np
 import torch
 
 from rans.effectors.commands import is_identity, of_outputs
-from rans.episode import Setup
+from rans.episode import Guard, Setup
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import Controller
+from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
@@ -68,6 +69,8 @@ class LoadedRun(NamedTuple):
     timing: Timing
     conditions: Conditions | None = None
     """Randomization, disturbances, faults and sensors of its episodes; None: everything is as designed."""
+    guard: Guard | None = None
+    """Safety filter between it and the effectors; None: every command is given."""
 
     def __repr__(self) -> str:
         return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"
@@ -79,7 +82,7 @@ class LoadedRun(NamedTuple):
         A single substep is what trainings make do with; more were asked for and stay.
         """
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
-        return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
+        return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
         """The same under other conditions, by name, file or as such; None: its own."""
@@ -88,6 +91,14 @@ class LoadedRun(NamedTuple):
             if conditions is None
             else self._replace(conditions=load_conditions(conditions).or_none)
         )
+
+    def guarded(self, guard: bool = True) -> LoadedRun:
+        """The same behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`), if asked.
+
+        Raises:
+            ConfigError: the task has no constraints, or no filter knows the craft.
+        """
+        return self._replace(guard=safety_filter(self.judged)) if guard else self
 
 
 def run_of(given: object) -> LoadedRun | None:

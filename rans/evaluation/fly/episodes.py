@@ -123,5 +123,6 @@ def _joined(parts: list[Flown]) -> Flown:
         margins={name: join(*(f.margins[name] for f in flights)) for name in flights[0].margins},
         done=None if flights[0].done is None else join(*(f.done for f in flights)),
         lengths=None if flights[0].lengths is None else join(*(f.lengths for f in flights)),
+        guarded=None if flights[0].guarded is None else join(*(f.guarded for f in flights)),
     )
     return Flown(joined, sum(part.stopped for part in parts))

@@ -29,7 +29,7 @@ COLUMNS = ("metric", "value", "95 % interval", "meaning")
 ROOM = 110
 """Columns of a terminal in which all of these stand without broken words."""
 _FIRST = ("solved", "mission won", "settling time", "failed")
-_LAST = ("impulse",)
+_LAST = ("impulse", "interventions")
 """Metrics that matter first, before and after the errors at the end."""
 _STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""

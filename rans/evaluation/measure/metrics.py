@@ -82,6 +82,8 @@ def samples(flight: Flight) -> Iterator[Sample]:
         yield from _accuracy(flight, quantity, error)
     yield from _motion(flight)
     yield from _effort(flight)
+    if flight.guarded is not None:
+        yield from _guarding(flight)
 
 
 def settling_times(flight: Flight) -> np.ndarray:
@@ -328,6 +330,15 @@ def _effort(flight: Flight) -> Iterator[Sample]:
         most = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
         meaning = "largest momentum of any wheel, of what it can hold"
         yield Sample("effort", "wheel momentum", meaning, "%", 100.0 * most)
+
+
+def _guarding(flight: Flight) -> Iterator[Sample]:
+    """What a safety filter did."""
+    assert flight.guarded is not None
+    share = 100.0 * flight.guarded.mean(axis=0)
+    yield Sample("guard", "interventions", "control periods with another command", "%", share)
+    ever: Any = flight.guarded.any(axis=0)
+    yield Sample("guard", "guarded", "flights with an intervention", "%", ever)
 
 
 def outran(flight: Flight) -> str:

@@ -130,7 +130,8 @@ class ArrayStep:
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
         """As `rans.fast.stepping.step.step_arrays`."""
         small = len(episode.memory()) <= _MOST
-        if not self._tried and draws.dtype is np.float32 and small:
+        by_values = getattr(world.setup.guard, "by_values", False)
+        if not self._tried and draws.dtype is np.float32 and small and not by_values:
             try:
                 self._generated = GeneratedStep(world, episode, draws)
             except UNTRACEABLE as error:

@@ -1,0 +1,31 @@
+"""Safety filters between a policy and the effectors: no command that leads to a violated constraint is given."""
+
+from __future__ import annotations
+
+from rans.episode import Guard, Setup
+from rans.errors import ConfigError
+from rans.guard.backup import FlownBackup
+from rans.scenario import scenario
+
+__all__ = ["FlownBackup", "safety_filter"]
+
+
+def safety_filter(setup: Setup) -> Guard:
+    """The safety filter for what flies in a setup, with its default settings.
+
+    >>> craft = rans.load_spacecraft("floating-platform")
+    >>> safety_filter(Setup(craft, rans.load_task("avoid"))).name
+    'flown backup'
+
+    Raises:
+        ConfigError: the task has no constraints.
+    """
+    task = setup.task
+    name = type(task).__name__
+    one = scenario(task, setup.craft.dimension, seed=0, episode=0)
+    if not task.constraints(one.start, one.goal):
+        raise ConfigError(
+            f"a safety filter keeps the constraints of a task, but {name} has none; fly a mission such as "
+            "avoid or dock-port, or define constraints in a task of your own."
+        )
+    return FlownBackup()

@@ -1,0 +1,55 @@
+"""Control periods that have not been flown yet: what would happen, by the engine's own motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from rans.episode import World
+from rans.model.body import Body
+from rans.model.fields import Field, where
+from rans.randomization.parameters import StepInputs
+from rans.tasks.base import goal_after
+
+
+class Arrival(NamedTuple):
+    """What one control period would lead to."""
+
+    state: Any
+    goal: Any
+    margins: tuple[dict[str, Field], ...]
+    """Margins at every look of the period."""
+
+    @property
+    def least(self) -> Field:
+        """The least margin of all, (N,)."""
+        found = None
+        for margins in self.margins:
+            for margin in margins.values():
+                found = margin if found is None else where(margin < found, margin, found)
+        return found
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Flies a world's spacecraft ahead as designed: without faults, disturbances or late valves."""
+
+    world: World
+
+    @cached_property
+    def body(self) -> Body:
+        """The craft as designed."""
+        return Body.of(self.world.craft)
+
+    def fly(self, state: Any, goal: Any, command: tuple[Field, ...]) -> Arrival:
+        """Hold a command for one control period."""
+        world = self.world
+        task = world.task
+        apart = world.timing.control_period / world.timing.looks
+        margins = []
+        states = world.move(state, StepInputs(self.body, (command,)))
+        for there in states:
+            goal = goal_after(task, goal, there, apart)
+            margins.append(task.constraints(there, goal))
+        return Arrival(states[-1], goal, tuple(margins))

@@ -1,0 +1,218 @@
+"""Safety filter of on/off and pulsed thrusters: a command passes if a way out of danger can be flown after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rans.episode import Command, World
+from rans.guard.ahead import Ahead
+from rans.guard.coasting import Coasting, periods_of
+from rans.guard.manoeuvres import Manoeuvre, manoeuvres, pushing
+from rans.guard.rows import (
+    batched,
+    copied,
+    count,
+    like,
+    numbers,
+    repeated,
+    stacked,
+    taken,
+    truths,
+    where_true,
+)
+from rans.model.fields import Field
+
+_FEW = 2
+"""Manoeuvres that are tried after commands near the wanted one."""
+_BLENDS = (0.25, 0.5, 0.75)
+"""Shares of a manoeuvre in the commands of pulsed valves near the wanted one."""
+
+
+@dataclass(frozen=True)
+class FlownBackup:
+    """Safety filter by flown backups, a `rans.episode.Guard`.
+
+    A state is safe if the craft may coast from now on (`rans.guard.coasting.Coasting`), or if one of
+    `rans.guard.manoeuvres.manoeuvres` brings it, within ``periods`` control periods and with every margin kept
+    at every look, to a state from which it may. A command passes if it keeps every margin at every look of its
+    control period and leads to a safe state. So there is always a command that passes once a start is safe:
+    to coast, or the next one of the manoeuvre by which the last command passed (a simplex filter with an
+    implicit safe set; K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems,
+    2023). All is flown by the engine's own motion: nothing is linearised.
+
+    Instead of a command that does not pass, the first of these is given that passes: commands that differ from
+    it in one thruster (of pulsed valves, mixtures with a manoeuvre's command), all thrusters shut, the first
+    command of a manoeuvre. If none passes, the first manoeuvre is flown.
+
+    It knows the state as sensors tell it, and the craft as designed: of noise, late valves, faults and
+    disturbances it knows nothing.
+    """
+
+    periods: int = 20
+    """Control periods that a manoeuvre may take."""
+    slack: float = 0.002
+    """Least margin that passes, in each margin's unit: for rounding, and for motion that is not quite ours."""
+    horizon: float | None = None
+    """Time for which coasting is checked where that is not for ever, s; None: the length of an episode."""
+    name: str = "flown backup"
+    by_values: ClassVar[bool] = True
+
+    def admitted(
+        self, world: World, state: Any, goal: Any, command: Command
+    ) -> tuple[Command, Field]:
+        """See `rans.episode.Guard`."""
+        (state, goal, command), single = batched((state, goal, tuple(command)))
+        given, changed = self._filtered(world, state, goal, command)
+        if single:
+            return tuple(float(x[0]) for x in given), bool(changed[0])
+        return given, changed
+
+    def safe(self, world: World, state: Any, goal: Any) -> Field:
+        """(N,) whether states of arrays or tensors (N,) are safe: whether the filter holds from there on."""
+        look = _Search.of(self, world)
+        return look.safe(state, goal, look.ways)
+
+    def _filtered(
+        self, world: World, state: Any, goal: Any, command: Command
+    ) -> tuple[Command, Field]:
+        look = _Search.of(self, world)
+        size = count((state, command))
+        command = tuple(x if getattr(x, "ndim", 0) else like(state, size, x) for x in command)
+        refused = where_true(~look.passes(state, goal, command, look.ways))
+        changed = truths(state, size)
+        if not len(refused):
+            return command, changed
+        given = tuple(copied(x) for x in command)
+        instead = look.instead(taken(state, refused), taken(goal, refused), taken(command, refused))
+        for x, new in zip(given, instead, strict=True):
+            changed[refused] |= x[refused] != new
+            x[refused] = new
+        return given, changed
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A filter at work in one world."""
+
+    world: World
+    ahead: Ahead
+    coasting: Coasting
+    ways: tuple[Manoeuvre, ...]
+    periods: int
+    slack: float
+
+    @classmethod
+    def of(cls, guard: FlownBackup, world: World) -> _Search:
+        timing = world.timing
+        seconds = guard.horizon or timing.control_period * timing.episode_steps
+        coasting = Coasting(world, guard.slack, periods_of(seconds, timing.control_period))
+        return cls(world, Ahead(world), coasting, manoeuvres(world), guard.periods, guard.slack)
+
+    def safe(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
+        """Whether it may coast from these states, or leave them by one of some manoeuvres."""
+        found = self.coasting.safe(state, goal)
+        left = where_true(~found)
+        # Most are brought out of danger by the first manoeuvre; for the rest all others are flown at once.
+        for some in (ways[:1], ways[1:]):
+            if some and len(left):
+                free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
+                found[left[free]] = True
+                left = left[~free]
+        return found
+
+    def leaves_by(self, ways: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
+        """(manoeuvres, N) whether a manoeuvre brings these states to where they may coast."""
+        size = count(state)
+        way = repeated(state, ways, size)
+        again = stacked([numbers(state, size)] * len(ways))
+        state = taken(state, again)
+        goal = taken(goal, again)
+        found = truths(state, len(again))
+        rows = numbers(state, len(again))
+        for _ in range(self.periods):
+            arrival = self.ahead.fly(state, goal, self.command(way, state, goal))
+            kept = where_true(arrival.least >= self.slack)
+            state = taken(arrival.state, kept)
+            goal = taken(arrival.goal, kept)
+            rows = rows[kept]
+            if not len(rows):
+                break
+            free = self.coasting.safe(state, goal)
+            found[rows[free]] = True
+            going = where_true(~free)
+            if not len(going):
+                break
+            rows = rows[going]
+            state = taken(state, going)
+            goal = taken(goal, going)
+            way = taken(way, kept[going])
+        return found.reshape(len(ways), size)
+
+    def command(self, way: Manoeuvre, state: Any, goal: Any) -> Command:
+        """What a manoeuvre commands now."""
+        return pushing(self.world, state, way.push(self.world, state, goal))
+
+    def passes(self, state: Any, goal: Any, command: Command, ways: tuple[Manoeuvre, ...]) -> Field:
+        """Whether commands keep every margin for a period, and lead to safe states."""
+        arrival = self.ahead.fly(state, goal, command)
+        found = arrival.least >= self.slack
+        rows = where_true(found)
+        if len(rows):
+            found[rows] = self.safe(taken(arrival.state, rows), taken(arrival.goal, rows), ways)
+        return found
+
+    def instead(self, state: Any, goal: Any, command: Command) -> Command:
+        """Commands in place of those that do not pass."""
+        size = count(state)
+        first = self.command(self.ways[0], state, goal)
+        given = [copied(x) for x in first]
+        open_ = numbers(state, size)
+
+        # Commands near the wanted one, all at once; the first that passes.
+        near = self._near(command, first)
+        if near:
+            again = stacked([open_] * len(near))
+            told = tuple(stacked(list(column)) for column in zip(*near, strict=True))
+            good = self.passes(taken(state, again), taken(goal, again), told, self.ways[:_FEW])
+            good = good.reshape(len(near), size)
+            found = truths(state, size)
+            for one, passed in zip(near, good, strict=True):
+                new = where_true(passed & ~found)
+                for x, y in zip(given, one, strict=True):
+                    x[new] = y[new]
+                found = found | passed
+            open_ = open_[~found]
+
+        # All shut, then manoeuvres.
+        if len(open_):
+            here, there = taken(state, open_), taken(goal, open_)
+            coasts = self.coasting.safe(here, there)
+            for x in given:
+                x[open_[coasts]] = 0.0
+            open_ = open_[~coasts]
+        if len(open_):
+            here, there = taken(state, open_), taken(goal, open_)
+            works = self.leaves_by(self.ways, here, there)
+            done = truths(here, len(open_))
+            for way, work in zip(self.ways, works, strict=True):
+                rows = where_true(work & ~done)
+                done = done | work
+                if len(rows):
+                    told = self.command(way, taken(here, rows), taken(there, rows))
+                    for x, y in zip(given, told, strict=True):
+                        x[open_[rows]] = y
+        return tuple(given)
+
+    def _near(self, command: Command, first: Command) -> list[Command]:
+        """Commands near the wanted ones."""
+        thrusters = self.world.craft.thrusters
+        if self.world.craft.actuators.is_continuous:
+            return [
+                tuple(x + (y - x) * share for x, y in zip(command, first, strict=True))
+                for share in _BLENDS
+            ]
+        return [
+            tuple(1.0 - x if i == k else x for i, x in enumerate(command))
+            for k in range(len(thrusters))
+        ]

@@ -1,0 +1,151 @@
+"""Manoeuvres out of danger that a safety filter flies ahead: where a craft pushes, and with which thrusters."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rans.episode import World
+from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector, at_least, where
+from rans.model.spacecraft import Spacecraft
+
+_OPEN = 0.5
+"""Score above which a thruster opens: within 60 degrees of the push. Of thrusters along the axes of a craft, or
+in pairs across them, some are within 55 degrees of any push."""
+_DESPIN = 0.5
+"""Score of a thruster whose pulse would take off the whole spin."""
+_MOST_DESPIN = 0.75
+"""So that a thruster against the push never opens, and one across it does for a fast spin."""
+_STEP = 1e-2
+"""Way over which slopes of margins are taken, m."""
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A feedback law without a memory: a push in W, while the spin is slowed down.
+
+    The push is along the sum of ``retreat`` times the direction in which the least margin grows, ``brake`` times
+    the direction against the velocity relative to the goal, and ``towards``. Numbers, or fields (N,) where
+    spacecraft fly different manoeuvres.
+    """
+
+    retreat: Field
+    brake: Field
+    towards: Vector
+
+    def push(self, world: World, state: Any, goal: Any) -> Any:
+        """Direction of the push in W, a unit vector."""
+        slope = _unit(slope_of_least(world, state, goal))
+        against = _unit(goal.v - state.v)
+        return _unit(self.towards + slope.scale(self.retreat) + against.scale(self.brake))
+
+
+def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
+    """All that are tried, the most promising first: feedback laws, then pushes in fixed directions.
+
+    In the plane these are the four axes and the four diagonals, in space six and eight.
+    """
+    dimension = world.craft.dimension
+    vector = Vec2 if dimension == 2 else Vec3
+    nowhere: Any = vector(*(0.0,) * dimension)
+    laws = [Manoeuvre(a, b, nowhere) for a, b in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
+    signs = itertools.product((0.0, 1.0, -1.0), repeat=dimension)
+    kept = [one for one in signs if sum(map(abs, one)) in (1, dimension)]
+    pushes = [Manoeuvre(0.0, 0.0, vector(*(x / math.hypot(*one) for x in one))) for one in kept]
+    return (*laws, *pushes)
+
+
+def pushing(world: World, state: Any, push: Any) -> tuple[Field, ...]:
+    """Command that pushes in a direction of W, a unit vector, while it slows down the spin.
+
+    1 (or the most that is allowed) for each thruster that opens, 0 for the others; motors of wheels rest.
+    """
+    craft = world.craft
+    thrusters = _Thrusters(craft)
+    direction = _in_body(state.attitude, push)
+    opened = []
+    for k in range(len(craft.thrusters)):
+        score = _dot(direction.columns(), thrusters.directions[k])
+        score = score + thrusters.despin(state, k, world.timing.control_period)
+        opened.append(where(score > _OPEN, score * 0.0 + craft.commands[k].high, score * 0.0))
+    zero = opened[0] * 0.0
+    return (*opened, *(zero for _ in craft.wheels))
+
+
+def slope_of_least(world: World, state: Any, goal: Any) -> Any:
+    """Slope of the least margin of a task's constraints over positions in W, but for a factor."""
+    task = world.task
+
+    def least(p: Vector) -> Field:
+        found = None
+        for margin in task.constraints(replace(state, p=p), goal).values():
+            found = margin if found is None else where(margin < found, margin, found)
+        return found
+
+    columns = state.p.columns()
+    slopes = []
+    for axis in range(len(columns)):
+        moved = [x + _STEP if k == axis else x for k, x in enumerate(columns)]
+        back = [x - _STEP if k == axis else x for k, x in enumerate(columns)]
+        slopes.append(least(type(state.p)(*moved)) - least(type(state.p)(*back)))
+    return type(state.p)(*slopes)
+
+
+@dataclass(frozen=True)
+class _Thrusters:
+    """What a craft's thrusters do, in B."""
+
+    craft: Spacecraft
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """(thrusters, d) unit vectors of their forces."""
+        forces = np.array(self.craft.wrench_map)[:, : self.craft.dimension]
+        return forces / np.maximum(np.linalg.norm(forces, axis=1), 1e-12)[:, None]
+
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """(thrusters, 1 or 3) changes of the angular velocity for each second that they are open, rad/s^2."""
+        torques = np.array(self.craft.wrench_map)[:, self.craft.dimension :]
+        inertia = np.array(self.craft.inertia)
+        if self.craft.dimension == 2:
+            return torques / inertia[2, 2]
+        return torques @ np.linalg.inv(inertia).T
+
+    def despin(self, state: Any, k: int, period: float) -> Field:
+        """Score for what a pulse of a thruster takes off the spin."""
+        turn = self.turns[k] * period
+        square = float(turn @ turn)
+        spin = state.spin()
+        if square < 1e-12:
+            return spin[0] * 0.0
+        score = _dot(spin, turn * (-_DESPIN / square))
+        score = where(score > _MOST_DESPIN, score * 0.0 + _MOST_DESPIN, score)
+        return at_least(score, -_MOST_DESPIN)
+
+
+def _dot(fields: Any, numbers: Any) -> Field:
+    total = fields[0] * 0.0
+    for x, number in zip(fields, numbers, strict=True):
+        if number != 0.0:
+            total = total + x * float(number)
+    return total
+
+
+def _unit(v: Any) -> Any:
+    return v.scale(1.0 / at_least(v.norm(), 1e-9))
+
+
+def _in_body(attitude: Any, v: Any) -> Any:
+    """A vector of W in B."""
+    if isinstance(attitude, Heading):
+        assert isinstance(v, Vec2)
+        return Heading(0.0 - attitude.angle).rotate(v)
+    assert isinstance(attitude, Quat)
+    assert isinstance(v, Vec3)
+    return attitude.conjugate().rotate(v)
