@@ -39,7 +39,12 @@ def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> No
     card = pretrained_card(name)
     parts = judged_separately(spec)
     for one in parts:
-        controller, craft, task, timing, conditions = contestant(one)
+        loaded = contestant(one)
+        controller = loaded.controller
+        craft = loaded.craft
+        task = loaded.task
+        timing = loaded.timing
+        conditions = loaded.conditions
         if len(parts) > 1:
             task = task.for_evaluation()
             starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)

@@ -46,7 +46,7 @@ class Ahead:
         """Hold a command for one control period."""
         world = self.world
         task = world.task
-        apart = world.timing.control_period / world.timing.looks
+        apart = world.timing.control_period / world.timing.checks
         margins = []
         states = world.move(state, StepInputs(self.body, (command,)))
         for there in states:

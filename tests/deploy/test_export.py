@@ -83,7 +83,11 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["training"]["steps"] == 2048
     assert card["training"]["environment"]["torch"] == version("torch")
     assert card["evaluation"].keys() == {"own", "paper"}
-    controller, craft, task, timing, _ = contestant(str(run), "paper")
+    loaded = contestant(str(run), "paper")
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     task = task.for_evaluation()
     starts = scenarios(task, craft, card["evaluation_seed"], card["episodes"])
     measured = measure(fly(craft, task, controller, starts, timing))

@@ -61,7 +61,7 @@ class Ramming:
 def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> Flight:
     starts = scenarios(task, craft, seed=3, count=count)
     return flying(
-        craft, task, Ramming(craft, task), starts, Timing(0.2, None, 60, looks=4), guard=guard
+        craft, task, Ramming(craft, task), starts, Timing(0.2, None, 60, checks=4), guard=guard
     )
 
 
@@ -234,8 +234,8 @@ def test_dock_port_is_kept_too() -> None:
     starts = scenarios(task, PLATFORM, seed=6, count=6)
     guard = FlownBackup()
     pilot = Ramming(PLATFORM, _OnlyTarget(task))
-    free = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, looks=4))
-    kept = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, looks=4), guard=guard)
+    free = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4))
+    kept = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4), guard=guard)
     assert free.violated().mean() > 0.5
     assert not kept.violated().any()
 

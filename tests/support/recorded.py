@@ -29,7 +29,11 @@ def flown(name: str) -> Flight:
 
     All fly in a perfect world, also those that are made for another.
     """
-    controller, craft, task, timing, _ = contestant(f"pretrained:{name}")
+    loaded = contestant(f"pretrained:{name}")
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     judged = task.for_evaluation()
     return fly(craft, judged, controller, scenarios(judged, craft, SEED, EPISODES), timing)
 

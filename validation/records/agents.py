@@ -176,7 +176,11 @@ class Agents:
 
 def conditions_of(row: Row, run: Path) -> tuple[Controller, Setup]:
     """The agent of a run, and what it is judged on."""
-    controller, craft, settings, timing, _ = contestant(str(run), row.protocol)
+    loaded = contestant(str(run), row.protocol)
+    controller = loaded.controller
+    craft = loaded.craft
+    settings = loaded.task
+    timing = loaded.timing
     task: Any = settings
     if row.distance:
         task = replace(task, evaluation_distance=row.distance)

@@ -29,7 +29,11 @@ def main(specs: list[str]) -> None:
     """Fly every agent and print its line."""
     bounds: np.ndarray | None = None
     for spec in specs:
-        controller, craft, task, timing, _ = contestant(spec)
+        loaded = contestant(spec)
+        controller = loaded.controller
+        craft = loaded.craft
+        task = loaded.task
+        timing = loaded.timing
         if not isinstance(task, Land):
             raise SystemExit(f"{spec} does not land.")
         starts = scenarios(task, craft, EVALUATION_SEED, EPISODES)

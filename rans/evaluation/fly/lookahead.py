@@ -185,7 +185,10 @@ class Lookahead:
             )
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
-        agent, craft, task, timing, _ = given
+        agent = given.controller
+        craft = given.craft
+        task = given.task
+        timing = given.timing
         if not isinstance(agent, Agent) and not all(
             callable(getattr(agent, need, None)) for need in ("memory", "recall")
         ):

@@ -41,7 +41,11 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 
 def test_the_agent_is_the_policy(trained: Path) -> None:
     """Agent and SB3's own PPO open the same thrusters."""
-    agent, craft, task, timing, _ = load_agent(trained)
+    loaded = load_agent(trained)
+    agent = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     config = RunFolder(trained).config()
     assert (craft.name, task, timing) == (config.spacecraft, config.settings, config.timing)
     observations = seen(craft, 300).numpy()
@@ -53,7 +57,11 @@ def test_the_agent_is_the_policy(trained: Path) -> None:
 
 
 def test_it_flies(trained: Path) -> None:
-    agent, craft, task, timing, _ = load_agent(trained)
+    loaded = load_agent(trained)
+    agent = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     starts = scenarios(task.for_evaluation(), craft, 1, 8)
     flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
     assert flights[0].controller == "first"

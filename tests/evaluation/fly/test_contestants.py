@@ -47,7 +47,11 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_folder_is_itself(run: Path) -> None:
-    controller, craft, task, timing, _ = contestant(str(run))
+    loaded = contestant(str(run))
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     assert (controller.name, craft.name, task, timing) == (
         "poser",
         "floating-platform",
@@ -211,7 +215,11 @@ def test_a_protocol_has_a_rate_of_its_own() -> None:
 
 def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
     """Sharing costs an LQR nothing it does not know of: it still arrives."""
-    controller, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "original")
+    loaded = contestant("lqr:go-to-pose-2d", "original")
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     assert craft == load_spacecraft("floating-platform-shared")
     flight = fly(craft, task, controller, scenarios(task, craft, 1, 16), timing)
     assert (flight.errors()["position"][-1] < 0.2).all()
@@ -230,7 +238,10 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
 
 def test_slow_controllers_fly_in_shares() -> None:
     """Ten episodes of an MPC are two; together they are what flies at once."""
-    controller, craft, task, _, _ = contestant("mpc:go-to-pose-2d")
+    loaded = contestant("mpc:go-to-pose-2d")
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
     setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
     counted = []
     together, stopped = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
@@ -246,7 +257,11 @@ def test_slow_controllers_fly_in_shares() -> None:
 def test_drake_flies_contestants_by_name() -> None:
     """Both engines are at rounding level: the decisions are the same, the ways equal to a micrometre."""
     spec = "lqr:go-to-pose-2d"
-    controller, craft, task, timing, _ = contestant(spec)
+    loaded = contestant(spec)
+    controller = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
     judged, _ = fly_episodes(controller, Setup(craft, task, timing), 1, 3, "drake")

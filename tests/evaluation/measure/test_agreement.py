@@ -148,7 +148,11 @@ def test_another_process_flies_what_this_one_would(
     """In two shares; the network's sums depend on the batch in the last bits only."""
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 8)
     counted: list[int] = []
-    agent, craft, task, timing, _ = load_agent(run)
+    loaded = load_agent(run)
+    agent = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     task = task.for_evaluation()
     together, _ = fly_episodes(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 11), timing)

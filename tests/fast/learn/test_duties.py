@@ -44,7 +44,11 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
 @KINDS
 def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
     begun(tmp_path, kind).train(ignore)
-    agent, craft, task, timing, _ = load_agent(tmp_path / "run")
+    loaded = load_agent(tmp_path / "run")
+    agent = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     assert craft.actuators == kind
     observations = seen(craft, 200).numpy()
     commands = agent.act(None, None, observations)
@@ -60,7 +64,7 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
 
 def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) -> None:
     begun(tmp_path, Throttle(), "gated").train(ignore)
-    agent, _, _, _, _ = load_agent(tmp_path / "run")
+    agent = load_agent(tmp_path / "run").controller
     observations = seen(PLATFORM, 200).numpy()
     commands = agent.act(None, None, observations)
     model = stable_baselines3.PPO.load(tmp_path / "run" / "policy.zip", device="cpu")
@@ -68,7 +72,7 @@ def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) ->
     assert 0.01 < (commands == 0).mean() < 0.99
     assert ((commands > 0) & (commands < 1)).mean() > 0.1
     export(tmp_path / "run", tmp_path / "own", "rans", episodes=4)
-    again, _, _, _, _ = load_agent(tmp_path / "own")
+    again = load_agent(tmp_path / "own").controller
     np.testing.assert_array_equal(again.act(None, None, observations), commands)
 
 

@@ -71,7 +71,10 @@ def test_starts_are_where_flights_were_that_fail(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "run", LOOKING)
     trainer.train(ignore, after(3))
     trainer.failures._search()
-    controller, craft, _, timing, _ = contestant(str(tmp_path / "run"))
+    loaded = contestant(str(tmp_path / "run"))
+    controller = loaded.controller
+    craft = loaded.craft
+    timing = loaded.timing
     flight = fly(craft, HALF, controller, scenarios(HALF, craft, FAILURES_SEED, 24), timing)
     inside = (flight.errors()["position"] < 0.8) & (flight.errors()["attitude"] < 2.0)
     failed = ~inside[-4:].all(axis=0)

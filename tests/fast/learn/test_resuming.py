@@ -145,7 +145,11 @@ def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, A
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
-    agent, craft, task, timing, _ = load_agent(tmp_path / "cut")
+    loaded = load_agent(tmp_path / "cut")
+    agent = loaded.controller
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     starts = scenarios(task.for_evaluation(), craft, 1, 8)
     flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
     np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # it forgets in between

@@ -15,7 +15,10 @@ from validation.records.time_optimal import time_optimal
 
 def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
     """CompiledProgram to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
-    _, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "paper")
+    loaded = contestant("lqr:go-to-pose-2d", "paper")
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     found = time_optimal(craft, task.for_evaluation(), timing, EVALUATION_SEED, 2, workers=1)
     fastest = math.sqrt(4 * 3.0 * craft.mass / (2 * math.sqrt(2)))
     bound = 100.0 * (1 - fastest / 50.0) + 1.0  # 5 cm before the end it is within 5 cm already: 1 %
@@ -32,7 +35,10 @@ def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.Monkey
     """All of them by number, and why the first of them was lost."""
     found = [SimpleNamespace(solved=k in (0, 3), status=f"Status_{k}") for k in range(4)]
     monkeypatch.setattr(validation.records.time_optimal, "solve_all", lambda *_: [found])
-    _, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "paper")
+    loaded = contestant("lqr:go-to-pose-2d", "paper")
+    craft = loaded.craft
+    task = loaded.task
+    timing = loaded.timing
     with pytest.raises(
         SolverFailed, match=r"the starts \[1, 2\] of seed 9; the first ended with Status_1"
     ):
