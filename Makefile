@@ -20,14 +20,15 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test lint docs clean
 
 help:
 	@echo "make demo    set everything up, then validate, train two agents, evaluate, compare and report into"
 	@echo "             a new folder under runs/, in minutes (another one: RUN=folder; seconds: QUICK=1)"
 	@echo "make test    set everything up, then lint, types and tests"
 	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
-	@echo "make lint    ruff and pyright only"
+	@echo "make lint    ruff, pyright and the words of the pages only"
+	@echo "make docs    build the documentation site into build/site, and run its tutorials"
 	@echo "make clean   remove what was built; runs/ stays"
 
 demo: .venv/installed
@@ -45,6 +46,11 @@ lint: .venv/installed-dev
 	ruff format --check --quiet
 	ruff check
 	pyright
+	python docs/_ext/prose.py
+
+docs: .venv/installed-docs
+	sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/site
+	@echo "Open build/site/index.html"
 
 setup: .venv/installed
 
@@ -54,6 +60,10 @@ setup: .venv/installed
 
 .venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
 	python -m pip install -c constraints.txt -e '.[dev]'
+	@touch .venv/installed $@
+
+.venv/installed-docs: pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e '.[docs]'
 	@touch .venv/installed $@
 
 # Debian's Python has the module venv but, without the package python3-venv, no ensurepip. Ctrl-C waits for the
@@ -66,5 +76,5 @@ setup: .venv/installed
 	@trap '' INT; $(PYTHON) -m venv --clear .venv
 
 clean:
-	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist docs/learn docs/reference docs/_pictures .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import re
 from dataclasses import replace
 
@@ -18,8 +19,9 @@ OPEN = "open"
 BEFORE = "open_before"
 """Names of how many thrusters are open, now and in the step before; errors have the names of the task."""
 OF_STATE = "of state and goal beside the errors, see the task"
-"""Instead of a formula whose numbers have no names."""
-_UNNAMED = re.compile(r"\b(goal_)?x\d+\b")
+"""Instead of a formula whose numbers have no names, or of more operations than `_MOST`."""
+_MOST = 5000
+_UNNAMED = re.compile(r"(goal_)?x\d+")
 _SUM = 1
 _PRODUCT = 2
 _WHOLE = 3
@@ -56,8 +58,20 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
         )
     except UNTRACEABLE:
         return {}
-    texts = {name: _text(Symbol.constant(term)) for name, term in terms.items()}
-    return {name: OF_STATE if _UNNAMED.search(text) else text for name, text in texts.items()}
+    symbols = {name: Symbol.constant(term) for name, term in terms.items()}
+    return {
+        name: _text(symbol) if _length(symbol, {}) <= _MOST else OF_STATE
+        for name, symbol in symbols.items()
+    }
+
+
+def _length(symbol: Symbol, known: dict[int, float]) -> float:
+    """Operations in the text of a formula, where what symbols share is written anew; inf: some have no name."""
+    if symbol.serial not in known:
+        unnamed = symbol.operation == "input" and _UNNAMED.fullmatch(str(symbol.value))
+        parts = sum(_length(part, known) for part in symbol.args)
+        known[symbol.serial] = math.inf if unnamed else 1.0 + parts
+    return known[symbol.serial]
 
 
 def _named(state: State, prefix: str) -> State:

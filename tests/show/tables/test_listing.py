@@ -13,7 +13,7 @@ from rans.model.fields import map_leaves
 from rans.scenario import scenarios
 from rans.show.tables.listing import conditions_listing, task_listings
 from rans.tasks import Task
-from rans.tasks.formula import reward_formulas
+from rans.tasks.formula import OF_STATE, reward_formulas
 from rans.tasks.rewards import Transition
 
 TASKS: list[Task] = [
@@ -57,6 +57,13 @@ def test_a_task_that_symbols_cannot_follow_has_no_formula() -> None:
     assert reward_formulas(Own()) == {}
     (row,) = next(iter(task_listings(Own()))).rows
     assert row[1] == "does more than arithmetic on fields: no formula, and no generated kernel"
+
+
+def test_a_formula_that_would_fill_the_memory_is_not_written() -> None:
+    """Guidance shares its terms so often that as a text the landing's reward would have no end."""
+    formulas = reward_formulas(rans.Land(), 3)
+    assert OF_STATE in formulas.values()
+    assert max(map(len, formulas.values())) < 10_000
 
 
 def test_ends_and_ranges_by_value() -> None:

@@ -1,0 +1,152 @@
+"""A linter of the pages' words: `python docs/_ext/prose.py`, a part of `make lint`.
+
+Pages for users are written in the field's words, so that a search finds them, and at a length that is read. What
+stands in code, in links' targets and in decision records is not read.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+WORDS = {
+    r"knobs?": "trade-off input",
+    r"verge": "boundary penalty",
+    r"troubles?": "perturbation, or fault",
+    r"(?<!line-of-)(?<!line of )sight": "observation",
+    r"rosters?": "list",
+    r"guests?": "extension",
+    r"told|tells?": "say what is observed, printed or known",
+    r"nobody|somebody|everybody|whoever": "name who: the agent, the controller, the reader",
+    r"looks?(?![- ]ahead)|looked|looking(?! ahead)": "see, appear, or interim analysis",
+    r"perfect world|worlds": "nominal conditions, or scenarios",
+    r"world that": "conditions that",
+    r"bears?|borne": "tolerate, or robust to",
+    r"in its mind": "in its model",
+    r"thrifty(?!\b.{0,2}\))": "fuel-efficient",
+    r"felt from afar": "long-range shaping",
+    r"swings? to and fro|to and fro": "sinusoidal, or alternating",
+    r"kicks?": "impulse",
+    r"in a blink": "the time in seconds",
+    r"randomis\w+|normalis\w+|optimis\w+|minimis\w+|maximis\w+|synchronis\w+|visualis\w+": "American z",
+}
+"""Words that are private, old or of another spelling, each with what to write instead."""
+
+MOST_WORDS = 800
+"""Of a how-to page, without code and tables."""
+
+NOT_YET = frozenset(
+    {
+        "docs/agents.md",
+        "docs/assurance.md",
+        "docs/comparison.md",
+        "docs/faults.md",
+        "docs/missions/dock.md",
+        "docs/optimal.md",
+        "docs/robustness.md",
+        "docs/spacecraft.md",
+        "docs/tasks.md",
+        "docs/training.md",
+    }
+)
+"""Pages that still have such words, or are longer: to be rewritten, and then to be removed from here."""
+
+INTERNAL = frozenset(
+    {
+        "architecture.md",
+        "certificate.md",
+        "measured.md",
+        "plain.md",
+        "speed.md",
+        "validation.md",
+        "verification.md",
+    }
+)
+"""Pages for those who change RANS or read proofs: as long as they need."""
+
+REFERENCE = frozenset({"agents.md", "comparison.md", "robustness.md", "tasks.md"})
+"""Pages of tables and definitions, which are looked up and not read: as long as they need."""
+
+
+def pages() -> list[Path]:
+    """Pages for users: the README, those of docs and docs/missions, and the tutorials."""
+    return [
+        ROOT / "README.md",
+        *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
+        *sorted(DOCS.glob("missions/*.md")),
+        *sorted(DOCS.glob("tutorials/*.py")),
+    ]
+
+
+def prose(text: str, is_script: bool = False) -> str:
+    """A page without its code, with as many lines, in which code and targets of links are blank.
+
+    >>> prose("See [the knob](knob.md) and `knob`.")
+    'See [the knob]() and .'
+    """
+    if is_script:
+        text = "\n".join(
+            line.lstrip("# ") if line.startswith("#") else "" for line in _docstring_first(text)
+        )
+    text = re.sub(
+        r"^(```|~~~).*?^\1",
+        lambda code: "\n" * code[0].count("\n"),
+        text,
+        flags=re.DOTALL | re.MULTILINE,
+    )
+    text = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"<!--.*?-->", "", text)
+    text = re.sub(r"``[^`]*``|`[^`]*`", "", text)
+    return re.sub(r"\]\([^)]*\)", "]()", text)
+
+
+def _docstring_first(text: str) -> Iterator[str]:
+    """Lines of a script, those of its docstring as comments."""
+    inside = False
+    for k, line in enumerate(text.splitlines()):
+        quotes = line.count('"""')
+        if k == 0 or inside:
+            inside = quotes % 2 == 1 if k == 0 else not quotes
+            yield f"# {line}"
+        else:
+            yield line
+
+
+def complaints(page: Path) -> Iterator[str]:
+    """What is wrong with a page, a sentence each that begins with its place."""
+    name = page.relative_to(ROOT).as_posix()
+    text = prose(page.read_text("utf-8"), page.suffix == ".py")
+    for number, line in enumerate(text.splitlines(), 1):
+        for pattern, better in WORDS.items():
+            for word in re.findall(rf"\b(?:{pattern})\b", line, re.IGNORECASE):
+                yield f'{name}:{number}: "{word}" is not a word of the field; write: {better}.'
+    sentences = re.sub(r"^\|.*$", "", text, flags=re.MULTILINE)
+    count = len(re.findall(r"\w[\w'.,-]*", sentences))
+    if (
+        page.parent in (DOCS, DOCS / "missions")
+        and page.name not in REFERENCE
+        and count > MOST_WORDS
+    ):
+        yield f"{name}: {count} words; a page that is read has at most {MOST_WORDS}: split it."
+
+
+def main() -> int:
+    """Print the complaints about all pages: 0 if there are none."""
+    found = [
+        complaint
+        for page in pages()
+        if page.relative_to(ROOT).as_posix() not in NOT_YET
+        for complaint in complaints(page)
+    ]
+    for complaint in found:
+        sys.stdout.write(f"{complaint}\n")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""Links of the Markdown pages that lead out of the site, which are right in the repository.
+
+Pages link to files as a reader of the repository needs it: to the README, to examples, to records. In the site
+a link to the README leads to the landing page, one to a tutorial's script to its page, one to any other file
+downloads it, and one to a folder is text.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+
+_LINK = re.compile(r"(?<!!)\[(?P<text>[^\[\]]*)\]\((?P<target>[^)\s]+)\)")
+_FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
+
+
+def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
+    """Change the links in the text of a page before it is parsed."""
+    page = Path(app.env.doc2path(docname))
+    if page.suffix != ".md":
+        return
+    docs = Path(app.srcdir)
+
+    def changed(link: re.Match[str]) -> str:
+        text, target = link["text"], link["target"]
+        path, _, _ = target.partition("#")
+        if not path or "://" in path:
+            return link[0]
+        file = (page.parent / path).resolve()
+        up = "../" * (len(page.relative_to(docs).parts) - 1)
+        if file in (docs.parent / "README.md", docs / "README.md"):
+            return f"[{text}]({up}index.md)"
+        if file.is_relative_to(docs / "tutorials"):
+            return f"[{text}]({up}learn/{file.stem}.rst)"
+        if file.is_dir():
+            return f"`{text.strip('`')}`"
+        if file.suffix == ".md" and file.is_relative_to(docs):
+            return link[0]
+        # relative to the docs, for `doctree-read` to download
+        return f"{{repository-file}}`{text.strip('`')} <{path}>`"
+
+    pieces = []
+    end = 0
+    for fence in _FENCE.finditer(content[0]):
+        pieces += [_LINK.sub(changed, content[0][end : fence.start()]), fence[0]]
+        end = fence.end()
+    content[0] = "".join([*pieces, _LINK.sub(changed, content[0][end:])])
+
+
+def _file(
+    name: str,
+    rawtext: str,
+    text: str,
+    lineno: int,
+    inliner: Any,
+    options: Any = None,
+    content: Any = (),
+) -> tuple[list[nodes.Node], list[nodes.Node]]:
+    """The role of a file of the repository: a download."""
+    title, _, target = text.rstrip(">").rpartition(" <")
+    node = addnodes.download_reference(rawtext, reftarget=target, refdoc="")
+    node["refdoc"] = inliner.document.settings.env.docname
+    node += nodes.literal(title, title)
+    return [node], []
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Connect to the reading of pages."""
+    app.add_role("repository-file", _file)
+    app.connect("source-read", _rewritten)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

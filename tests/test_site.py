@@ -1,0 +1,182 @@
+"""The documentation site without building it: every page is reached, terms lead to pages, words are the field's."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+TERMS = {
+    "6DoF": "spacecraft",
+    "asymmetric actor-critic": "training",
+    "certified bound": "certificate",
+    "Clohessy-Wiltshire": "missions/dock",
+    "curriculum": "tasks",
+    "disturbance": "conditions",
+    "docking": "missions/dock-port",
+    "domain randomization": "conditions",
+    "embedded C": "export",
+    "failure probability": "assurance",
+    "fault injection": "faults",
+    "Gymnasium": "environments",
+    "hyper-parameter": "sweep",
+    "Kalman filter": "training",
+    "keep-out zone": "missions/avoid",
+    "latency": "conditions",
+    "limit cycle": "agents",
+    "LQR": "comparison",
+    "minimum time": "optimal",
+    "Monte Carlo": "assurance",
+    "MPC": "comparison",
+    "ONNX": "export",
+    "Pareto front": "comparison",
+    "path following": "agents",
+    "powered descent": "missions/land",
+    "PPO": "training",
+    "privileged observation": "training",
+    "PX4": "robots",
+    "reaction wheel": "spacecraft",
+    "rendezvous": "missions/rendezvous",
+    "ROS 2": "robots",
+    "robustness": "stress",
+    "sensor dropout": "conditions",
+    "sim-to-real": "robots",
+    "Stable-Baselines3": "environments",
+    "test vectors": "export",
+    "valve delay": "conditions",
+}
+"""What engineers search for, and the page that must have it in these words."""
+
+
+def extension(name: str) -> ModuleType:
+    """A module of docs/_ext, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"docs_{name}", DOCS / "_ext" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+PROSE = extension("prose")
+REFERENCE = extension("reference")
+
+
+def entries(page: Path) -> list[str]:
+    """Pages that a page's tables of contents lead to, as paths below docs without their ends."""
+    folder = page.parent.relative_to(DOCS).as_posix()
+    listed = []
+    for body in re.findall(
+        r"^```\{toctree\}\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
+    ):
+        names = [line for line in body.splitlines() if line and not line.startswith(":")]
+        for name in names:
+            if "*" in name:
+                listed += [
+                    one.relative_to(DOCS).with_suffix("").as_posix()
+                    for one in page.parent.glob(f"{name}.md")
+                ]
+            else:
+                listed.append((f"{folder}/" if folder != "." else "") + name)
+    return listed
+
+
+def test_every_page_is_in_one_table_of_contents() -> None:
+    generated = {Path(name).with_suffix("").as_posix() for name in REFERENCE.pages()}
+    reached = ["index"]
+    for page in reached:
+        if (DOCS / f"{page}.md").exists():
+            reached += entries(DOCS / f"{page}.md")
+        else:  # written by the build
+            assert page == "learn/index" or page.removeprefix("reference/") in generated, page
+    assert len(reached) == len(set(reached))
+    written = {
+        page.relative_to(DOCS).with_suffix("").as_posix()
+        for page in DOCS.rglob("*.md")
+        if page.relative_to(DOCS).parts[0] not in ("README.md", "learn", "reference", "validation")
+    }
+    assert written <= set(reached)
+
+
+def test_the_reference_has_every_public_name_command_task_and_spacecraft() -> None:
+    REFERENCE.check_api()
+    made = REFERENCE.pages()
+    for name in REFERENCE.COMMANDS:
+        assert f"### rans {name}\n" in made["commands.md"]
+    for name in REFERENCE.TASKS.built_in:
+        assert "Observation in" in made[f"tasks/{name}.md"]
+    for name in REFERENCE.spacecraft_names():
+        assert f"## {name}\n" in made["spacecraft.md"]
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_a_term_of_the_field_leads_to_a_page_that_has_it(term: str) -> None:
+    page = DOCS / f"{TERMS[term]}.md"
+    text = " ".join(page.read_text("utf-8").lower().split())
+    assert term.lower() in text, f"{page.name} should say {term}"
+    row = next(
+        line
+        for line in (DOCS / "terms.md").read_text("utf-8").splitlines()
+        if line.startswith("|") and term.lower() in line.partition("](")[0].lower()
+    )
+    target = row.partition("](")[2].partition(")")[0].partition("#")[0]
+    assert (DOCS / target).resolve() == page
+
+
+@pytest.mark.parametrize("page", PROSE.pages(), ids=lambda page: page.name)
+def test_the_words_of_a_page_are_the_fields(page: Path) -> None:
+    if page.relative_to(ROOT).as_posix() in PROSE.NOT_YET:
+        pytest.skip("is to be rewritten")
+    assert list(PROSE.complaints(page)) == []
+
+
+def test_the_linter_sees_words_in_prose_and_none_in_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PROSE, "ROOT", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(
+        "Two knobs of `knob` in a look-ahead.\n\n```\nverge\n```\n\nNobody\nlooks.\n", "utf-8"
+    )
+    places = [complaint.partition(' "')[::2] for complaint in PROSE.complaints(page)]
+    assert [(place, said.partition('"')[0]) for place, said in places] == [
+        ("page.md:1:", "knobs"),
+        ("page.md:7:", "Nobody"),
+        ("page.md:8:", "looks"),
+    ]
+
+
+def test_pages_that_are_exempt_exist_and_need_it() -> None:
+    for name in PROSE.NOT_YET:
+        assert list(PROSE.complaints(ROOT / name)), f"{name} is fine: remove it from NOT_YET"
+
+
+def test_foreign_addresses_that_a_page_would_fetch_are_seen() -> None:
+    fetched = extension("self_contained").fetched
+    assert fetched('<link href="https://fonts.example/a.css" rel="stylesheet">')
+    assert fetched("@font-face { src: url(//cdn.example/a.woff) }")
+    assert not fetched('<a href="https://example.org">a link is followed by the reader alone</a>')
+
+
+def test_the_extra_docs_has_what_the_configuration_asks_for() -> None:
+    """A range and a pin for every foreign extension and the theme."""
+    extra = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    named = {re.split(r"[><=]", one)[0].replace("-", "_") for one in extra["docs"]}
+    conf = (DOCS / "conf.py").read_text("utf-8")
+    listed = re.search(r"^extensions = \[(.*?)^\]", conf, re.DOTALL | re.MULTILINE)
+    assert listed
+    foreign = {one.split(".")[0] for one in re.findall(r'"([\w.]+)"', listed[1])}
+    own = {file.stem for file in (DOCS / "_ext").glob("*.py")}
+    assert foreign - own | {"pydata_sphinx_theme"} == named
+    pins = (ROOT / "constraints.txt").read_text("utf-8").replace("-", "_").lower()
+    for one in named:
+        assert f"\n{one}==" in pins
