@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.cli.helped import EXAMPLES, GROUPS, GUIDES
+from rans.cli.help import EXAMPLES, GROUPS, GUIDES
 
 import rans
 from rans.cli import COMMANDS
@@ -138,7 +138,7 @@ def _command(name: str) -> Iterable[str]:
 
 def _value(name: str, hint: Any) -> tuple[str, bool]:
     """What stands for an option's value, and whether it is written without the option's name."""
-    from rans.cli.helped import _metavar
+    from rans.cli.help import _metavar
 
     own: tuple[Any, ...] = ()
     plain = hint
