@@ -14,10 +14,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.cli.help import EXAMPLES, GROUPS, GUIDES
-
 import rans
 from rans.cli import COMMANDS
+from rans.cli.help import EXAMPLES, GROUPS, GUIDES
 from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
