@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, NamedTuple, Protocol
 
-from rans.effectors.motion import states_at_looks
+from rans.effectors.motion import states_at_checks
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -84,7 +84,7 @@ class Outcome:
     False where the episode failed, or a constraint was violated.
     """
     margins: dict[str, Field]
-    """The least of each margin of `Task.constraints` over the looks of the period, until the episode ended."""
+    """The least of each margin of `Task.constraints` over the checks of the period, until the episode ended."""
     guarded: Field | None = None
     """Whether the guard gave another command than the wanted one; None: there is no guard."""
 
@@ -193,10 +193,10 @@ class World:
         return self.setup.conditions
 
     def move(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
-        """States at the looks of one control period, by our equations; the last one is at its end."""
+        """States at the checks of one control period, by our equations; the last one is at its end."""
         body = step_inputs.body
         command = step_inputs.commands[0]
-        return states_at_looks(
+        return states_at_checks(
             state,
             self.craft,
             body,
@@ -307,7 +307,9 @@ class World:
         if parameters is None or draws is None:
             return StepInputs(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
-        earlier = (tuple(map(draws.real, told)) for told in episode.commands[: self._memory.felt])
+        earlier = (
+            tuple(map(draws.real, command)) for command in episode.commands[: self._memory.felt]
+        )
         body, fails = parameters.flying(step * period)
         return StepInputs(
             body, (command, *earlier), parameters.lag, parameters.disturbance(step, period), fails
@@ -334,7 +336,7 @@ class World:
 
 
 Mover = Callable[[Any, StepInputs], tuple[Any, ...]]
-"""States at the looks of one control period, the last one at its end: `World.move`, or Drake."""
+"""States at the checks of one control period, the last one at its end: `World.move`, or Drake."""
 
 
 def step(
@@ -360,20 +362,20 @@ def step(
         obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])
 
-    # Motion, and what is asked at every look.
+    # Motion, and what is asked at every check.
     states = (move or world.move)(episode.state, world.step_inputs(episode, command, draws))
     state = states[-1]
-    looked = _look(task, episode, states, period / world.timing.looks)
-    goal = looked.goal
+    checked = _check_period(task, episode, states, period / world.timing.checks)
+    goal = checked.goal
     lost = ~finite(*leaves(state))
-    done = None if looked.done is None else looked.done & ~lost
+    done = None if checked.done is None else checked.done & ~lost
     failed = task.failed(state, goal)
-    if looked.done is not None:
-        # What is won at a look is over: the rest of the period counts for nothing.
-        failed = failed & ~looked.done
+    if checked.done is not None:
+        # What is won at a check is over: the rest of the period counts for nothing.
+        failed = failed & ~checked.done
     failed = failed | lost
-    if looked.violated is not None and task.violation_ends:
-        failed = failed | looked.violated
+    if checked.violated is not None and task.violation_ends:
+        failed = failed | checked.violated
 
     # The episode at the end of the period.
     clock = episode.clock + 1
@@ -388,7 +390,7 @@ def step(
     if episode.reading is not None:
         arrived = replace(arrived, reading=world.read(arrived, draws, episode.reading))
     if episode.violated is not None:
-        arrived = replace(arrived, violated=where(looked.violated, 1.0, episode.violated))
+        arrived = replace(arrived, violated=where(checked.violated, 1.0, episode.violated))
 
     # Reward and ends.
     transition = Transition(
@@ -407,18 +409,18 @@ def step(
     return Outcome(
         episode=arrived,
         command=command,
-        terms=reward_terms(task, transition, done, looked.violated),
+        terms=reward_terms(task, transition, done, checked.violated),
         failed=failed,
         done=done,
         truncated=time_is_up & ~(failed if done is None else failed | done),
         reached=reached & ~failed,
-        margins=looked.margins,
+        margins=checked.margins,
         guarded=guarded,
     )
 
 
-class _Looked(NamedTuple):
-    """What the looks of one control period told."""
+class _PeriodChecks(NamedTuple):
+    """Result of the checks of one control period."""
 
     goal: Any
     """At the end of the period."""
@@ -430,8 +432,10 @@ class _Looked(NamedTuple):
     """Whether the mission was won before anything was violated that ends it; None: it cannot be won."""
 
 
-def _look(task: Task, episode: Episode, states: tuple[Any, ...], apart: float) -> _Looked:
-    """Ask the task at every look of a control period, ``apart`` (s) from each other."""
+def _check_period(
+    task: Task, episode: Episode, states: tuple[Any, ...], apart: float
+) -> _PeriodChecks:
+    """Ask the task at every check of a control period, ``apart`` (s) from each other."""
     goal = episode.goal
     least: dict[str, Field] = {}
     violated: Field | None = None
@@ -457,7 +461,7 @@ def _look(task: Task, episode: Episode, states: tuple[Any, ...], apart: float) -
             if violated is not None and task.violation_ends:
                 won = won & ~violated
             done = won if done is None else done | won
-    return _Looked(goal, least, violated, done)
+    return _PeriodChecks(goal, least, violated, done)
 
 
 def _least(one: dict[str, Field], other: dict[str, Field]) -> dict[str, Field]:
@@ -478,8 +482,8 @@ def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
     return map_leaves(choose, begun, arrived)
 
 
-class Seen(NamedTuple):
-    """What one step with the next episode begun where one ended gives, in fields of any library."""
+class StepAndRestart(NamedTuple):
+    """Result of one step and of the restart where an episode ended, in fields of any library."""
 
     after: Episode
     """The episode to act in next."""
@@ -493,7 +497,7 @@ class Seen(NamedTuple):
 
 def step_and_restart(
     world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
-) -> Seen:
+) -> StepAndRestart:
     """`step` and, where an episode ended, `restart`.
 
     What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
@@ -501,8 +505,10 @@ def step_and_restart(
     """
     remembers = episode.parameters is not None
     outcome = step(world, world.recalled(episode, draws), command, draws)
-    begins = not plain or bool(outcome.ended.any())
-    after = restart(world, outcome, draws) if begins else outcome.episode
-    seen = world.observe(after, draws)
+    restarts = not plain or bool(outcome.ended.any())
+    after = restart(world, outcome, draws) if restarts else outcome.episode
+    begins_with = world.observe(after, draws)
     final = world.observe(outcome.episode, draws)
-    return Seen(after if remembers else replace(after, parameters=None), outcome, seen, final)
+    return StepAndRestart(
+        after if remembers else replace(after, parameters=None), outcome, begins_with, final
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,21 @@ FOLDER = Path(__file__).parent / "data" / "pretrained"
 """One folder an agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
 RECIPE_FOLDER = FOLDER.parent / "recipes"
 """One TOML file NAME.toml an agent, by which it is trained (`rans.fast.learn.recipes`)."""
+
+_FORMER_NAMES = {"go-to-pose-2d-knob": "go-to-pose-2d-trade-off"}
+"""Names of agents and recipes in the version before, which work for one version more and warn."""
+
+
+def present_agent(name: str) -> str:
+    """Present name of an agent or a recipe; a former one warns with a `DeprecationWarning`."""
+    if (new := _FORMER_NAMES.get(name)) is None:
+        return name
+    warnings.warn(
+        f"the agent {name} is called {new} now; its former name goes with the next version.",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return new
 
 
 def pretrained_names() -> list[str]:
@@ -29,6 +45,7 @@ def pretrained_folder(name: str) -> Path:
     Raises:
         ConfigError: there is none.
     """
+    name = present_agent(name)
     if name not in pretrained_names():
         raise ConfigError(
             f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "

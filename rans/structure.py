@@ -5,15 +5,17 @@ from __future__ import annotations
 import inspect
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import partial
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import cattrs
+from cattrs.gen import make_dict_structure_fn
 
 from rans.errors import ConfigError, RansError, brief, meant
 from rans.files import check_depth
+from rans.renamed import with_present_names
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
@@ -104,6 +106,9 @@ def structure(table: Any, cls: type[T], where: str) -> T:
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
     )  # structured by who knows which one it is
+    converter.register_structure_hook_factory(
+        lambda kind: bool(getattr(kind, "former_names", None)), _accepting_former_names
+    )
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
@@ -115,6 +120,16 @@ def structure(table: Any, cls: type[T], where: str) -> T:
         # cattrs ends each with its place; a reader wants that first.
         places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
         raise ConfigError(f"{'; '.join(places)}.") from error
+
+
+def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+    """Hook for a dataclass some of whose fields had other names (`rans.renamed`)."""
+    usual = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
+
+    def hook(value: Any, _: Any) -> Any:
+        return usual(with_present_names(kind, value) if isinstance(value, Mapping) else value, kind)
+
+    return hook
 
 
 def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:

@@ -10,12 +10,12 @@ inside
     At an instant: the flight is not over, and every error is within the task's tolerance
     (`rans.episode.Outcome.reached`).
 violated
-    A margin of the task's constraints was negative at a look before the flight was over.
+    A margin of the task's constraints was negative at a check before the flight was over.
 failed
     The flight is over and not won: the task declared a failure at the end of some step, a constraint was
     violated that ends episodes, or a number of the state was NaN or infinite there.
 won
-    `rans.tasks.base.Task.done` said so at a look, before any failure. Only missions can be won; a mission
+    `rans.tasks.base.Task.done` said so at a check, before any failure. Only missions can be won; a mission
     settles at the end of the step in which it is won.
 settled
     Inside at instant T. The flight settled at the first instant since which it was inside without

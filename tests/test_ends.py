@@ -68,9 +68,9 @@ class Pass(GoToPose):
         return state.p.norm() < 0.1
 
 
-def outcomes(task: Pass, looks: int, periods: int, move: Any = None) -> list[Any]:
+def outcomes(task: Pass, checks: int, periods: int, move: Any = None) -> list[Any]:
     """What periods of 1 s with shut thrusters give."""
-    world = World(Setup(PLATFORM, task, Timing(1.0, 1, 10, looks)))
+    world = World(Setup(PLATFORM, task, Timing(1.0, 1, 10, checks)))
     one = scenarios(task, PLATFORM, seed=1, count=1)
     now = world.begin(one.start, one.goal)
     found = []
@@ -80,8 +80,8 @@ def outcomes(task: Pass, looks: int, periods: int, move: Any = None) -> list[Any
     return found
 
 
-def drake(looks: int) -> DrakeMover:
-    return DrakeMover(PLATFORM, Timing(1.0, 1, 10, looks))
+def drake(checks: int) -> DrakeMover:
+    return DrakeMover(PLATFORM, Timing(1.0, 1, 10, checks))
 
 
 @pytest.mark.parametrize("mover", [None, drake], ids=["ours", "drake"])
@@ -103,16 +103,16 @@ def test_a_contact_between_two_commands_counts(mover: Any) -> None:
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
 def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> None:
-    """At 0.6 m after 2 s it is too far away, but it was at the origin after 1.25 s; with one look it is lost."""
+    """At 0.6 m after 2 s it is too far away, but it was at the origin after 1.25 s; with one check it is lost."""
     pilot: Any = type("Shut", (), {"name": "shut"})()
     pilot.reset = lambda count: None
     pilot.act = lambda state, goal, observation: np.zeros((len(observation), len(SHUT)))
     task = Pass(wall=9.0, fail_distance=0.5)
     starts = scenarios(task, PLATFORM, seed=1, count=2)
-    for looks, failure in ((4, 0), (1, Failure.TERMINATED)):
-        flight = flying(PLATFORM, task, pilot, starts, Timing(1.0, 1, 5, looks))
+    for checks, failure in ((4, 0), (1, Failure.TERMINATED)):
+        flight = flying(PLATFORM, task, pilot, starts, Timing(1.0, 1, 5, checks))
         assert flight.verdict.failure().tolist() == [failure] * 2
-        assert bool(outcomes(task, looks, 2)[-1].failed) == bool(failure)
+        assert bool(outcomes(task, checks, 2)[-1].failed) == bool(failure)
 
 
 def test_a_violation_before_the_contact_ends_the_episode_as_a_failure() -> None:
@@ -122,7 +122,7 @@ def test_a_violation_before_the_contact_ends_the_episode_as_a_failure() -> None:
     assert float(first.margins["wall"][0]) == pytest.approx(0.1, abs=1e-9)
     assert [bool(x) for x in (second.failed, second.done, second.success)] == [True, False, False]
     assert float(second.terms["violation"][0]) == -3.0
-    # The first look behind the wall is after 1.25 s, at the origin; the episode ended there.
+    # The first check behind the wall is after 1.25 s, at the origin; the episode ended there.
     assert float(second.margins["wall"][0]) == pytest.approx(-0.1, abs=1e-9)
 
 
@@ -138,7 +138,7 @@ def test_a_violation_that_does_not_end_the_episode_is_remembered() -> None:
 
 
 def test_goals_flow_and_remember_at_every_look() -> None:
-    """After 2 s in eight looks; the farthest way is that of the last look."""
+    """After 2 s in eight checks; the farthest way is that of the last check."""
     goal = outcomes(Pass(wall=9.0, lead=1.0), 4, 2)[-1].episode.goal
     assert float(goal.notes[0][0]) == pytest.approx(2.0, abs=1e-12)
     assert float(goal.notes[1][0]) == pytest.approx(1.6, abs=1e-12)
@@ -175,20 +175,20 @@ def test_the_engine_and_environments_end_in_the_same_way() -> None:
 
 
 def test_looks_do_not_change_the_motion() -> None:
-    """Turning, pushed, pulsed and late: the end of the period is the same however often one looks."""
+    """Turning, pushed, pulsed and late: the end of the period is the same however often one checks."""
     pilot: Any = type("Open", (), {})()
     pilot.name = "open"
     pilot.reset = lambda count: None
     rng = np.random.default_rng(3)
     commands = iter(rng.integers(0, 2, (60, 4, 8)).astype(float))
     flown = []
-    for looks, flying in ((1, fly), (3, fly), (3, fly_in_drake)):
+    for checks, flying in ((1, fly), (3, fly), (3, fly_in_drake)):
         rng = np.random.default_rng(3)
         commands = iter(rng.integers(0, 2, (20, 4, 8)).astype(float))
         pilot.act = lambda *_, commands=commands: next(commands)
         task = GoToPose()
         starts = scenarios(task, PLATFORM, seed=4, count=4)
-        timing = Timing(0.2, 4, 20, looks)
+        timing = Timing(0.2, 4, 20, checks)
         flown.append(flying(PLATFORM, task, pilot, starts, timing).states.p.x)
     np.testing.assert_allclose(flown[1], flown[0], rtol=0, atol=1e-11)
     np.testing.assert_allclose(flown[2], flown[0], rtol=0, atol=1e-9)

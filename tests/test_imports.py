@@ -23,7 +23,7 @@ HEAVY = {
 }
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.display", "rans.safe_path", "rans.progress"},
+    {"rans.errors", "rans.display", "rans.safe_path", "rans.progress", "rans.renamed"},
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},

@@ -27,7 +27,7 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     # Besides, a config.json that lists every world of the training.
     assert sum(files.values()) < 4 * weights + 60_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
-    kinds = "(-fast|-thrifty|-shared|-robust|-faults|-knob|-atmos)?"
+    kinds = "(-fast|-thrifty|-shared|-robust|-faults|-trade-off|-atmos)?"
     assert re.fullmatch(
         rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name
     )

@@ -61,10 +61,10 @@ class Compare:
     """Starts whose bounds are certified if optimal joins, about 25 processor seconds each, in space minutes;
     kept for the next time."""
     front: bool = False
-    """Draw time against impulse as well: the line of an agent with a knob, all others, and the certified
+    """Draw time against impulse as well: the line of an agent with a trade-off, all others, and the certified
     front."""
     positions: int = 9
-    """At which an agent with a knob flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
+    """At which an agent with a trade-off flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
     tables it has the first and the last."""
     budget: float = 300.0
     """Seconds to look for bounds of the front, from one start after the other; kept for the next time."""
@@ -142,7 +142,7 @@ class Compare:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:
             raise ConfigError(
-                f"--positions must be >= 2, the ends of the knob, got {self.positions}."
+                f"--positions must be >= 2, the ends of the trade-off, got {self.positions}."
             )
         if not self.budget >= 0:
             raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")

@@ -50,7 +50,7 @@ class Export:
         folder = agent_folder(self.run_folder)
         if part := picked_task(self.run_folder):
             raise ConfigError(
-                "an agent leaves whole, with its knob and all its tasks as observations: name "
+                "an agent leaves whole, with its trade-off and all its tasks as observations: name "
                 f"it without #{part}."
             )
         if folder.parent == FOLDER and self.format == "rans":

@@ -105,7 +105,7 @@ class Fly:
             goal=self.goal,
             goal_velocity=self.goal_velocity,
             trade_off=float(part)
-            if part and self.trade_off is None and "knob" in task["settings"]
+            if part and self.trade_off is None and "trade_off" in task["settings"]
             else self.trade_off,
             lost_after=self.lost_after,
             wait=self.wait,

@@ -18,6 +18,7 @@ from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_n
 from rans.model.timing import Timing
 from rans.pretrained import (
     RECIPE_FOLDER,
+    present_agent,
     pretrained_card,
     pretrained_folder,
     pretrained_names,
@@ -81,7 +82,7 @@ class List:
 
     @property
     def _named(self) -> str:
-        return (self.name or "").removeprefix("pretrained:")
+        return present_agent((self.name or "").removeprefix("pretrained:"))
 
     def _kind(self) -> str:
         """What the name is of, as `_PARTS` knows it."""

@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
 
-def states_at_looks(
+def states_at_checks(
     state: AnyState,
     craft: Spacecraft,
     body: Body,
@@ -29,7 +29,7 @@ def states_at_looks(
     disturbance: Wrench | None = None,
     pieces: Iterable[Piece] | None = None,
 ) -> tuple[AnyState, ...]:
-    """States at the looks of a control period in which a command is held (`rans.model.timing.Timing.looks`).
+    """States at the checks of a control period in which a command is held (`rans.model.timing.Timing.checks`).
 
     The last one is the state at the end of the period. Headings and quaternions are normalised.
 
@@ -50,7 +50,7 @@ def states_at_looks(
     elapsed: Field = 0.0
 
     states = []
-    for number, part in enumerate(cut(pieces, period, timing.looks), 1):
+    for number, part in enumerate(cut(pieces, period, timing.checks), 1):
         for whole in part:
             for (duration, first, last, longest), growth, after in _burned(tank, whole, left):
                 left = after
@@ -79,7 +79,7 @@ def states_at_looks(
                 state = advance(state, first, body, duration, steps, few, pull, drift, last, stored)
         state = state.normalised()
         if craft.stores:
-            gone = period * number / timing.looks
+            gone = period * number / timing.checks
             tanks = () if left is None else (left,)
             state = replace(state, stores=(*tanks, *_held(momenta, motors, gone)))
         states.append(state)
@@ -111,8 +111,8 @@ def _times(amount: Any, factor: Field) -> Any:
 
 
 def held(*arguments: Any, **options: Any) -> Any:
-    """State at the end of a control period in which a command is held; arguments as `states_at_looks`."""
-    return states_at_looks(*arguments, **options)[-1]
+    """State at the end of a control period in which a command is held; arguments as `states_at_checks`."""
+    return states_at_checks(*arguments, **options)[-1]
 
 
 def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable[Piece]]:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, Seen, World, step_and_restart
+from rans.episode import Episode, StepAndRestart, World, step_and_restart
 from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
@@ -56,8 +56,8 @@ def stepped(
 ) -> tuple[Step, Episode]:
     """One step on tensors and the episodes to act in next, without writing anything."""
     command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
-    seen = step_and_restart(world, episode, command, draws, plain)
-    return _results(seen, torch.stack, lambda x: x), seen.after
+    result = step_and_restart(world, episode, command, draws, plain)
+    return _results(result, torch.stack, lambda x: x), result.after
 
 
 def step_tensors(
@@ -77,22 +77,22 @@ def step_tensors(
 def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
     """The same on NumPy's arrays."""
     command = tuple(np.ascontiguousarray(action.numpy().T).astype(draws.dtype))
-    seen = step_and_restart(world, episode, command, draws)
-    results = _results(seen, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
-    write(episode.memory(), seen.after.memory())
+    result = step_and_restart(world, episode, command, draws)
+    results = _results(result, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
+    write(episode.memory(), result.after.memory())
     return results
 
 
-def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
+def _results(result: StepAndRestart, stack: Any, wrap: Any) -> Step:
     """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
-    outcome = seen.outcome
+    outcome = result.outcome
     terms, reward = paid(outcome.terms, outcome.terminated)
     return Step(
-        observation=stack(seen.observation).T,
+        observation=stack(result.observation).T,
         reward=wrap(reward),
         terminated=wrap(outcome.terminated),
         truncated=wrap(outcome.truncated),
-        final_observation=stack(seen.final_observation).T,
+        final_observation=stack(result.final_observation).T,
         reached=wrap(outcome.reached),
         terms=stack(tuple(terms.values())),
     )

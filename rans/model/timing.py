@@ -7,21 +7,23 @@ from dataclasses import dataclass
 
 from rans.errors import ConfigError, brief
 from rans.model.fields import Field
+from rans.renamed import renamed
 
 MOST_SUBSTEPS = 10_000
 """A hundred times what any craft needs: more is a slip, and takes for ever."""
-MOST_LOOKS = 1_000
-"""At so many instants every craft is looked at often enough; each costs as much as a step."""
+MOST_CHECKS = 1_000
+"""So many instants are enough for every craft; each costs as much as a step."""
 MOST_STEPS = 2**20 - 1
 """Of an episode. The engine counts them in the low bits of a 32-bit word, and episodes in the others."""
 
 
+@renamed(looks="checks")
 @dataclass(frozen=True)
 class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
     >>> rans.Timing(control_period=0.1, episode_steps=250)
-    Timing(control_period=0.1, substeps=None, episode_steps=250, looks=1)
+    Timing(control_period=0.1, substeps=None, episode_steps=250, checks=1)
 
     Raises:
         ConfigError: a value is not a positive number, a count is not whole, or above `MOST_STEPS`.
@@ -35,7 +37,7 @@ class Timing:
     after 25 s in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
-    looks: int = 1
+    checks: int = 1
     """Instants of a control period, evenly spaced, the last one at its end, at which a task's constraints,
     success and memory are asked (`rans.tasks.base.Task`)."""
 
@@ -47,7 +49,7 @@ class Timing:
             or not 0 < period < math.inf
         ):
             raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
-        for key in ("substeps", "episode_steps", "looks"):
+        for key in ("substeps", "episode_steps", "checks"):
             value = getattr(self, key)
             if value is None and key == "substeps":
                 continue
@@ -55,8 +57,8 @@ class Timing:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {brief(value)}.")
         if self.substeps is not None and self.substeps > MOST_SUBSTEPS:
             raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
-        if self.looks > MOST_LOOKS:
-            raise ConfigError(f"looks must be <= {MOST_LOOKS:,}, got {self.looks:,}.")
+        if self.checks > MOST_CHECKS:
+            raise ConfigError(f"checks must be <= {MOST_CHECKS:,}, got {self.checks:,}.")
         if self.episode_steps > MOST_STEPS:
             raise ConfigError(
                 f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}."

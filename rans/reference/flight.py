@@ -73,7 +73,7 @@ class DrakeMover:
 
     Args:
         craft: what flies.
-        timing: control period and looks.
+        timing: control period and checks.
         drift: how a free point moves.
         max_step: Drake's longest integration step, s. None: a twentieth of the control period, shortened to
             `_TURN` of the fastest spin that the period can end with, but at least 0.01 s: a craft that hardly
@@ -95,7 +95,7 @@ class DrakeMover:
         self._plant = self._plant_for(designed(craft), 1)
 
     def __call__(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
-        """States at the looks of one control period, the last one at its end."""
+        """States at the checks of one control period, the last one at its end."""
         rows = rows_from_states(state)
         body = step_inputs.body
         disturbance = step_inputs.disturbance
@@ -112,7 +112,7 @@ class DrakeMover:
         plant = self._plant_for(body, len(many))
         if self._max_step is None:
             plant.set_max_step(self._step_for(state))
-        moved = plant.states_at_looks(
+        moved = plant.states_at_checks(
             many,
             command,
             self._timing.control_period,
@@ -120,7 +120,7 @@ class DrakeMover:
             Nozzles.of(self._craft, body, len(many), *late),
             earlier,
             failure,
-            self._timing.looks,
+            self._timing.checks,
         )
         return tuple(
             states_from_rows(some.reshape(rows.shape), state).normalised() for some in moved

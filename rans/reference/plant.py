@@ -209,10 +209,10 @@ class Plant:
         return rows
 
     def advance(self, *arguments: Any, **options: Any) -> np.ndarray:
-        """States (N, width) after the commands were held for a duration; arguments of `states_at_looks`."""
-        return self.states_at_looks(*arguments, **options)[-1]
+        """States (N, width) after the commands were held for a duration; arguments of `states_at_checks`."""
+        return self.states_at_checks(*arguments, **options)[-1]
 
-    def states_at_looks(
+    def states_at_checks(
         self,
         states: np.ndarray,
         commands: np.ndarray,
@@ -221,9 +221,9 @@ class Plant:
         nozzles: Nozzles | None = None,
         earlier: Sequence[np.ndarray] = (),
         failure: Failure | None = None,
-        looks: int = 1,
+        checks: int = 1,
     ) -> np.ndarray:
-        """States (looks, N, width) while the commands are held, the last ones after the duration.
+        """States (checks, N, width) while the commands are held, the last ones after the duration.
 
         Args:
             states: (N, width), see the module.
@@ -234,7 +234,7 @@ class Plant:
             nozzles: what becomes of commands in this period; None: as the body says, and at once.
             earlier: commands of the periods before that may still be felt, the last one first.
             failure: thrusters that fail in this period; None: the nozzles stay as they are.
-            looks: how many instants to return, evenly spaced.
+            checks: how many instants to return, evenly spaced.
         """
         nozzles = nozzles or self._nozzles
         states = self._with_stores(states)
@@ -247,10 +247,12 @@ class Plant:
         seen = []
         segments = nozzles.segments(self.craft.actuators, told, duration, failure)
         if self.craft.propellant is not None:
-            segments = self._burned(segments, states[:, self._width], duration, looks)
+            segments = self._burned(segments, states[:, self._width], duration, checks)
         for end, thrust, rate in segments:
             self._open(thrust, rate)
-            while len(seen) < looks - 1 and (instant := duration * (len(seen) + 1) / looks) <= end:
+            while (
+                len(seen) < checks - 1 and (instant := duration * (len(seen) + 1) / checks) <= end
+            ):
                 self._simulator.AdvanceTo(instant)
                 seen.append(self._get())
             self._simulator.AdvanceTo(end)
@@ -384,9 +386,9 @@ class Plant:
         return 1.0 - (tank.mass - left) / np.broadcast_to(self._body.mass, self.count)
 
     def _burned(
-        self, segments: Iterable[Segment], left: np.ndarray, duration: float, looks: int
+        self, segments: Iterable[Segment], left: np.ndarray, duration: float, checks: int
     ) -> Iterator[Segment]:
-        """Segments cut into short steps, at looks and where a tank is empty, each with the mass in its middle set.
+        """Segments cut into short steps, at checks and where a tank is empty, each with the mass in its middle set.
 
         What is left in the tanks at the end of the step is `_left`.
         """
@@ -397,7 +399,7 @@ class Plant:
         begin = 0.0
         for end, thrust, rate in segments:
             steps = math.ceil(_WEIGHINGS * (end - begin) / duration)
-            instants = [duration * k / looks for k in range(1, looks)]
+            instants = [duration * k / checks for k in range(1, checks)]
             edges = np.unique([*np.linspace(begin, end, 1 + steps), *np.clip(instants, begin, end)])
             for a, b in pairwise(edges):
                 now = a

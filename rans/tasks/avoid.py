@@ -62,7 +62,7 @@ class Avoid(GoToPose):
     violation_weight: float = 20.0
     """Reward lost once when a zone is entered, which ends the episode."""
 
-    timing: ClassVar[Timing] = Timing(looks=4)
+    timing: ClassVar[Timing] = Timing(checks=4)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -107,14 +107,14 @@ class Task(Settings, ABC):
     def remember(self, goal: State, state: State) -> State:
         """Goal whose ``notes`` remember what has happened, such as points seen: by default nothing.
 
-        Asked at every instant that `rans.model.timing.Timing.looks` says, after `later`.
+        Asked at every instant that `rans.model.timing.Timing.checks` says, after `later`.
         """
         return goal
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Margins by name that must never be negative, such as a distance to a wall (m): by default none.
 
-        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.looks` says.
+        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.checks` says.
         """
         return {}
 

@@ -52,7 +52,7 @@ class Dock(OrbitalMission):
 
     flag = 5
     spacecraft: ClassVar[str | None] = "afrl-deputy"
-    timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, looks=10)
+    timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The speed limit."""

@@ -98,7 +98,7 @@ class DockPort(SingleTask):
     fail_spin: float = 4.0
     """An episode fails beyond this rate, rad/s."""
 
-    timing: ClassVar[Timing] = Timing(control_period=0.2, episode_steps=200, looks=4)
+    timing: ClassVar[Timing] = Timing(control_period=0.2, episode_steps=200, checks=4)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -10,6 +10,7 @@ from rans.errors import ConfigError, brief
 from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log
 from rans.model.random import Random
+from rans.renamed import renamed
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.observation_terms import ObservationTerm, TradeOff
 from rans.tasks.rewards import Transition
@@ -20,66 +21,67 @@ _PRICED = {
 """Terms of the reward that the price multiplies, and their weights."""
 
 
+@renamed(knob="trade_off")
 @dataclass(frozen=True)
 class GoToPosePriced(GoToPose):
-    """Go to a pose with a knob: every episode draws and shows at what price it is flown.
+    """Go to a pose with a trade-off: every episode draws and shows at what price it is flown.
 
-    >>> rans.GoToPosePriced(knob=(0.3, 0.3))
-    GoToPosePriced(knob=(0.3, 0.3))
+    >>> rans.GoToPosePriced(trade_off=(0.3, 0.3))
+    GoToPosePriced(trade_off=(0.3, 0.3))
 
-    The price is low (high / low)^knob, the knob uniform. The policy observes the knob, 0 (fast) to 1
+    The price is low (high / low)^trade_off, the trade-off uniform. The policy observes the trade-off, 0 (fast) to 1
     (thrifty), after what `GoToPose` shows; start and goal of an episode are that task's. So one agent learns
     every trade of time for thrust, and is judged at five positions, each by itself.
 
     Raises:
-        ConfigError: the knob leaves 0 to 1, or a price is zero; and as `GoToPose`.
+        ConfigError: the trade-off leaves 0 to 1, or a price is zero; and as `GoToPose`.
     """
 
-    knob: tuple[float, float] = (0.0, 1.0)
-    """Range of the knob that episodes draw from."""
+    trade_off: tuple[float, float] = (0.0, 1.0)
+    """Range of the trade-off that episodes draw from."""
     price: tuple[float, float] = (0.5, 8.0)
-    """What thrust_weight and the other prices are multiplied by with the knob at 0 and at 1."""
+    """What thrust_weight and the other prices are multiplied by with the trade-off at 0 and at 1."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.knob[1], float | int) and self.knob[1] > 1.0:
+        if isinstance(self.trade_off[1], float | int) and self.trade_off[1] > 1.0:
             raise ConfigError(
-                f"knob must be a range within 0 (fast) to 1 (thrifty), got {self.knob!r}."
+                f"trade_off must be a range within 0 (fast) to 1 (thrifty), got {self.trade_off!r}."
             )
         if isinstance(self.price[0], float | int) and self.price[0] == 0.0:
             raise ConfigError(f"price must be > 0, as it rises by factors, got {self.price!r}.")
 
     def parts(self) -> Mapping[str, GoToPosePriced]:
-        """Every position of the knob; where it is held, nothing is left to name."""
-        return {"": self} if self.is_held else KnobPositions(self)
+        """Every position of the trade-off; where it is held, nothing is left to name."""
+        return {"": self} if self.is_held else TradeOffPositions(self)
 
     @property
     def is_held(self) -> bool:
         """Whether every episode has the same price."""
-        return self.knob[0] == self.knob[1]
+        return self.trade_off[0] == self.trade_off[1]
 
     def plain(self) -> GoToPose:
-        """What an agent flies whose knob is held: `GoToPose` with the price in its weights."""
-        price = float(self.price_at(self.knob[0]))
+        """What an agent flies whose trade-off is fixed: `GoToPose` with the price in its weights."""
+        price = float(self.price_at(self.trade_off[0]))
         own = {one.name: getattr(self, one.name) for one in fields(GoToPose)}
         return GoToPose(**own | {name: price * own[name] for name in _PRICED.values()})
 
-    def price_at(self, knob: Field) -> Field:
-        """What the prices are multiplied by where the knob stands there."""
+    def price_at(self, trade_off: Field) -> Field:
+        """What the prices are multiplied by at this trade-off."""
         low, high = self.price
         ratio = high / low
         # NumPy's own would make arrays of single precision double, and torch's compiler cannot follow it.
         rise = math.log(ratio) if isinstance(ratio, float) else log(ratio)
-        return exp(knob * rise) * low
+        return exp(trade_off * rise) * low
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """As `GoToPose`; the goal notes the knob."""
+        """As `GoToPose`; the goal notes the trade-off."""
         start, goal = super().sample(random)
-        return start, replace(goal, notes=(random.uniform(*self.knob),))
+        return start, replace(goal, notes=(random.uniform(*self.trade_off),))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """As `GoToPose`, and the knob."""
-        return (*super().observation_terms(state, goal), TradeOff("knob", "-", goal.notes[0]))
+        """As `GoToPose`, and the trade-off."""
+        return (*super().observation_terms(state, goal), TradeOff("trade-off", "-", goal.notes[0]))
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """As `GoToPose`, with the price of the episode."""
@@ -91,18 +93,18 @@ class GoToPosePriced(GoToPose):
 
 
 @dataclass(frozen=True)
-class KnobPositions(Mapping[str, GoToPosePriced]):
-    """A task with its knob held: five positions to go through, and any other to pick, such as "0.3"."""
+class TradeOffPositions(Mapping[str, GoToPosePriced]):
+    """A task with its trade-off fixed: five positions to go through, and any other to pick, such as "0.3"."""
 
     task: GoToPosePriced
 
     def __getitem__(self, name: str) -> GoToPosePriced:
         """The task at this position; `ConfigError` if it is no number from 0 to 1."""
         try:
-            return replace(self.task, knob=(float(name), float(name)))
+            return replace(self.task, trade_off=(float(name), float(name)))
         except (ValueError, ConfigError):
             raise ConfigError(
-                f"the knob turns from 0 (fast) to 1 (thrifty), got {brief(name)}."
+                f"the trade-off ranges from 0 (fast) to 1 (thrifty), got {brief(name)}."
             ) from None
 
     def __iter__(self) -> Iterator[str]:

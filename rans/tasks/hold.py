@@ -19,8 +19,8 @@ class Hold(OrbitalMission):
     >>> rans.load_task("hold").hold_distance
     100.0
 
-    Goal: at rest 100 m behind the target, on its orbit. Won: within 5 m at 0.05 m/s or less, at any look. Limit:
-    never nearer to the target than 50 m, at every look.
+    Goal: at rest 100 m behind the target, on its orbit. Won: within 5 m at 0.05 m/s or less, at any check. Limit:
+    never nearer to the target than 50 m, at every check.
 
     Start: at rest in the target's Hill frame, 150 to 300 m from the target in a uniform direction, and no nearer
     to the goal than the goal is to the ball.
@@ -51,7 +51,7 @@ class Hold(OrbitalMission):
     flag = 9
     brakes: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "vbar-chaser"
-    timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, looks=10)
+    timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The keep-out ball around the target, at the origin."""

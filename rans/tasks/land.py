@@ -84,7 +84,7 @@ class Land(SingleTask):
     symmetric: ClassVar[bool] = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "mars-lander-steered"
-    timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, looks=2)
+    timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, checks=2)
 
     @property
     def drift(self) -> Drift:

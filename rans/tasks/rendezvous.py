@@ -20,8 +20,8 @@ class Rendezvous(OrbitalMission):
     >>> rans.load_task("rendezvous").cone_length
     100.0
 
-    Goal: the origin of W, the target's Hill frame. Won: within 1 m at 0.05 m/s or less, at any look. Limit: nearer
-    than 100 m the craft stays inside a cone of 30 degrees half angle that opens towards -x, at every look.
+    Goal: the origin of W, the target's Hill frame. Won: within 1 m at 0.05 m/s or less, at any check. Limit: nearer
+    than 100 m the craft stays inside a cone of 30 degrees half angle that opens towards -x, at every check.
 
     Start: at rest in the Hill frame, 0.4 to 1 km away along the cone's axis, within 25 degrees of it.
 
@@ -62,7 +62,7 @@ class Rendezvous(OrbitalMission):
     flag = 10
     brakes: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "arpod-chaser"
-    timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, looks=10)
+    timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, checks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The line-of-sight cone, whose apex is a contact's distance behind the target."""

@@ -29,12 +29,12 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     return exp(error * (-1.0 / scale))
 
 
-def within(*shares: Field, squarings: int) -> Field:
-    """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; squarings sharpen it."""
-    if squarings > _SQUARINGS:  # far away they would overflow single precision
-        most = 2.0 ** (120.0 / 2**squarings)
+def within(*shares: Field, sharpness: int) -> Field:
+    """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; the sharpness is how many times they are squared."""
+    if sharpness > _SQUARINGS:  # far away they would overflow single precision
+        most = 2.0 ** (120.0 / 2**sharpness)
         shares = tuple(where(share < most, share, most) for share in shares)
-    for _ in range(squarings):
+    for _ in range(sharpness):
         shares = tuple(share * share for share in shares)
     return 1.0 / (1.0 + sum(shares))
 

@@ -34,7 +34,7 @@ def check_settings(task: Any) -> None:
         ]  # curricula check theirs
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
-        if name.endswith("_squarings") and not (isinstance(value, int) and 1 <= value <= 8):
+        if name.endswith("_sharpness") and not (isinstance(value, int) and 1 <= value <= 8):
             raise ConfigError(f"{name} must be a whole number from 1 to 8, got {value!r}.")
         if isinstance(value, tuple) and value[0] > value[1]:
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")

@@ -35,7 +35,7 @@ class Tracking(SingleTask):
         if not is_used(self.within_weight):
             return {}
         shares = (errors[name] / bound for name, bound in self.tolerances().items())
-        return {"within": within(*shares, squarings=_SQUARINGS) * self.within_weight}
+        return {"within": within(*shares, sharpness=_SQUARINGS) * self.within_weight}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""

@@ -144,12 +144,12 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "rans: the seed must be a whole number",
         ),
         (
-            ["go-to-pose-2d-knob#"],
-            "go-to-pose-2d-knob has a knob: hold it, as in go-to-pose-2d-knob#0.5",
+            ["go-to-pose-2d-trade-off#"],
+            "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
         (
             ["lqr:go-to-pose-2d", "--front", "--positions", "1"],
-            "--positions must be >= 2, the ends of the knob",
+            "--positions must be >= 2, the ends of the trade-off",
         ),
         (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
     ],
@@ -204,10 +204,10 @@ def test_every_option_reaches_the_comparison(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_front_of_an_agent_with_a_knob(
+def test_front_of_an_agent_with_a_trade_off(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both ends of the knob are contestants, the positions between fly for the front only."""
+    """Both ends of the trade-off are contestants, the positions between fly for the front only."""
     monkeypatch.setattr(
         "rans.evaluation.compare.certified.bounds",
         lambda asked, starts, *_: (
@@ -247,7 +247,7 @@ def test_front_of_an_agent_with_a_knob(
     assert lqr["over_bound"]["bound"] == pytest.approx(0.1)
     assert "turned does not dominate LQR: " in capsys.readouterr().out
     assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
-    assert f"{run} has a knob: hold it, as in {run}#0.5" in capsys.readouterr().err
+    assert f"{run} has a trade-off: fix it, as in {run}#0.5" in capsys.readouterr().err
 
 
 def test_an_interrupted_page_says_how_far_it_got(

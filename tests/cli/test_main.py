@@ -225,7 +225,7 @@ def test_help_of_an_option_is_one_paragraph() -> None:
         check=True,
     )
     lines = [line.strip("│ ") for line in done.stdout.splitlines()]
-    assert any(line.endswith("knob, all others, and the certified front.") for line in lines)
+    assert any(line.endswith("trade-off, all others, and the certified front.") for line in lines)
 
 
 @pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])

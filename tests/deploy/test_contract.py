@@ -264,7 +264,7 @@ def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[s
 
 
 def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None:
-    assert contract_of(folder("go-to-pose-2d-knob"))["trade_off"] == {
+    assert contract_of(folder("go-to-pose-2d-trade-off"))["trade_off"] == {
         "column": 10,
         "0": "fast",
         "1": "thrifty",

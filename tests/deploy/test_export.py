@@ -175,7 +175,7 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
 
 
 @pytest.mark.parametrize(
-    "name", ["go-to-pose-2d-knob#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
+    "name", ["go-to-pose-2d-trade-off#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
 )
 def test_an_agent_leaves_whole(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rans.effectors.motion import held, states_at_looks
+from rans.effectors.motion import held, states_at_checks
 from rans.errors import ConfigError
 from rans.model.actuators import Propellant
 from rans.model.body import Body
@@ -107,10 +107,10 @@ def test_drake_weighs_a_craft_alike(craft: Spacecraft, drift: UniformGravity) ->
     most = craft.stores[0].high
     before = replace(before, stores=(np.array([most, 0.5 * most, 0.0004, 0.0001, 0.0]),))
     given = commands(craft, 5)
-    timing = Timing(control_period=0.2, looks=2, substeps=1)
-    ours = states_at_looks(before, craft, Body.of(craft), tuple(given.T), timing, drift)
-    drake = Plant(craft, 5, drift=drift).states_at_looks(
-        rows_from_states(before), given, 0.2, looks=2
+    timing = Timing(control_period=0.2, checks=2, substeps=1)
+    ours = states_at_checks(before, craft, Body.of(craft), tuple(given.T), timing, drift)
+    drake = Plant(craft, 5, drift=drift).states_at_checks(
+        rows_from_states(before), given, 0.2, checks=2
     )
     for one, rows in zip(ours, drake, strict=True):
         other = states_from_rows(rows, before).normalised()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rans.effectors.motion import held, states_at_looks
+from rans.effectors.motion import held, states_at_checks
 from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
@@ -69,7 +69,7 @@ def test_spin_agrees_with_an_independent_integration() -> None:
 def test_drake_moves_a_body_on_a_revolute_joint_alike(craft: Spacecraft) -> None:
     before = states(craft, 6)
     given = commands(craft, 6)
-    timing = replace(FINE, looks=2)
+    timing = replace(FINE, checks=2)
     push = Wrench(
         *(
             (before.p.scale(0.01), before.w * 0.001)
@@ -77,10 +77,10 @@ def test_drake_moves_a_body_on_a_revolute_joint_alike(craft: Spacecraft) -> None
             else (before.p.scale(0.01), before.w.scale(0.001))
         )
     )
-    ours = states_at_looks(before, craft, Body.of(craft), tuple(given.T), timing, disturbance=push)
+    ours = states_at_checks(before, craft, Body.of(craft), tuple(given.T), timing, disturbance=push)
     plant = Plant(craft, 6)
     pushes = np.stack(leaves(push), axis=1)
-    drake = plant.states_at_looks(rows_from_states(before), given, 1.0, pushes, looks=2)
+    drake = plant.states_at_checks(rows_from_states(before), given, 1.0, pushes, checks=2)
     for one, rows in zip(ours, drake, strict=True):
         other = states_from_rows(rows, before).normalised()
         np.testing.assert_allclose(np.stack(leaves(one)), np.stack(leaves(other)), atol=2e-9)

@@ -104,9 +104,11 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
 
 def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path) -> None:
     """With its selection and its search for failures."""
-    trainer = _trainer(tmp_path, witness, failures=Failures(0.25, begin=0.5, looks=1, flights=64))
+    trainer = _trainer(
+        tmp_path, witness, failures=Failures(0.25, begin=0.5, searches=1, flights=64)
+    )
     trainer.train(lambda _: None)
-    assert trainer.failures.state()["looks"] == 1
+    assert trainer.failures.state()["searches"] == 1
     assert not witness.symbols
 
 

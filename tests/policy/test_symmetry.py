@@ -81,7 +81,7 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
     views = views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
-    knob = (np.linspace(0.0, 1.0, 50),)
+    trade_off = (np.linspace(0.0, 1.0, 50),)
     zones = tuple(
         Ball(one.p, one.v, 0.4)
         for one in (random_states(craft.dimension, 50, k) for k in (7, 8, 9))
@@ -89,7 +89,7 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
     def logit(state: Any, goal: Any, notes: Any = zones) -> Tensor:
         seen = observation(
-            task, state, replace(goal, notes=notes if isinstance(task, Avoid) else knob)
+            task, state, replace(goal, notes=notes if isinstance(task, Avoid) else trade_off)
         )
         return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
 

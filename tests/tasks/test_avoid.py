@@ -102,7 +102,7 @@ def test_the_reward_at_a_rim_and_inside() -> None:
 def test_entering_a_zone_between_two_commands_ends_the_episode() -> None:
     """At 0.4 m/s the four looks of a period of 0.5 s are 5 cm apart; the zone begins 0.11 m ahead."""
     task = Avoid(zones=1)
-    world = World(Setup(PLATFORM, task, Timing(0.5, episode_steps=10, looks=4)))
+    world = World(Setup(PLATFORM, task, Timing(0.5, episode_steps=10, checks=4)))
     ahead = step(world, world.begin(*one_zone((-0.69, 0.0))), (0.0,) * 8)
     assert bool(ahead.failed)
     # It was 0.15 m on, 0.04 m deep, when the episode ended; the period's end would be 0.09 m deep.

@@ -104,7 +104,7 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
         attitude_tolerance=0.1,
         arrived_speed=0.2,
         arrived_spin=0.3,
-        arrived_squarings=3,
+        arrived_sharpness=3,
     )
 
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
@@ -161,7 +161,7 @@ def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
         arrived_still_weight=8.0,
         arrived_still_scale=0.01 / math.log(2.0),
         arrived_speed=0.1,
-        arrived_squarings=3,
+        arrived_sharpness=3,
     )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     for v, expected in ((0.0, 14.0), (0.01, 10.0), (0.2, 6.0 / 257.0)):
@@ -186,30 +186,30 @@ def test_who_is_nearly_there_pays_for_not_being_there(
 ) -> None:
     """Half of 8 at 1 and at 2 tolerances, all of it between; x^(2^6) is 1e-10 of it at the root of two."""
     task = GoToPose(
-        verge_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_squarings=6
+        boundary_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_sharpness=6
     )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
-    cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"]
+    cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"]
     assert cost == pytest.approx(expected, abs=1e-6)
     spare = replace(task, position_tolerance=0.05, attitude_tolerance=0.125, arrived_within=0.8)
-    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"] == pytest.approx(
+    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"] == pytest.approx(
         cost, abs=1e-9
     )
-    assert "verge" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
+    assert "boundary" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
 
 
-@pytest.mark.parametrize("squarings", [0, 9, 2.5])
-def test_edges_of_no_sharpness(squarings: float) -> None:
+@pytest.mark.parametrize("sharpness", [0, 9, 2.5])
+def test_edges_of_no_sharpness(sharpness: float) -> None:
     with pytest.raises(
-        ConfigError, match="arrived_squarings must be a whole number from 1 to 8, got"
+        ConfigError, match="arrived_sharpness must be a whole number from 1 to 8, got"
     ):
-        GoToPose(arrived_squarings=squarings)  # type: ignore[arg-type]
+        GoToPose(arrived_sharpness=sharpness)  # type: ignore[arg-type]
 
 
 def test_edges_however_sharp_are_finite_in_single_precision() -> None:
     """160 tolerances away, to the power of 64, which single precision has no number for."""
-    task = GoToPose(verge_weight=1.0, arrived_weight=1.0, arrived_squarings=6)
+    task = GoToPose(boundary_weight=1.0, arrived_weight=1.0, arrived_sharpness=6)
     still = Vec2(np.zeros(1, np.float32), np.zeros(1, np.float32))
     far = PlanarState(Vec2(np.full(1, 8.0, np.float32), still.x), Heading(still.x), still, still.x)
     near = PlanarState(still, Heading(still.x), still, still.x)

@@ -1,4 +1,4 @@
-"""A knob's prices by hand; and at every position it is go-to-pose with that price."""
+"""A trade-off's prices by hand; and at every position it is go-to-pose with that price."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ TASK = GoToPosePriced(thrust_weight=0.1, spin_weight=0.2, misaligned_weight=1.0,
 
 
 @pytest.mark.parametrize(
-    ("knob", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)]
+    ("trade_off", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)]
 )
-def test_the_price_doubles_by_quarters(knob: float, thrust: float) -> None:
+def test_the_price_doubles_by_quarters(trade_off: float, thrust: float) -> None:
     """From 0.5 to 8 are four doublings; weights of 0.1, 0.2 and 1 keep their proportions."""
-    plain = TASK.parts()[f"{knob:g}"].plain()
+    plain = TASK.parts()[f"{trade_off:g}"].plain()
     assert type(plain) is GoToPose
     assert plain.thrust_weight == pytest.approx(thrust)
     assert plain.spin_weight == pytest.approx(2 * thrust)
@@ -39,19 +39,19 @@ def test_the_price_doubles_by_quarters(knob: float, thrust: float) -> None:
 def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
     craft = load_spacecraft(spacecraft)
     priced, plain = (scenarios(task, craft, seed=3, count=200) for task in (TASK, GoToPose()))
-    *same, knob = leaves(priced.goal)
+    *same, trade_off = leaves(priced.goal)
     np.testing.assert_array_equal(leaves(priced.start), leaves(plain.start))
     np.testing.assert_array_equal(same, leaves(plain.goal))
     # 200 draws leave out a tenth at an end once in 1e9 seeds; a mean of 200 has a deviation of 0.02
-    assert 0.0 <= knob.min() < 0.1
-    assert 0.9 < knob.max() < 1.0
-    assert abs(knob.mean() - 0.5) < 0.1
+    assert 0.0 <= trade_off.min() < 0.1
+    assert 0.9 < trade_off.max() < 1.0
+    assert abs(trade_off.mean() - 0.5) < 0.1
     states = random_states(craft.dimension, 200, seed=1)
     command, before = (
         np.random.default_rng(3).integers(0, 2, (2, len(craft.thrusters), 200)).astype(float)
     )
     terms = TASK.reward(Transition(states, priced.goal, tuple(command), tuple(before)))
-    price = np.exp2(4.0 * knob - 1.0)  # from 1/2 to 8
+    price = np.exp2(4.0 * trade_off - 1.0)  # from 1/2 to 8
     np.testing.assert_allclose(
         terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12
     )  # rounding
@@ -64,24 +64,24 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
         np.testing.assert_allclose(terms[name], price * weighed[name], rtol=1e-12)
     seen = observation(TASK, states, priced.goal)
     np.testing.assert_array_equal(seen[:-1], observation(GoToPose(), states, plain.goal))
-    np.testing.assert_array_equal(seen[-1], knob)
-    assert observation_columns(TASK, craft.dimension)[-1].name == "knob"
+    np.testing.assert_array_equal(seen[-1], trade_off)
+    assert observation_columns(TASK, craft.dimension)[-1].name == "trade-off"
     assert not residual(TASK, states, priced.goal)[-1].any()  # nothing that a controller could mend
 
 
-def test_a_knob_that_is_held_has_one_price() -> None:
+def test_a_trade_off_that_is_held_has_one_price() -> None:
     held = TASK.parts()["0.3"]
     assert list(held.parts()) == [""]
     assert held.for_evaluation() == replace(held, spawn_distance=(3.0, 4.0))
     goals = scenarios(held, load_spacecraft("floating-platform"), seed=3, count=10).goal
     assert (goals.notes[0] == 0.3).all()
-    assert [part.knob[1] for part in TASK.parts().values()] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert [part.trade_off[1] for part in TASK.parts().values()] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert len(TASK.parts()) == 5
 
 
 @pytest.mark.parametrize("name", ["-0.1", "1.1", "nan", "fast"])
 def test_positions_that_do_not_exist(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"the knob turns from 0 \(fast\) to 1 \(thrifty\)"):
+    with pytest.raises(ConfigError, match=r"the trade-off ranges from 0 \(fast\) to 1 \(thrifty\)"):
         TASK.parts()[name]
 
 
@@ -89,10 +89,10 @@ def test_positions_that_do_not_exist(name: str) -> None:
     ("change", "says"),
     [
         (
-            {"knob": (0.0, 1.5)},
-            r"knob must be a range within 0 \(fast\) to 1 \(thrifty\), got \(0\.0, 1\.5\)",
+            {"trade_off": (0.0, 1.5)},
+            r"trade_off must be a range within 0 \(fast\) to 1 \(thrifty\), got \(0\.0, 1\.5\)",
         ),
-        ({"knob": (0.6, 0.5)}, "knob must be a range"),
+        ({"trade_off": (0.6, 0.5)}, "trade_off must be a range"),
         ({"price": (0.0, 1.0)}, "price must be > 0"),
         ({"price": (1.0, math.inf)}, "price must be finite"),
     ],

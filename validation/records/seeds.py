@@ -30,7 +30,7 @@ from rans.tasks import GoToPosePriced
 from rans.terminal import Terminal, table
 from rans.verdict import last_fifth
 
-_KNOBS = (0, 0.25, 0.5, 0.75, 1)
+_TRADE_OFFS = (0, 0.25, 0.5, 0.75, 1)
 _COLUMNS = {
     "settled": "s",
     "at rest": "s",
@@ -126,7 +126,7 @@ class Seeds:
 
 
 def judged(run: Path, starts: int, flights: int) -> dict[str, dict[str, float]]:
-    """Means of one agent on the selection starts, by what it is judged in: "#TASK", or a place of its knob.
+    """Means of one agent on the selection starts, by what it is judged in: "#TASK", or a place of its trade-off.
 
     What never happens counts with the whole episode. Under the conditions of its training, which its starts
     are drawn with. "failed" is of `flights` other flights of the same seed, per million.
@@ -137,7 +137,7 @@ def judged(run: Path, starts: int, flights: int) -> dict[str, dict[str, float]]:
 
 def _parts(spec: str) -> Sequence[str]:
     if isinstance(contestant(spec).task, GoToPosePriced):
-        return [f"{spec}#{knob}" for knob in _KNOBS]
+        return [f"{spec}#{trade_off}" for trade_off in _TRADE_OFFS]
     return judged_separately(spec)
 
 

@@ -39,7 +39,7 @@ _REWARDS = {
     "track-velocity": _FAST + 1.0 * exp(-0.5 / 0.02) + _STILL - 0.02 * 2,
     "track-twist": 2 * _FAST + 0.5 * exp(-0.5 / 0.05) - 0.02 * 2,
     "track-velocity-heading": _FAST + _NEAR + 0.5 * exp(-0.5 / 0.05) + _TURN - 0.05 * 2,
-    # With the knob in the middle, prices are 0.5 * sqrt(8 / 0.5) = 2 times as high.
+    # With the trade-off in the middle, prices are 0.5 * sqrt(8 / 0.5) = 2 times as high.
     "go-to-pose-priced": 2 * _NEAR + _APPROACH + _TURN - 2 * 0.02 * 2,
 }
 _FLAGS = {
@@ -50,7 +50,7 @@ _FLAGS = {
     "track-velocity-heading": 4.0,
     "go-to-pose-priced": 1.0,
 }
-_KNOB = 0.5
+_TRADE_OFF = 0.5
 _REASON = "The sum of the documented terms: rounding."
 _AXIS = np.array([2.0, -1.0, 2.0]) / 3.0
 
@@ -81,7 +81,7 @@ class Moment:
             "track-velocity": self.faster,
             "track-twist": self.faster + self.spin,
             "track-velocity-heading": self.faster + self.turn,
-            "go-to-pose-priced": (*pose, _KNOB),
+            "go-to-pose-priced": (*pose, _TRADE_OFF),
         }
 
 
@@ -248,7 +248,7 @@ def _misled(craft: Spacecraft, moment: Moment) -> Outcome:
 
 
 def _noted(task: Task, goal: Any) -> Any:
-    return replace(goal, notes=(_KNOB,)) if hasattr(task, "knob") else goal
+    return replace(goal, notes=(_TRADE_OFF,)) if hasattr(task, "trade_off") else goal
 
 
 def _valves(craft: Spacecraft, *opened: int) -> tuple[float, ...]:

@@ -337,7 +337,7 @@ def _with_trade_off(task: Task, trade_off: float | None) -> Task:
     """The task with its trade-off input held."""
     if isinstance(task, GoToPosePriced):
         at = 0.5 if trade_off is None else trade_off
-        return replace(task, knob=(at, at))
+        return replace(task, trade_off=(at, at))
     if trade_off is not None:
         raise ConfigError("this agent has no trade-off input.")
     return task
@@ -358,7 +358,7 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
         )
     notes = ()
     if isinstance(task, GoToPosePriced):
-        notes = (task.knob[0],)
+        notes = (task.trade_off[0],)
     half = craft.dimension
     if planar:
         return PlanarState(

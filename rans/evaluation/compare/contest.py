@@ -125,8 +125,8 @@ class Contestant:
     """What it is given: observations, the state, a model."""
     tuning: str
     """How much was spent on making or tuning it."""
-    knob: float | None = None
-    """Where an agent's knob is held, 0 (fast) to 1 (thrifty), after "#" in its name; None: there is none."""
+    trade_off: float | None = None
+    """Where an agent's trade-off is fixed, 0 (fast) to 1 (thrifty), after "#" in its name; None: there is none."""
 
 
 @dataclass(frozen=True)

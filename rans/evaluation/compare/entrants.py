@@ -23,7 +23,7 @@ from rans.evaluation.fly.controllers import (
 )
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
-from rans.evaluation.fly.knob import without_knob
+from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
@@ -33,7 +33,7 @@ from rans.model.random import seed_words
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
 from rans.tasks.derived import check_dimension
-from rans.tasks.go_to_pose_priced import KnobPositions
+from rans.tasks.go_to_pose_priced import TradeOffPositions
 
 Guest = Controller | Maker
 """A controller that was made for the contest's setup, or what makes one of it."""
@@ -115,15 +115,17 @@ def contest_of(
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """Refuse (`ConfigError`) an agent of several tasks or with a preference that is not held fixed."""
     parts = run.task.parts()
-    if isinstance(parts, KnobPositions):
+    if isinstance(parts, TradeOffPositions):
         name = spec.rstrip("#")
         raise ConfigError(
-            f"{name} has a knob: hold it, as in {name}#0.5, or let it turn with --front."
+            f"{name} has a trade-off: fix it, as in {name}#0.5, or leave it open with --front."
         )
     if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    plain = without_knob(run)
-    if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
+    plain = without_trade_off(run)
+    if plain is not run and (
+        name := controller_name(spec)
+    ):  # who needs no training sees no trade-off
         return plain._replace(
             controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
         )
@@ -182,14 +184,14 @@ def _guest(given: Guest, contest: Contest) -> Contestant:
 
 
 def turned(spec: str, count: int) -> list[str]:
-    """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
+    """An agent whose trade-off is left open, with its trade-off at so many positions; others as they are."""
     try:
-        has_knob = not controller_name(spec) and isinstance(
-            contestant(spec).task.parts(), KnobPositions
+        has_trade_off = not controller_name(spec) and isinstance(
+            contestant(spec).task.parts(), TradeOffPositions
         )
     except RansError:
-        has_knob = False  # `enlisted` tells what is wrong with it
-    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]
+        has_trade_off = False  # `enlisted` tells what is wrong with it
+    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_trade_off else [spec]
 
 
 def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
@@ -207,7 +209,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
         run.controller,
         sees,
         _tuning(spec),
-        getattr(run.controller, "knob", None),
+        getattr(run.controller, "trade_off", None),
     )
 
 

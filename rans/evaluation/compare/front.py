@@ -121,7 +121,7 @@ class Indicators(NamedTuple):
 
 @dataclass
 class Front:
-    """Everybody, all positions of knobs included, and the bounds found within a budget."""
+    """Everybody, all positions of trade-offs included, and the bounds found within a budget."""
 
     contest: Contest
     horizons: Sequence[float]
@@ -130,13 +130,13 @@ class Front:
     certified: list[Bound] = field(default_factory=list)
 
     def lines(self) -> dict[str, list[Entry]]:
-        """Positions of each knob that was turned, by agent, from fast to thrifty."""
+        """Positions of each trade-off that was turned, by agent, from fast to thrifty."""
         found: dict[str, list[Entry]] = {}
         for entry in self.entries:
-            if entry.contestant.knob is not None:
+            if entry.contestant.trade_off is not None:
                 found.setdefault(entry.name.rpartition("#")[0], []).append(entry)
         return {
-            agent: sorted(line, key=lambda one: one.contestant.knob or 0.0)
+            agent: sorted(line, key=lambda one: one.contestant.trade_off or 0.0)
             for agent, line in found.items()
             if len(line) > 1
         }

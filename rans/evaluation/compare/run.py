@@ -186,7 +186,7 @@ class Comparison(NotebookRepr):
         stages: Stages = unseen_stages,
         workers: int | None = None,
     ) -> None:
-        """After `fly`: fly the positions of knobs that are no contestants, and certify the front.
+        """After `fly`: fly the positions of trade-offs that are no contestants, and certify the front.
 
         The bounds take about so many seconds, see `certify_front`.
         """
@@ -196,7 +196,7 @@ class Comparison(NotebookRepr):
             with _noted(self, spec):
                 front.entries.append(_entry(self, one, stages, workers))
         if not front.lines():
-            self.notes.append("Nobody has a knob to turn: the front has points, but no line.")
+            self.notes.append("Nobody has a trade-off: the front has points, but no line.")
         if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
             self.notes += [] if reason in self.notes else [reason]
             return

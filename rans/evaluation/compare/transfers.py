@@ -49,9 +49,9 @@ class Row:
 
     name: str
     docked: np.ndarray
-    """(N,) bool: won in time, and no limit was broken at any look."""
+    """(N,) bool: won in time, and no limit was broken at any check."""
     violated: np.ndarray
-    """(N,) bool: a limit was broken at some look before the end."""
+    """(N,) bool: a limit was broken at some check before the end."""
     impulse: np.ndarray
     """(N,) N s, to the end of the period in which the mission was won."""
 

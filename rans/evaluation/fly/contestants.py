@@ -23,7 +23,7 @@ from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import pretrained_folder, pretrained_names
+from rans.pretrained import present_agent, pretrained_folder, pretrained_names
 from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
 
@@ -52,7 +52,7 @@ def contestant(
             the floating platform or the free flyer, or another spacecraft as in
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
-            position of a knob. Policies made elsewhere (see `user_policy`) end in the same
+            position of a trade-off. Policies made elsewhere (see `user_policy`) end in the same
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
             (`rans.evaluation.fly.exported`).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
@@ -227,8 +227,8 @@ def _parse(spec: str) -> tuple[str, str, str]:
         raise ConfigError(
             f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}."
         )
-    if spec in pretrained_names() and not _exists(spec):
-        return "pretrained", spec, part
+    if not _exists(spec) and present_agent(spec) in pretrained_names():
+        return "pretrained", present_agent(spec), part
     if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
         raise ConfigError(
             f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."

@@ -193,15 +193,15 @@ class Lookahead:
                 f"{agent.name} cannot look ahead: it has no methods memory and recall, by which a flight goes "
                 "on from an instant in several ways, as rans.LQR has."
             )
-        self._knob = np.zeros((1, 0), np.float32)
-        """What an agent with a knob is shown of it, after all that others are shown."""
+        self._trade_off = np.zeros((1, 0), np.float32)
+        """What an agent with a trade-off is shown of it, after all that others are shown."""
         if isinstance(task, GoToPosePriced):
             if not task.is_held:
                 raise ConfigError(
-                    f"{agent.name} cannot look ahead: it has a knob; hold it, as in "
+                    f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
                     f"{PREFIX}:{agent.name}#0.5."
                 )
-            self._knob = np.full((1, 1), task.knob[0], np.float32)
+            self._trade_off = np.full((1, 1), task.trade_off[0], np.float32)
             task = task.plain()
         if craft.actuators != ON_OFF:
             raise ConfigError(
@@ -258,7 +258,7 @@ class Lookahead:
         """See `rans.flight.Controller`; looks at the observation and at the state."""
         count = len(observation)
         choices = self._changes.shape[1]
-        if self._knob.size:  # held, it is nobody's goal
+        if self._trade_off.size:  # held, it is nobody's goal
             goal = replace(goal, notes=())
         if self.arrival is not None:
             self._been |= arrived(self._world.task, state, goal)
@@ -323,7 +323,7 @@ class Lookahead:
             now = outcome.episode
             if period < self._periods:
                 seen = np.stack(self._world.observe(now), axis=1).astype(np.float32)
-                seen = np.hstack((seen, self._knob.repeat(len(seen), axis=0)))
+                seen = np.hstack((seen, self._trade_off.repeat(len(seen), axis=0)))
                 command, memory = self._changed(now.state, now.goal, seen, memory, period)
 
 

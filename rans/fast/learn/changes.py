@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -33,6 +34,14 @@ _OTHERS_NAMES = {
     "dt": "timing.control_period",
 }
 """What SB3, CleanRL, rl_games, rsl_rl and Gymnasium call an entry."""
+_FORMER_NAMES = {
+    "timing.looks": "timing.checks",
+    "failures.looks": "failures.searches",
+    "settings.verge_weight": "settings.boundary_weight",
+    "settings.arrived_squarings": "settings.arrived_sharpness",
+    "settings.knob": "settings.trade_off",
+}
+"""Names of entries in the version before, which work for one version more and warn."""
 _NEAR = 0.7
 """Likeness of a name from which on it is suggested."""
 
@@ -50,6 +59,15 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         ConfigError: there is no such entry, or several end in this name.
     """
     known = list(_names(table))
+    former = [old for old in _FORMER_NAMES if old == name or old.endswith(f".{name}")]
+    if name not in known and len(former) == 1 and _FORMER_NAMES[former[0]] in known:
+        new = _FORMER_NAMES[former[0]]
+        warnings.warn(
+            f"{name} is deprecated and goes with the next version: name it {new}.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        name = new
     found = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
     if len(found) > 1:
         raise ConfigError(

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError, brief, fits
-from rans.fast.learn.curriculum import Ramp, check_ramps
+from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
 from rans.randomization.conditions import Conditions
+from rans.renamed import renamed
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -265,23 +266,24 @@ def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: s
             raise ConfigError(f"{name} must be {bound}, got {brief(said)}.")
 
 
+@renamed(looks="searches")
 @dataclass(frozen=True)
 class Failures:
     """Training where the agent fails; ConfigError where a number is out of its range."""
 
     share: float = 0.0
     """Of the environments, whose episodes begin somewhere along flights that the agent failed in. 0: none,
-    and nobody looks for such flights."""
+    and such flights are not searched for."""
     begin: float = 0.5
-    """Share of all steps before the first look for failures: until then there is more than enough of them."""
-    looks: int = 8
-    """How many looks there are, equally spaced over the rest."""
+    """Share of all steps before the first search for failures: until then there is more than enough of them."""
+    searches: int = 8
+    """How many searches there are, equally spaced over the rest."""
     flights: int = 65_536
-    """Flights of a look, by the agent's likeliest commands."""
+    """Flights of a search, by the agent's likeliest commands."""
 
     def __post_init__(self) -> None:
         _require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
-        _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "looks", "flights")
+        _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
 
 
 Algorithm = Literal["ppo", "gradient"]
@@ -386,7 +388,9 @@ class TrainConfig:
                 "plain computes everything as it is written, and compiled has torch's compiler make "
                 "kernels: set one of them."
             )
-        check_ramps(self.settings, self.curriculum)
+        ramps = with_present_settings(self.settings, self.curriculum)
+        object.__setattr__(self, "curriculum", ramps)
+        check_ramps(self.settings, ramps)
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.renamed import present_name
 from rans.structure import Range
 from rans.tasks import Task
 from rans.tasks.settings import map_settings
@@ -69,6 +70,17 @@ class Ramp:
                 if self.shape == "geometric"
                 else low + (high - low) * share
             )
+
+
+def with_present_settings(task: Task, ramps: Sequence[Ramp]) -> tuple[Ramp, ...]:
+    """Ramps whose settings have their present names; a former one warns (`rans.renamed`)."""
+    result = []
+    for ramp in ramps:
+        within, _, name = ramp.setting.rpartition(".")
+        owner = getattr(task, within, task) if within else task
+        present = present_name(type(owner), name)
+        result.append(replace(ramp, setting=f"{within}.{present}" if within else present))
+    return tuple(result)
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:

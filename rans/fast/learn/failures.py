@@ -1,6 +1,6 @@
-"""Episodes that begin where the agent fails: along flights of its likeliest commands that did not succeed.
+"""Episodes that begin where the agent fails: along flights of its deterministic commands that did not succeed.
 
-A training tries commands at random, and judges them within its own episodes; what only the likeliest ones
+A training tries commands at random, and judges them within its own episodes; what only the deterministic ones
 do, such as a cycle of two steps at rest, or late in a flight, it hardly ever sees. So from time to time
 very many flights are flown as they will be judged, and for those that fail the states on their way become
 starts, of a share of the environments.
@@ -25,7 +25,7 @@ from rans.policy.network import Network
 from rans.scenario import FAILURES_SEED
 
 _FOLLOWED = 1024
-"""Failed flights of a look that are flown again to see where they went; the first ones."""
+"""Failed flights of a search that are flown again to see where they went; the first ones."""
 _KEPT = 2**18
 """Starts of a member, the newest."""
 
@@ -40,26 +40,26 @@ class FailedStarts:
         self._configs = configs
         self._engine = engine
         self._learner = learner
-        self._given = first = configs[0].failures
-        self._looks = 0
+        self._settings = first = configs[0].failures
+        self._searches = 0
         self._starts = [list[Tensor]() for _ in configs]
         self._generator = torch.Generator().manual_seed(configs[0].seed)
-        self.found: list[dict[str, float]] = [{} for _ in configs]
-        """For the log, what the last look found about each member."""
+        self.log: list[dict[str, float]] = [{} for _ in configs]
+        """For the log, what the last search found about each member."""
         # So many rollouts last at least as long as an episode.
         self._rollouts = -(-engine.timing.episode_steps // learner.n_steps)
         self._each = engine.num_envs // len(configs)
         self._shared = int(first.share * self._each)
 
     def begin(self, steps: int) -> None:
-        """Before the rollout after so many environment steps: look for failures where due, begin episodes.
+        """Before the rollout after so many environment steps: search for failures where due, begin episodes.
 
         They begin in turns, each in an environment whose last one of them is over.
         """
         if not self._shared:
             return
-        if steps >= self._next_look() and self._looks < self._given.looks:
-            self._look()
+        if steps >= self._next_search() and self._searches < self._settings.searches:
+            self._search()
         turn = steps // (self._configs[0].ppo.n_envs * self._learner.n_steps) % self._rollouts
         for number, starts in enumerate(self._starts):
             rows = torch.arange(turn, self._shared, self._rollouts) + number * self._each
@@ -78,17 +78,17 @@ class FailedStarts:
         if memory is not None:
             memory[rows] = 0.0
 
-    def _next_look(self) -> float:
+    def _next_search(self) -> float:
         """Environment steps after which it is due."""
-        begin = self._given.begin
-        share = begin + (1.0 - begin) * self._looks / self._given.looks
+        begin = self._settings.begin
+        share = begin + (1.0 - begin) * self._searches / self._settings.searches
         return share * self._configs[0].total_timesteps
 
-    def _look(self) -> None:
+    def _search(self) -> None:
         """Fly every member, and keep where those flights went that failed."""
         network = self._learner.network
-        first = self._looks * self._given.flights
-        count = self._given.flights
+        first = self._searches * self._settings.flights
+        count = self._settings.flights
         for number, config in enumerate(self._configs):
             setup = Setup(
                 self._engine.craft,
@@ -101,40 +101,40 @@ class FailedStarts:
                 alone, setup, self._engine.device, listed=_FOLLOWED, plain=config.plain
             )
             statistics = flights.fly(first, count, FAILURES_SEED)
-            self.found[number] = {"failures/share": statistics.unsolved / count}
+            self.log[number] = {"failures/share": statistics.unsolved / count}
             if len(statistics.numbers):
                 new = self._followed(flights, statistics.numbers)
                 old = self._starts[number]
                 self._starts[number] = (
                     [torch.cat(pair)[:_KEPT] for pair in zip(new, old, strict=True)] if old else new
                 )
-        self._looks += 1
+        self._searches += 1
 
     def _followed(self, flights: Flights, numbers: np.ndarray) -> list[Tensor]:
         """Episodes as `begin_as` takes them, of every step of these flights that the task goes on after."""
         engine = self._engine
-        stands = list[list[Tensor]]()
+        arrived = list[list[Tensor]]()
         going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
         with np.errstate(all="ignore"):
             for episode, outcome in flights.steps(
                 flights.draws(FAILURES_SEED, numbers.astype(np.int32))
             ):
-                stands.append([column[going] for column in varying(episode, engine.episode)])
+                arrived.append([column[going] for column in varying(episode, engine.episode)])
                 going &= ~torch.as_tensor(outcome.terminated)
-        return [torch.cat(column) for column in zip(*stands, strict=True)]
+        return [torch.cat(column) for column in zip(*arrived, strict=True)]
 
     def state(self) -> dict[str, Any]:
         """Everything needed to go on."""
         return {
-            "looks": self._looks,
+            "searches": self._searches,
             "starts": self._starts,
             "generator": self._generator.get_state(),
-            "found": self.found,
+            "found": self.log,
         }
 
     def load(self, saved: dict[str, Any]) -> None:
         """Go on from what `state` gave."""
-        self._looks = saved["looks"]
+        self._searches = saved.get("searches", saved.get("looks"))
         self._starts = saved["starts"]
-        self.found = saved["found"]
+        self.log = saved["found"]
         self._generator.set_state(saved["generator"].cpu())

@@ -18,7 +18,7 @@ from rans.errors import ConfigError, brief, meant, one_of
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft_file import SPACECRAFT, USUAL, load_spacecraft
-from rans.pretrained import RECIPE_FOLDER
+from rans.pretrained import RECIPE_FOLDER, present_agent
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS, load_conditions
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
@@ -67,6 +67,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         ConfigError: there is no such task, recipe or spacecraft, or the recipe's file is wrong.
     """
     device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    task = present_agent(task)
     if task in RECIPES:
         return recipe(task, device)
     if task.endswith(".toml"):

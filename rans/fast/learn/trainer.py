@@ -282,7 +282,7 @@ class Trainer:
                 "seconds": round(self.seconds, 3),
                 "steps_per_s": round(rate),
                 **judged[number],
-                **self.failures.found[number],
+                **self.failures.log[number],
                 **self._said[number],
             }
             member.note(row, found[number] if due else None)

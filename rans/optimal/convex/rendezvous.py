@@ -6,7 +6,7 @@ Optimization", 2004, section 4.4). Its dual solution bounds the impulse of every
 instant from below, whatever its commands are, and of other instants too: `proof` checks them all.
 
 Limits that are not convex, such as a speed limit that grows with the distance or a keep-out ball, are left out of
-the lower bound. The upper bound, a flight that keeps them at every look, comes from the convex-concave procedure
+the lower bound. The upper bound, a flight that keeps them at every check, comes from the convex-concave procedure
 (T. Lipp and S. Boyd, "Variations and extension of the convex-concave procedure", 2016): what is concave is taken
 as its tangent at the flight before.
 """
@@ -55,7 +55,7 @@ class Meeting:
     velocity_tolerance: float
     """m/s"""
     limits: tuple[Shape, ...] = ()
-    """Kept at every look but the first instant."""
+    """Kept at every check but the first instant."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: OrbitalMission, goal: Any) -> Meeting:
@@ -88,18 +88,18 @@ class Meeting:
         return np.linalg.norm(self.forces, axis=0) * self.timing.control_period
 
     @property
-    def look(self) -> float:
-        """Time between two looks, s."""
-        return self.timing.control_period / self.timing.looks
+    def interval(self) -> float:
+        """Time between two checks, s."""
+        return self.timing.control_period / self.timing.checks
 
     @cached_property
     def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Free motion (L, 2 d, 2 d), offset (L, 2 d) and effect (L, 2 d, m) of a command, by its age in looks.
+        """Free motion (L, 2 d, 2 d), offset (L, 2 d) and effect (L, 2 d, m) of a command, by its age in checks.
 
-        A command that began so many looks ago has been held until now, or for its whole period.
+        A command that began so many checks ago has been held until now, or for its whole period.
         """
         size = len(self.place)
-        times = self.look * np.arange(self.timing.looks * self.timing.episode_steps + 1)
+        times = self.interval * np.arange(self.timing.checks * self.timing.episode_steps + 1)
         zero = np.zeros(2 * size)
         offset = self._carried(zero, times)
         unit = np.eye(2 * size)
@@ -110,7 +110,7 @@ class Meeting:
             left = (1.0 - node) * times
             pushed = [self._carried(x, left) - self._carried(zero, left) for x in unit[size:]]
             held += weight * times[:, None, None] * np.stack(pushed, axis=2)
-        per_period = self.timing.looks
+        per_period = self.timing.checks
         late = np.arange(per_period, len(times))
         effect = held.copy()
         effect[late] = free[late - per_period] @ held[per_period]
@@ -125,28 +125,28 @@ class Meeting:
         )
         return np.stack([x + 0.0 * times for x in (*p.columns(), *v.columns())], axis=1)
 
-    def free(self, start: np.ndarray, looks: np.ndarray) -> np.ndarray:
-        """States (L, 2 d) after so many looks without thrust, of a state (2 d,) at the start."""
+    def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """States (L, 2 d) after so many checks without thrust, of a state (2 d,) at the start."""
         free, offset, _ = self._tables
-        return free[looks] @ start + offset[looks]
+        return free[checks] @ start + offset[checks]
 
-    def effect(self, look: int, periods: int) -> np.ndarray:
-        """(2 d, periods m): what the commands of the first periods have done by a look."""
+    def effect(self, check: int, periods: int) -> np.ndarray:
+        """(2 d, periods m): what the commands of the first periods have done by a check."""
         _, _, effect = self._tables
-        ages = np.maximum(look - self.timing.looks * np.arange(periods), 0)
+        ages = np.maximum(check - self.timing.checks * np.arange(periods), 0)
         return np.moveaxis(effect[ages], 0, 1).reshape(effect.shape[1], -1)
 
-    def periods(self, look: int) -> int:
-        """Control periods that have begun before a look."""
-        return -(-look // self.timing.looks)
+    def periods(self, check: int) -> int:
+        """Control periods that have begun before a check."""
+        return -(-check // self.timing.checks)
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """A flight of least impulse that meets at one look, and what the solver says about it."""
+    """A flight of least impulse that meets at one check, and what the solver says about it."""
 
-    look: int
-    """Look of the meeting, from the start."""
+    check: int
+    """Check of the meeting, from the start."""
     commands: np.ndarray
     """(periods, m), 0 to 1."""
     impulse: float
@@ -164,11 +164,11 @@ class Answer:
     """Least impulse of a meeting by a deadline, from both sides."""
 
     lower: float
-    """N s: no flight that meets at any look up to the deadline uses less, with or without limits."""
+    """N s: no flight that meets at any check up to the deadline uses less, with or without limits."""
     upper: float
     """N s, of `transfer`; infinite if no flight was found that keeps the limits."""
     transfer: Transfer | None
-    """A flight that keeps every limit at every look."""
+    """A flight that keeps every limit at every check."""
     free: Transfer
     """The cheapest flight found without limits."""
 
@@ -181,23 +181,23 @@ class Answer:
 def least_impulse(
     meeting: Meeting,
     start: np.ndarray,
-    look: int,
+    check: int,
     limits: Sequence[Shape] = (),
     reference: np.ndarray | None = None,
 ) -> Transfer | None:
-    """The flight of least impulse that meets at a look; None: there is none.
+    """The flight of least impulse that meets at a check; None: there is none.
 
     Args:
         meeting: what is to be done.
         start: (2 d,) position (m) and velocity (m/s) in W.
-        look: when to meet, in looks from the start.
-        limits: kept at every look from the first to the meeting.
-        reference: (look + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+        check: when to meet, in checks from the start.
+        limits: kept at every check from the first to the meeting.
+        reference: (check + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
 
     Raises:
         SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
     """
-    rows = _Rows(meeting, start, look)
+    rows = _Rows(meeting, start, check)
     rows.arrive()
     watched: set[int] = set()
     while True:
@@ -207,7 +207,7 @@ def least_impulse(
         # Looks at which the limits are broken join those that are watched.
         states = trajectory(meeting, start, found)
         broken = [
-            k for k in range(1, look + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
+            k for k in range(1, check + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
         ]
         fresh = [k for k in broken if k not in watched]
         if not fresh:
@@ -219,16 +219,16 @@ def least_impulse(
 
 
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.ndarray:
-    """States (look + 1, 2 d) of a transfer at every look from the start to the meeting."""
+    """States (check + 1, 2 d) of a transfer at every check from the start to the meeting."""
     count = len(transfer.commands)
     flat = transfer.commands.ravel()
-    free = meeting.free(start, np.arange(transfer.look + 1))
-    pushed = [meeting.effect(k, count) @ flat for k in range(transfer.look + 1)]
+    free = meeting.free(start, np.arange(transfer.check + 1))
+    pushed = [meeting.effect(k, count) @ flat for k in range(transfer.check + 1)]
     return free + np.array(pushed)
 
 
-def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndarray | None:
-    """(2 d,) multiplier of the state at a look that bounds the impulse of meeting there best, N s per m and m/s.
+def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.ndarray | None:
+    """(2 d,) multiplier of the state at a check that bounds the impulse of meeting there best, N s per m and m/s.
 
     None: commands of any size cannot meet there. It is the dual program of a meeting whose commands have no
     upper bound: few variables, one row a command.
@@ -241,12 +241,12 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndar
     clarabel = _clarabel()
 
     size = len(meeting.place)
-    state = meeting.free(start, np.array([look]))[0]
+    state = meeting.free(start, np.array([check]))[0]
     state[:size] -= meeting.place
     # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
     objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
-    effect = meeting.effect(look, meeting.periods(look))
-    prices = np.tile(meeting.price, meeting.periods(look))
+    effect = meeting.effect(check, meeting.periods(check))
+    prices = np.tile(meeting.price, meeting.periods(check))
     commands = np.hstack([-effect.T, np.zeros((len(prices), 2))]) / prices[:, None]
     balls = np.zeros((2 * size + 2, 2 * size + 2))
     balls[0, 2 * size] = balls[size + 1, 2 * size + 1] = -1.0
@@ -272,15 +272,15 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, look: int) -> np.ndar
         return None
     if status not in ("Solved", "AlmostSolved"):
         raise SolverFailed(
-            f"Clarabel ended with {status} for the bound of a meeting at {look * meeting.look:g} s."
+            f"Clarabel ended with {status} for the bound of a meeting at {check * meeting.interval:g} s."
         )
     return np.array(found.x)[: 2 * size]
 
 
 def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray) -> np.ndarray:
-    """Lower bounds (last + 1,) of the impulse of meeting at each look, N s, by weak duality.
+    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s, by weak duality.
 
-    For any multiplier y of the state x at the meeting, the impulse of a flight that meets at a look is at least
+    For any multiplier y of the state x at the meeting, the impulse of a flight that meets at a check is at least
 
         y . x_free - r |y_p| - s |y_v| - sum over commands of max(0, -(price + y . effect)),
 
@@ -290,7 +290,7 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
     Args:
         meeting: what is to be done.
         start: (2 d,) state.
-        last: last look.
+        last: last check.
         multiplier: (2 d,)
     """
     size = len(meeting.place)
@@ -299,10 +299,10 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
     away[:, :size] -= meeting.place
     constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
     constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
-    # What commands of each age may save, added up over all that began before each look.
+    # What commands of each age may save, added up over all that began before each check.
     saved = np.minimum(meeting.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
     saved[0] = 0.0
-    per_period = meeting.timing.looks
+    per_period = meeting.timing.checks
     padded = np.zeros(-(-(last + 1) // per_period) * per_period)
     padded[: last + 1] = saved
     total = padded.reshape(-1, per_period).cumsum(axis=0).ravel()[: last + 1]
@@ -327,27 +327,27 @@ def rendezvous(
     Raises:
         SolverFailed: no meeting by the deadline is possible.
     """
-    last = math.floor(deadline / meeting.look + 1e-9)
-    last = min(last, meeting.timing.looks * meeting.timing.episode_steps)
+    last = math.floor(deadline / meeting.interval + 1e-9)
+    last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
     bounds = np.zeros(last + 1)
     bounds[0] = np.inf
     sharp: set[int] = set()
     flights: dict[int, Transfer] = {}
     cheapest = np.inf
 
-    def sharpen(look: int) -> None:
-        sharp.add(look)
-        multiplier = prices_of_missing(meeting, start, look)
+    def sharpen(check: int) -> None:
+        sharp.add(check)
+        multiplier = prices_of_missing(meeting, start, check)
         if multiplier is None:
-            bounds[look] = np.inf
+            bounds[check] = np.inf
         else:
             np.maximum(bounds, proof(meeting, start, last, multiplier), out=bounds)
 
-    for look in np.unique(np.linspace(last, 1, 24).astype(int)):
-        sharpen(int(look))
+    for check in np.unique(np.linspace(last, 1, 24).astype(int)):
+        sharpen(int(check))
     for _ in range(most):
         # A flight at the best of the instants whose bound is sharp.
-        known = min(sharp, key=lambda look: bounds[look])
+        known = min(sharp, key=lambda check: bounds[check])
         if known not in flights and bounds[known] < (1.0 - within) * cheapest:
             found = least_impulse(meeting, start, known)
             if found is None:
@@ -374,14 +374,14 @@ def rendezvous(
 
 
 def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
-    """A flight that meets at the same look and keeps every limit at every look; None: none was found."""
+    """A flight that meets at the same check and keeps every limit at every check; None: none was found."""
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
     found: Transfer | None = None
     cost = np.inf
     for _ in range(_ROUNDS):
-        trial = least_impulse(meeting, start, begun.look, meeting.limits, states)
+        trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
         if trial is None:
             return found
         states = trajectory(meeting, start, trial)
@@ -475,10 +475,10 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
 class _Rows:
     """The program in Clarabel's form: minimise q . u such that b - A u lies in a product of cones."""
 
-    def __init__(self, meeting: Meeting, start: np.ndarray, look: int) -> None:
+    def __init__(self, meeting: Meeting, start: np.ndarray, check: int) -> None:
         self.meeting = meeting
-        self.look = look
-        self.periods = meeting.periods(look)
+        self.check = check
+        self.periods = meeting.periods(check)
         self._start = start
         count = self.periods * meeting.forces.shape[1]
         unit = np.eye(count)
@@ -491,8 +491,8 @@ class _Rows:
         """Be within both balls at the meeting."""
         meeting = self.meeting
         size = len(meeting.place)
-        effect = meeting.effect(self.look, self.periods)
-        free = meeting.free(self._start, np.array([self.look]))[0]
+        effect = meeting.effect(self.check, self.periods)
+        free = meeting.free(self._start, np.array([self.check]))[0]
         free[:size] -= meeting.place
         for part, radius in (
             (slice(0, size), meeting.position_tolerance),
@@ -500,10 +500,10 @@ class _Rows:
         ):
             self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
 
-    def keep(self, limit: Shape, look: int, reference: np.ndarray) -> None:
-        """Keep a limit at a look."""
-        effect = self.meeting.effect(look, self.periods)
-        free = self.meeting.free(self._start, np.array([look]))[0]
+    def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
+        """Keep a limit at a check."""
+        effect = self.meeting.effect(check, self.periods)
+        free = self.meeting.free(self._start, np.array([check]))[0]
         cone = _cone(limit, reference)
         self._append(
             cone.row @ effect,
@@ -547,7 +547,7 @@ class _Rows:
             return None
         if status not in ("Solved", "AlmostSolved"):
             raise SolverFailed(
-                f"Clarabel ended with {status} for a meeting at {self.look * self.meeting.look:g} s; the usual "
+                f"Clarabel ended with {status} for a meeting at {self.check * self.meeting.interval:g} s; the usual "
                 "cause is a meeting that is just out of reach."
             )
         size = len(self.meeting.place)
@@ -556,7 +556,7 @@ class _Rows:
         multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
         commands = np.clip(np.array(found.x), 0.0, 1.0).reshape(self.periods, -1)
         return Transfer(
-            self.look,
+            self.check,
             commands,
             float(price @ commands.ravel()),
             multiplier,

@@ -8,14 +8,16 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.model.fields import Field, sqrt
+from rans.renamed import renamed
 
 
+@renamed(looks="checks")
 @dataclass(frozen=True)
 class PathLimits:
     """Speed, spin and balls that a trajectory keeps to after its start, with margins as `Task.constraints` has.
 
     >>> from rans.optimal.trajectory.limits import PathLimits
-    >>> PathLimits(speed=0.3, keep_out=((1.5, 0.0, 0.4),)).looks
+    >>> PathLimits(speed=0.3, keep_out=((1.5, 0.0, 0.4),)).checks
     4
 
     Raises:
@@ -28,7 +30,7 @@ class PathLimits:
     """Largest angular speed, rad/s."""
     keep_out: tuple[tuple[float, ...], ...] = ()
     """Balls (m) that the centre of mass stays out of: centre in W, then radius."""
-    looks: int = 4
+    checks: int = 4
     """Instants of a control period at which they hold, evenly spaced, the last one at its end."""
 
     def __post_init__(self) -> None:

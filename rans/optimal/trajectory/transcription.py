@@ -198,7 +198,7 @@ class Transcription:
 
     The trajectory starts in the given state and ends as the objective says, see `Arrival`, where the goal is
     then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative at the instants
-    of every control period that its timing names (`Timing.looks`), nor those of further limits at theirs;
+    of every control period that its timing names (`Timing.checks`), nor those of further limits at theirs;
     between two of them nothing is asked. Where thrust is shared ("split") the commands' sum is kept within 1,
     where sharing is linear: any wrench the supply can give has such commands.
 
@@ -231,7 +231,7 @@ class Transcription:
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._later = goal_motion(task, example.goal) if moves_goal(task) else None
         self._margins = path_margins(task, example.start, example.goal, limits)
-        self._looks = max(task.timing.looks, 1 if limits is None else limits.looks)
+        self._checks = max(task.timing.checks, 1 if limits is None else limits.checks)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
         self._low, self._high = np.array([(one.low, one.high) for one in craft.commands]).T[
@@ -274,10 +274,10 @@ class Transcription:
             constraints.append(ca.sum1(commands).T)
         if self._margins is not None:
             before = ca.horzcat(start, after[:, :-1])
-            for look in range(1, self._looks + 1):
-                share = look / self._looks
+            for check in range(1, self._checks + 1):
+                share = check / self._checks
                 then = goals
-                if look == self._looks:
+                if check == self._checks:
                     there = after
                 else:
                     there = self._step.map(count)(before, applied, share * period)
@@ -384,7 +384,7 @@ class Transcription:
         unbound = np.full((forces, count), np.inf)
         joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
-        rows = 0 if self._margins is None else self._looks * count * self._margins.size1_out(0)
+        rows = 0 if self._margins is None else self._checks * count * self._margins.size1_out(0)
         margins = np.zeros(rows)
         return {
             "x0": pack(command, self._wrenches @ command, states, period),

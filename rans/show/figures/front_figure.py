@@ -1,4 +1,4 @@
-"""The figure of a front: the line of a knob, everybody else, and what is certified to be impossible."""
+"""The figure of a front: the line of a trade-off, everybody else, and what is certified to be impossible."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
 
 
 def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: int) -> None:
-    """All positions, the first, middle and last with where the knob stands; below each its own bound."""
+    """All positions, the first, middle and last with the trade-off; below each its own bound."""
     colour, marker = look(k)
     axes.plot(
         *_places(line),
@@ -103,12 +103,12 @@ def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: i
         markersize=4.5,
         linewidth=1.6,
         zorder=4,
-        label=f"{agent}, knob at {counted(len(line), 'position')}",
+        label=f"{agent}, trade-off at {counted(len(line), 'position')}",
     )
     for one in (line[0], line[len(line) // 2], line[-1]):
         place = point(one)
         axes.annotate(
-            f"{one.contestant.knob:g}",
+            f"{one.contestant.trade_off:g}",
             (place.time, place.impulse),
             (4, 4),
             textcoords="offset points",

@@ -35,8 +35,8 @@ TEXT = (
 
 _FRONT = (
     "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "
-    "whole episode), impulse the mean thrust-time of the whole episode. Positions of a knob are joined by "
-    "straight lines. A knob dominates whoever spends more than the line at the same time and takes longer "
+    "whole episode), impulse the mean thrust-time of the whole episode. Positions of a trade-off are joined by "
+    "straight lines. A trade-off dominates whoever spends more than the line at the same time and takes longer "
     "than the line with the same impulse, if at both places the line is as accurate and as often there."
 )
 _FRONT_BOUNDS = (

@@ -51,7 +51,7 @@ def sentences(front: Front) -> Iterator[str]:
                 else ""
             )
             yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
-        over = {one.contestant.knob: own for one in line if (own := front.multiple(one))}
+        over = {one.contestant.trade_off: own for one in line if (own := front.multiple(one))}
         for says, name in (
             (
                 "is behind the nearest point of the certified front, in time and impulse at once, by factors of",
@@ -61,7 +61,7 @@ def sentences(front: Front) -> Iterator[str]:
         ):
             if over:
                 told = ", ".join(
-                    f"{getattr(own, name):.2f} at {knob:g}" for knob, own in over.items()
+                    f"{getattr(own, name):.2f} at {trade_off:g}" for trade_off, own in over.items()
                 )
                 yield f"{agent} {says} {told}."
     sets = {**front.lines(), "Everybody together": front.entries}
@@ -99,7 +99,7 @@ def to_json(front: Front) -> dict[str, Any]:
         "starts": front.contest.episodes,
         "points": {
             one.name: {
-                "knob": one.contestant.knob,
+                "trade_off": one.contestant.trade_off,
                 **point(one)._asdict(),
                 "over_bound": multiple._asdict() if (multiple := front.multiple(one)) else None,
             }

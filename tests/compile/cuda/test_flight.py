@@ -226,7 +226,7 @@ def test_a_task_of_tensors_is_stepped() -> None:
 
 
 @needs_compiler
-def test_a_knob_in_three_products(tmp_path: Path) -> None:
+def test_a_trade_off_in_three_products(tmp_path: Path) -> None:
     """It stays with its episode, and the reward's price does too."""
     task = TASKS["go-to-pose-priced"](thrust_weight=0.5)
     kernel, stepped = both(

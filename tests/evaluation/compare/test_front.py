@@ -75,9 +75,9 @@ def test_who_is_dominated(other: Point, dominates: bool) -> None:
     assert judged(LINE, other).dominates == dominates
 
 
-def named(name: str, knob: float | None = None, **changes: Any) -> Entry:
+def named(name: str, trade_off: float | None = None, **changes: Any) -> Entry:
     """See `entry`: there after 1 s, 2 s and never; in all 2, 1 and 0 N s, of which 1 and 1 until there."""
-    return replace(entry(), contestant=Contestant(name, NOBODY, "", "", knob), **changes)
+    return replace(entry(), contestant=Contestant(name, NOBODY, "", "", trade_off), **changes)
 
 
 def answers(own: tuple[float, float] = (0.4, 0.6)) -> list[Bound]:
@@ -171,7 +171,7 @@ def test_who_beats_a_bound_is_found_out(wrong: tuple[float, float]) -> None:
     ]
 
 
-def knobs() -> Front:
+def trade_offs() -> Front:
     """A line from 1 N s to a half, and somebody beside it who needs four times that."""
     fast = named("agent#0", 0.0)
     thrifty = named("agent#1", 1.0)
@@ -188,7 +188,7 @@ def test_indicators_of_a_line_by_hand() -> None:
     0.4 N s. Of the second 0.6 and 0.2 N s: 2.5 times the latter, and it dominates 3 s x 0.7 N s up to the
     corner (5 s, 1.2 N s), where the bounds leave 4.5 x 0.6 + 3 x 0.4. From the third nothing arrives.
     """
-    found = knobs()
+    found = trade_offs()
     indicators = found.indicators(found.lines()["agent"])
     assert indicators is not None
     assert indicators.epsilon == pytest.approx(2.5)
@@ -199,7 +199,7 @@ def test_indicators_of_a_line_by_hand() -> None:
 
 def test_how_sure_a_line_is() -> None:
     """Better on every draw of three starts but one of 27: three times the third, from where nobody spends."""
-    found = knobs()
+    found = trade_offs()
     line = found.lines()["agent"]
     (dear, held) = found.others()
     quicker = named("quicker#0", 0.0)
@@ -210,7 +210,7 @@ def test_how_sure_a_line_is() -> None:
 
 
 def test_words_and_figures_of_a_front() -> None:
-    found = knobs()
+    found = trade_offs()
     assert [*found.lines()] == ["agent"]  # from fast to thrifty; one position makes no line
     assert [one.name for one in found.lines()["agent"]] == ["agent#0", "agent#1"]
     assert [one.name for one in found.others()] == ["dear", "held#0.5"]
@@ -231,7 +231,7 @@ def test_words_and_figures_of_a_front() -> None:
     ]
     axes, _ = front_figure(found).axes
     drawn = points(axes)
-    assert drawn["agent, knob at 2 positions"] == [
+    assert drawn["agent, trade-off at 2 positions"] == [
         pytest.approx([8 / 3, 1.0]),
         pytest.approx([8 / 3, 0.5]),
     ]
@@ -249,7 +249,7 @@ def test_words_and_figures_of_a_front() -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_page_and_file_have_the_front() -> None:
-    found = knobs()
+    found = trade_offs()
     told = comparison(front=found)
     assert "Front of time and impulse" in [section.title for section in page(told).sections]
     read = to_json(told, "")["front"]

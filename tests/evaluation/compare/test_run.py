@@ -219,7 +219,7 @@ def test_a_front_between_flights_and_proofs(
         assert found
         assert 1.0 <= found.until <= found.episode
     assert told.failures == []
-    assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
+    assert told.notes == ["Nobody has a trade-off: the front has points, but no line."]
     told.trace({}, seconds=0.0)
     assert (
         told.notes[-1]

@@ -61,6 +61,6 @@ def test_what_cannot_be_said_is_a_note_and_no_failure(
     found.trace({}, 1.0)
     assert [entry.name for entry in found.entries] == ["LQR"]
     assert found.failures == []
-    note, knob = found.notes  # the front has the first in common
+    note, trade_off = found.notes  # the front has the first in common
     assert re.search(said, note)
-    assert "Nobody has a knob" in knob
+    assert "Nobody has a trade-off" in trade_off

@@ -16,7 +16,7 @@ from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.knob import HeldKnob
+from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.flight import Flight, fly
 from rans.model.actuators import Throttle
@@ -130,23 +130,23 @@ def test_it_gives_what_brute_force_finds_best(
 
 
 class Shown:
-    """A network that sees a knob, to who shows it none."""
+    """A network that sees a trade-off, to who shows it none."""
 
-    def __init__(self, network: Network, knob: float) -> None:
+    def __init__(self, network: Network, trade_off: float) -> None:
         self.initial_state = network.initial_state
         self.next_state = network.next_state
         self._network = network
-        self._knob = knob
+        self._trade_off = trade_off
 
     def forward(self, seen: torch.Tensor, memory: torch.Tensor | None) -> Any:
         return self._network.forward(
-            torch.cat((seen, torch.full((len(seen), 1), self._knob)), dim=1), memory
+            torch.cat((seen, torch.full((len(seen), 1), self._trade_off)), dim=1), memory
         )
 
 
-def test_a_knob_that_is_held_is_seen_all_the_way() -> None:
-    """Against every choice flown by itself; the same commands where the task has the knob, and where not."""
-    priced = GoToPosePriced(knob=(0.3, 0.3), spawn_distance=(1.0, 2.0))
+def test_a_trade_off_that_is_held_is_seen_all_the_way() -> None:
+    """Against every choice flown by itself; the same commands where the task has the trade-off, and where not."""
+    priced = GoToPosePriced(trade_off=(0.3, 0.3), spawn_distance=(1.0, 2.0))
     plain = priced.plain()
     timing = Timing(episode_steps=1)
     count = 24
@@ -157,7 +157,7 @@ def test_a_knob_that_is_held_is_seen_all_the_way() -> None:
         change_within=0.2,
     )
     starts = scenarios(plain, PLATFORM, 5, count)
-    given = fly(PLATFORM, plain, HeldKnob(ahead, 0.3), starts, timing).commands
+    given = fly(PLATFORM, plain, FixedTradeOff(ahead, 0.3), starts, timing).commands
     setup = Setup(PLATFORM, plain, timing)
     told = Shown(network, 0.3)
     own = flown(setup, told, np.zeros((0, count, 8)), starts, 0).commands[:1]
@@ -289,8 +289,8 @@ def test_it_is_named_before_an_agent() -> None:
         ),
         ("lookahead:mppi:go-to-pose-2d", "it has no methods memory and recall"),
         (
-            "lookahead:pretrained:go-to-pose-2d-knob",
-            "a knob; hold it, as in lookahead:go-to-pose-2d-knob#0.5",
+            "lookahead:pretrained:go-to-pose-2d-trade-off",
+            "a trade-off; fix it, as in lookahead:go-to-pose-2d-trade-off#0.5",
         ),
         ("lookahead:pretrained:nobody", "nobody"),
         ("lookahead:", "names nobody after its colon"),

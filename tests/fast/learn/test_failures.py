@@ -31,7 +31,7 @@ HALF = GoToPose(
     fail_spin=40.0,
 )
 """Nobody ends early; some who hardly move are within its tolerances all the time, and others never."""
-LOOKING = replace(CONFIG, settings=HALF, failures=Failures(0.5, begin=0.25, looks=3, flights=24))
+LOOKING = replace(CONFIG, settings=HALF, failures=Failures(0.5, begin=0.25, searches=3, flights=24))
 
 
 @both_crafts
@@ -70,13 +70,13 @@ def test_starts_are_where_flights_were_that_fail(tmp_path: Path) -> None:
     """Flown again in float64 by what evaluates agents; float32 is within 1e-5 after 20 steps."""
     trainer = tiny_trainer(tmp_path / "run", LOOKING)
     trainer.train(ignore, after(3))
-    trainer.failures._look()
+    trainer.failures._search()
     controller, craft, _, timing, _ = contestant(str(tmp_path / "run"))
     flight = fly(craft, HALF, controller, scenarios(HALF, craft, FAILURES_SEED, 24), timing)
     inside = (flight.errors()["position"] < 0.8) & (flight.errors()["attitude"] < 2.0)
     failed = ~inside[-4:].all(axis=0)
     assert 0 < failed.sum() < 24
-    assert trainer.failures.found == [{"failures/share": pytest.approx(failed.mean())}]
+    assert trainer.failures.log == [{"failures/share": pytest.approx(failed.mean())}]
     expected = np.stack(flight.states.p.columns())[:, :-1, failed].reshape(2, -1)
     found = torch.stack(trainer.failures._starts[0][:2]).numpy()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
@@ -88,7 +88,7 @@ def test_a_share_of_the_environments_begins_there_in_turns(tmp_path: Path) -> No
     trainer.train(ignore, after(4))
     failures = trainer.failures
     engine = trainer.engine
-    failures._look()
+    failures._search()
     starts = torch.stack(failures._starts[0][:2]).T.tolist()
     for turn, rows in enumerate(([0, 3, 6], [1, 4, 7], [2, 5], [0, 3, 6])):
         before = [
@@ -107,20 +107,20 @@ def test_looks_are_spread_evenly_over_what_is_left(tmp_path: Path) -> None:
     """Three from a quarter on: after a quarter, a half and three quarters of all steps."""
     failures = tiny_trainer(tmp_path / "run", LOOKING).failures
     due = []
-    for looks in range(3):
-        failures._looks = looks
-        due.append(failures._next_look() / LOOKING.total_timesteps)
+    for search in range(3):
+        failures._searches = search
+        due.append(failures._next_search() / LOOKING.total_timesteps)
     assert due == pytest.approx([0.25, 0.5, 0.75])
 
 
 def test_the_newest_starts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = tiny_trainer(tmp_path / "run", LOOKING)
     failures = trainer.failures
-    failures._look()
+    failures._search()
     found = len(failures._starts[0][0])
     failures._starts[0] = [torch.full_like(column, 99) for column in failures._starts[0]]
     monkeypatch.setattr("rans.fast.learn.failures._KEPT", found // 2)
-    failures._look()
+    failures._search()
     assert len(failures._starts[0][0]) == found // 2
     assert not (failures._starts[0][0] == 99).any()
 
@@ -128,7 +128,7 @@ def test_the_newest_starts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_who_begins_where_others_failed_remembers_nothing(tmp_path: Path) -> None:
     config = replace(LOOKING, ppo=replace(LOOKING.ppo, memory="history"))
     trainer = tiny_trainer(tmp_path / "run", config)
-    trainer.failures._look()
+    trainer.failures._search()
     memory: Any = trainer.learner.rollout.memory
     memory.fill_(1.0)
     trainer.failures.begin(0)
@@ -138,10 +138,10 @@ def test_who_begins_where_others_failed_remembers_nothing(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("stop_at", [5, 9])
 def test_a_resumed_training_begins_where_it_would_have(tmp_path: Path, stop_at: int) -> None:
-    """Stopped after the first look, at 512 steps, and after the second, at 1,024; the third is later."""
+    """Stopped after the first search, at 512 steps, and after the second, at 1,024; the third is later."""
     whole = tiny_trainer(tmp_path / "whole", LOOKING)
     whole.train(ignore)
-    assert whole.failures._looks == 3
+    assert whole.failures._searches == 3
     tiny_trainer(tmp_path / "cut", LOOKING).train(ignore, after(stop_at))
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
@@ -158,7 +158,7 @@ def test_a_resumed_training_begins_where_it_would_have(tmp_path: Path, stop_at: 
     [
         ({"share": 1.0}, "share must be at least 0 and below 1, got 1.0"),
         ({"begin": -0.1}, "begin must be at least 0 and below 1, got -0.1"),
-        ({"looks": 0}, r"looks must be >= 1 and < 2\^24, got 0"),
+        ({"searches": 0}, r"searches must be >= 1 and < 2\^24, got 0"),
         ({"flights": 2**24}, r"flights must be >= 1 and < 2\^24, got 16777216"),
     ],
 )

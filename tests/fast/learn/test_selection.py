@@ -141,7 +141,7 @@ def test_a_short_episode_has_a_last_step() -> None:
 def test_a_mission_that_is_won_early_is_a_success() -> None:
     """As flights in float64 are judged: some are won in the middle, some hit the wall, some do neither."""
     task = Pass(speed=0.4, wall=0.3)
-    timing = replace(SHORT, looks=2)
+    timing = replace(SHORT, checks=2)
     network = scatter(tiny_learner(task=task).network)
     share, _ = found(judge(network, PLATFORM, task, timing))
     starts = scenarios(task, PLATFORM, SELECTION_SEED, EPISODES)

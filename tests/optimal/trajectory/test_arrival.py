@@ -109,7 +109,7 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    notes: tuple[Any, ...] = (0.5,)  # of a knob
+    notes: tuple[Any, ...] = (0.5,)  # of a trade-off
     if name == "avoid":
         notes = (Ball(type(rest.p)(*[9.0] * dimension), rest.v, 0.5),)
     goal = replace(rest, notes=notes)

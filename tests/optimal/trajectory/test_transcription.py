@@ -317,7 +317,7 @@ def test_where_no_guess_leads_anywhere_the_next_one_is_tried(
 
 
 def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
-    """A task with a knob asks for the same pose: least fuel is that of the task without one."""
+    """A task with a trade-off asks for the same pose: least fuel is that of the task without one."""
     start = planar(x=-1.0)
     goal = planar(x=0.1, heading=0.3)
     objective = MinimumFuel(6.0)

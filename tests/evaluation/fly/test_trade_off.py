@@ -1,4 +1,4 @@
-"""A knob that is held: the agent flies the plain task as it flies its own."""
+"""A trade-off that is held: the agent flies the plain task as it flies its own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.training import CONFIG, tiny_trainer
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
 def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A run folder of an agent with a knob, briefly trained."""
+    """A run folder of an agent with a trade-off, briefly trained."""
     path = tmp_path_factory.mktemp("runs") / "turned"
     tiny_trainer(
         path,
@@ -31,13 +31,17 @@ def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def test_it_flies_as_in_its_own_task(agent: str) -> None:
-    """The same starts, and there the same commands, though the plain task shows no knob."""
+    """The same starts, and there the same commands, though the plain task shows no trade-off."""
     flights = []
-    for knob in ("0", "0.3", "1"):
-        own = contestant(f"{agent}#{knob}")
-        contest = contest_of(f"{agent}#{knob}", 40)
-        one = enlist(f"{agent}#{knob}", contest)
-        assert (one.name, one.knob, type(contest.task)) == (f"turned#{knob}", float(knob), GoToPose)
+    for trade_off in ("0", "0.3", "1"):
+        own = contestant(f"{agent}#{trade_off}")
+        contest = contest_of(f"{agent}#{trade_off}", 40)
+        one = enlist(f"{agent}#{trade_off}", contest)
+        assert (one.name, one.trade_off, type(contest.task)) == (
+            f"turned#{trade_off}",
+            float(trade_off),
+            GoToPose,
+        )
         plain = contest.fly(one.controller).flight
         craft, task, timing, _, _ = own.judged
         starts = scenarios(task, craft, contest.seed, 40)
@@ -45,19 +49,21 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
         np.testing.assert_array_equal(plain.commands, priced.commands)
         np.testing.assert_array_equal(leaves(plain.states), leaves(priced.states))
         flights.append(plain.commands)
-    assert not np.array_equal(flights[0], flights[2])  # the knob is seen
+    assert not np.array_equal(flights[0], flights[2])  # the trade-off is seen
 
 
-def test_who_needs_no_training_sees_no_knob() -> None:
+def test_who_needs_no_training_sees_no_trade_off() -> None:
     contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
     one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
-    assert (one.name, one.knob) == ("LQR", None)
+    assert (one.name, one.trade_off) == ("LQR", None)
     assert contest.fly(one.controller).flight.task == contest.task
-    assert contest.task == GoToPosePriced(knob=(0.3, 0.3)).plain().for_evaluation()
+    assert contest.task == GoToPosePriced(trade_off=(0.3, 0.3)).plain().for_evaluation()
 
 
-def test_a_knob_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
-    assert turned(agent, 5) == [f"{agent}#{knob}" for knob in ("0", "0.25", "0.5", "0.75", "1")]
+def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
+    assert turned(agent, 5) == [
+        f"{agent}#{trade_off}" for trade_off in ("0", "0.25", "0.5", "0.75", "1")
+    ]
     for other in (
         f"{agent}#0.3",
         "lqr:go-to-pose-2d",

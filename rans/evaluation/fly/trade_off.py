@@ -1,0 +1,40 @@
+"""An agent with a trade-off, its trade-off fixed: it then flies what needs no trade-off, beside everybody else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.fly.agent import LoadedRun
+from rans.flight import Controller
+from rans.tasks import GoToPosePriced
+
+
+class FixedTradeOff:
+    """An agent that sees its trade-off where it is held, after all that a task without a trade-off shows."""
+
+    def __init__(self, agent: Controller, trade_off: float) -> None:
+        self.name = f"{agent.name}#{trade_off:g}"
+        self.trade_off = trade_off
+        self._agent = agent
+        self.slow = getattr(agent, "slow", False)  # one that looks ahead
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._agent.reset(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        trade_off = np.full((len(observation), 1), self.trade_off, observation.dtype)
+        return self._agent.act(state, goal, np.hstack((observation, trade_off)))
+
+
+def without_trade_off(run: LoadedRun) -> LoadedRun:
+    """The same for the plain task if its trade-off is fixed, so that it is compared with whoever has none."""
+    task = run.task
+    if not (isinstance(task, GoToPosePriced) and task.is_held):
+        return run
+    return run._replace(
+        controller=FixedTradeOff(run.controller, task.trade_off[0]), task=task.plain()
+    )
