@@ -85,7 +85,7 @@ class Scene:
         place = columns(goal.p)
         turn = rotations(state)
         wanted_turn = rotations(goal)
-        wanted = self.task.drawn(goal).tolerances()
+        wanted = self.task.task_of(goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
         target = place if "position" in wanted else way[0]
         arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in wanted else ()

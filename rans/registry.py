@@ -52,13 +52,13 @@ class Registry(Mapping[str, T]):
 
     def __init__(
         self,
-        what: str,
+        kind: str,
         group: str,
         built_in: Mapping[str, str],
         checked: Callable[[Any], T],
         or_else: str = "",
     ) -> None:
-        self._what = what
+        self._kind = kind
         self._group = group
         self.built_in = built_in
         self._checked = checked
@@ -70,7 +70,7 @@ class Registry(Mapping[str, T]):
         """Called with every name that `register` adds: who keeps names elsewhere too sets it."""
 
     def __repr__(self) -> str:
-        return f"<{self._what} by name: {', '.join(self)}>"
+        return f"<{self._kind} by name: {', '.join(self)}>"
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys((*self.built_in, *self._offered, *self._own)))
@@ -96,7 +96,7 @@ class Registry(Mapping[str, T]):
         """
         if name in self.built_in or name in self._offered or ":" in name:
             raise ConfigError(
-                f"the {self._what} {brief(name)} exists already, or is no name; choose another one."
+                f"the {self._kind} {brief(name)} exists already, or is no name; choose another one."
             )
 
         def keep(found: T) -> T:
@@ -122,7 +122,7 @@ class Registry(Mapping[str, T]):
         if os.environ.get(TRUST_VARIABLE) or name in self._vouched:
             return
         raise ConfigError(
-            f"{file} names the {self._what} {brief(name)}, and to use it would run that "
+            f"{file} names the {self._kind} {brief(name)}, and to use it would run that "
             "module's code. If you know who made it, add --trust; from Python, call "
             "rans.trust_files() first."
         )
@@ -143,18 +143,18 @@ class Registry(Mapping[str, T]):
         package = self.package(name)
         if name not in self and ":" not in name:
             raise ConfigError(
-                f"there is no {self._what} named {brief(name)}{meant(name, self)}; known are "
+                f"there is no {self._kind} named {brief(name)}{meant(name, self)}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )
         try:
-            return self._checked(self._found(name))
+            return self._checked(self._resolve(name))
         except ConfigError as error:
             of = f" of the package {package}" if package else ""
             raise ConfigError(
-                f"the {self._what} {brief(name)}{of} cannot be used: {error}"
+                f"the {self._kind} {brief(name)}{of} cannot be used: {error}"
             ) from error
 
-    def _found(self, name: str) -> Any:
+    def _resolve(self, name: str) -> Any:
         """What a name stands for, as its module has it."""
         if name in self.built_in:
             return resolve(self.built_in[name])
@@ -166,7 +166,7 @@ class Registry(Mapping[str, T]):
         return resolve(first.value)
 
 
-def look_here_too() -> None:
+def allow_current_folder() -> None:
     """Let modules of the current folder be imported, where no other one has their name.
 
     Only where the user typed MODULE:NAME. The folder is looked through last: a file in it that has the name
@@ -185,7 +185,7 @@ def resolve_typed(reference: str) -> Any:
     """
     if reference.partition(":")[0].partition(".")[0] in sys.stdlib_module_names:
         raise ConfigError("it is of Python's own library, where nothing of RANS is.")
-    look_here_too()
+    allow_current_folder()
     return resolve(reference)
 
 

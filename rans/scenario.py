@@ -82,11 +82,11 @@ def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int =
     Raises:
         ConfigError: the task works in the other dimension alone, or the seed has more than 64 bits.
     """
-    return drawn(task, craft, draws(seed, count, first))
+    return sampled_scenarios(task, craft, draws(seed, count, first))
 
 
-def drawn(task: Task, craft: Spacecraft, own: Draws) -> Scenario:
-    """The scenarios of N episodes that draw like this, as one batch of float64 arrays (N,).
+def sampled_scenarios(task: Task, craft: Spacecraft, own: Draws) -> Scenario:
+    """The scenarios of N episodes with these random numbers, as one batch of float64 arrays (N,).
 
     Raises:
         ConfigError: see `rans.tasks.derived.check_dimension`.

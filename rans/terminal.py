@@ -228,8 +228,8 @@ def stages(bars: Progress) -> Stages:
 
 
 @contextmanager
-def kept(write: Callable[[], object]) -> Iterator[None]:
-    """Write what was found when the block ends, however it does; who pressed Ctrl-C is told what takes on."""
+def writing_at_end(write: Callable[[], object]) -> Iterator[None]:
+    """Context that writes results when it ends, also after an error or Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:

@@ -128,9 +128,9 @@ class Effort:
     """Open thrusters summed over the steps of the last fifth."""
 
     def after(
-        self, setting: Setting, outcome: Outcome, going: Field, lost: Field, late: Field
+        self, setting: Setting, outcome: Outcome, running: Field, lost: Field, late: Field
     ) -> Effort:
-        """Effort after one more step, of flights that were ``going`` before it.
+        """Effort after one more step, of flights that were ``running`` before it.
 
         Where the state is no longer finite (``lost``), neither is the reward, which is left out. ``late``
         says whether the step belongs to the last fifth.
@@ -141,12 +141,12 @@ class Effort:
             for share, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
         ]
         zero = self.gained * 0.0
-        spent = where(going, reduce(add, forces), zero) * setting.timing.control_period
+        spent = where(running, reduce(add, forces), zero) * setting.timing.control_period
         return Effort(
-            gained=self.gained + where(going & ~lost, outcome.reward, zero),
+            gained=self.gained + where(running & ~lost, outcome.reward, zero),
             impulse=self.impulse + spent,
             opened=self.opened
-            + where(going & late, reduce(add, outcome.command[: len(craft.thrusters)]), zero),
+            + where(running & late, reduce(add, outcome.command[: len(craft.thrusters)]), zero),
         )
 
 
@@ -157,7 +157,7 @@ class FlightAccumulator:
     Each attribute is a field; the module's text defines the words.
     """
 
-    going: Field
+    running: Field
     """Whether the flight is not over."""
     lost: Field
     """Whether a number of the state was no longer finite before the flight was over."""
@@ -196,7 +196,7 @@ class FlightAccumulator:
         task = setting.task
         inside = task.reached(episode.state, episode.goal) | never
         return cls(
-            going=~never,
+            running=~never,
             lost=never,
             inside=inside,
             missed=never,
@@ -210,23 +210,23 @@ class FlightAccumulator:
 
     def after(self, setting: Setting, outcome: Outcome) -> FlightAccumulator:
         """Verdict after one more step; flights that are over keep theirs."""
-        going = self.going
+        running = self.running
         steps = setting.timing.episode_steps
         instant = setting.timing.step(outcome.episode.clock)
         late = instant > steps - last_fifth(steps)
-        lost = going & ~finite(*leaves(outcome.episode.state))
+        lost = running & ~finite(*leaves(outcome.episode.state))
         new = self.at(instant, late, outcome.reached, outcome.terminated, lost, outcome.done)
         violated = self.violated
         for margin in outcome.margins.values():
-            violated = violated | (going & (margin < 0.0))
+            violated = violated | (running & (margin < 0.0))
         effort = self.effort
         if effort is not None:
-            effort = effort.after(setting, outcome, going, lost, late)
+            effort = effort.after(setting, outcome, running, lost, late)
         worst = self.worst
         if worst:
             errors = setting.task.errors(outcome.episode.state, outcome.episode.goal)
             worst = tuple(
-                where(late & going & (errors[name] > largest), errors[name], largest)
+                where(late & running & (errors[name] > largest), errors[name], largest)
                 for name, largest in zip(setting.task.tolerances(), worst, strict=True)
             )
         return replace(new, effort=effort, worst=worst, violated=violated)
@@ -250,10 +250,10 @@ class FlightAccumulator:
             lost: whether a number of the state is no longer finite there.
             done: whether the mission is won; of tasks that cannot be won nothing is asked.
         """
-        inside = reached & self.going & ~terminated
+        inside = reached & self.running & ~terminated
         settled = where(inside, self.settled, instant + 1)
         if self.won is not None:
-            settled = where(self.going, where(done, instant, instant + 1), self.settled)
+            settled = where(self.running, where(done, instant, instant + 1), self.settled)
         return replace(
             self.without_instant(terminated, done),
             lost=self.lost | lost,
@@ -270,16 +270,16 @@ class FlightAccumulator:
         """
         won = self.won
         if won is not None:
-            won = won | (self.going & done)
-        return replace(self, going=self.going & ~terminated, won=won)
+            won = won | (self.running & done)
+        return replace(self, running=self.running & ~terminated, won=won)
 
     def failure(self) -> Field:
         """Number of a `Failure` of flights that have ended, int; 0: solved."""
         if self.won is None:
             lasts = where(self.missed, where(self.left, 3, where(self.inside, 5, 4)), 0)
-            kind = where(self.going, lasts, 2)
+            kind = where(self.running, lasts, 2)
         else:
-            kind = where(self.going, 7, where(self.won, 0, 2))
+            kind = where(self.running, 7, where(self.won, 0, 2))
         if self.violated is not None:
             kind = where(self.violated, 6, kind)
         return where(self.lost, 1, kind)
@@ -287,12 +287,12 @@ class FlightAccumulator:
     @property
     def settles(self) -> Field:
         """Whether flights that have ended settled; ``settled`` is the number of the instant then."""
-        return self.going & self.inside if self.won is None else self.won
+        return self.running & self.inside if self.won is None else self.won
 
     @property
     def held(self) -> Field:
         """Whether flights that have ended held their goals, or won their missions."""
-        return self.going & ~self.missed if self.won is None else self.won
+        return self.running & ~self.missed if self.won is None else self.won
 
     @property
     def solved(self) -> Field:
@@ -302,4 +302,4 @@ class FlightAccumulator:
     @property
     def failed(self) -> Field:
         """Whether flights failed."""
-        return ~self.going if self.won is None else ~self.going & ~self.won
+        return ~self.running if self.won is None else ~self.running & ~self.won

@@ -156,12 +156,12 @@ def test_a_multi_task_shows_the_goal_it_drew() -> None:
     task = MultiTask(tasks=("go-to-pose", "track-velocity"))
     for part in task.parts().values():
         goal = PlanarState(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, (float(part.flag),))
-        assert task.drawn(goal) == part
+        assert task.task_of(goal) == part
         np.testing.assert_array_equal(
             Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),
             Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)),
         )
-    assert TASK.drawn(planar()) is TASK
+    assert TASK.task_of(planar()) is TASK
 
 
 def test_the_trail_is_drawn_and_fits_the_frame() -> None:

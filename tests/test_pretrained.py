@@ -8,7 +8,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
-from rans.fast.saved import read_policy
+from rans.fast.agent_files.agent import read_policy
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
 
 every_agent = pytest.mark.parametrize("name", pretrained_names())

@@ -326,7 +326,7 @@ def load_agent(
     from rans.episode import Setup
     from rans.evaluation.fly.agent import LoadedRun, run_of
     from rans.evaluation.fly.contestants import contestant
-    from rans.evaluation.fly.controllers import GivenPolicy
+    from rans.evaluation.fly.controllers import ObjectPolicy
 
     setup = None
     if task is not None:
@@ -352,5 +352,5 @@ def load_agent(
             f"{brief(agent)} is a policy that knows no task: give one, as in "
             "rans.load_agent(policy, 'go-to-pose', 'floating-platform')."
         )
-    policy = GivenPolicy(agent, setup.craft, setup.task)
+    policy = ObjectPolicy(agent, setup.craft, setup.task)
     return Agent(LoadedRun(policy, *setup[:4]))

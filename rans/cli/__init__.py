@@ -127,14 +127,14 @@ def _run(arguments: list[str]) -> int:
             unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word
         ):  # which tyro would repeat
             raise ConfigError(f"an option has characters that command terminals: {brief(word)}.")
-    _tell_of_options_twice(arguments)
+    _warn_of_repeated_options(arguments)
     command = _parse(arguments or ["--help"])
     if getattr(command, "trust", False):
         trust_files()
     return command.run()
 
 
-def _tell_of_options_twice(arguments: list[str]) -> None:
+def _warn_of_repeated_options(arguments: list[str]) -> None:
     """Of an option that is given again only the last counts; of `--set` each does."""
     given: set[str] = set()
     for word in arguments:
@@ -162,7 +162,7 @@ def _parse(arguments: list[str]) -> Any:
         c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted
     }
     if arguments[0] in ("-h", "--help"):
-        from rans.cli.helped import overview
+        from rans.cli.help import overview
 
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
@@ -186,14 +186,14 @@ def _parse(arguments: list[str]) -> Any:
     if arguments[0].startswith(
         "--tyro-"
     ):  # completion, which takes every line of a text for a word
-        from rans.cli.helped import explain
+        from rans.cli.help import explain
 
         explain(commands.values())
     if not {"-h", "--help"} & {*arguments}:
         return parse()
-    from rans.cli.helped import helped
+    from rans.cli.help import with_help
 
-    return helped(parse, commands)
+    return with_help(parse, commands)
 
 
 def _end(sentence: str, code: int) -> int:

@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, kept, progress, stages
+from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
@@ -132,7 +132,7 @@ class Assure:
 
         if not self.restart:
             assurance.go_on(file)
-        with kept(show), progress() as bars:
+        with writing_at_end(show), progress() as bars:
             stage = stages(bars)
             assurance.fly(device, stage, keep, processes)
             stage("failed flights again", None)
@@ -180,9 +180,9 @@ def _show(assurance: Assurance, file: Path) -> None:
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:
-        console.say(f"In a search {assurance.searched.said}.")
+        console.say(f"In a search {assurance.searched.summary}.")
     if assurance.rare:
-        console.say(f"By importance sampling {assurance.rare.said}.")
+        console.say(f"By importance sampling {assurance.rare.summary}.")
     if assurance.replays and assurance.replays.found:
         most = max(assurance.replays.found, key=lambda one: one.excess)
         console.say(f"The worst failure, at {most.excess:.3g} tolerances:")

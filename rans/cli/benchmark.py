@@ -11,7 +11,7 @@ from rans.api import laboratory
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
-from rans.terminal import Terminal, kept, table
+from rans.terminal import Terminal, table, writing_at_end
 
 if TYPE_CHECKING:
     from benchmarks.peers.runner import PeerResult
@@ -63,7 +63,7 @@ class Benchmark:
         console = Terminal()
         measured: list[Measurement] = []
         peers: list[tuple[PeerResult, list[Ratio]]] = []
-        with kept(lambda: self._show(console, device, measured, peers)):
+        with writing_at_end(lambda: self._show(console, device, measured, peers)):
             self._measure(console, device, measured)
             self._compare(console, device, peers)
         return 0

@@ -16,7 +16,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress, stages
+from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -102,7 +102,7 @@ class Compare:
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
-        with kept(show), progress() as bars:
+        with writing_at_end(show), progress() as bars:
             try:
                 comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
                 if self.front:

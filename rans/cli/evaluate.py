@@ -156,7 +156,7 @@ class Evaluate:
             {"episode": int(number), "failure": Failure(kind).name}
             for number, kind in zip(statistics.numbers, statistics.kinds, strict=True)
         ]
-        folder, suffix = self._place(run)
+        folder, suffix = self._output(run)
         file = folder / f"evaluation-many{suffix}.json"
         write_json(
             file,
@@ -199,7 +199,7 @@ class Evaluate:
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures.figures import save_flight_figures
 
-        folder, suffix = self._place(run)
+        folder, suffix = self._output(run)
         file = self._file(run)
         conditions = self._conditions(run)
         with one_at_a_time(folder):
@@ -211,7 +211,7 @@ class Evaluate:
         save_flight_figures(flight, folder, suffix)
         return file
 
-    def _place(self, run: LoadedRun) -> tuple[Path, str]:
+    def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and what their files' names end in."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.randomization.conditions import Conditions
@@ -226,7 +226,7 @@ class Evaluate:
 
     def _file(self, run: LoadedRun) -> Path:
         """Of the results of both engines; ConfigError where it is a link."""
-        folder, suffix = self._place(run)
+        folder, suffix = self._output(run)
         return inside(folder, f"evaluation{suffix}.json")
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:

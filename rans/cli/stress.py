@@ -14,7 +14,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, kept, progress, stages
+from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans.show.pages.stress_page import StressReport
@@ -78,7 +78,7 @@ class Stress:
             folder, "stress"
         )  # where conditions are written: a link is told before anybody flies
         report = StressReport(stress, folder, self.worst, command_line())
-        with kept(partial(_show, report)), progress() as bars:
+        with writing_at_end(partial(_show, report)), progress() as bars:
             stress.fly(stages(bars), self.workers)
         return 1 if stress.failures else 0
 

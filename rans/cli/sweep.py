@@ -124,7 +124,7 @@ class Sweep:
             raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
         world = join(config.device, apart=True)
         folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
-        return Trainings(configs, world.first_says(folder), command_line(), world)
+        return Trainings(configs, world.from_first(folder), command_line(), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
         """Every combination, the seeds of one beside each other."""

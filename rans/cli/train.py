@@ -24,7 +24,7 @@ from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files
-from rans.show.figures.curve import Rows, drawn_beside
+from rans.show.figures.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.terminal import Terminal
 
@@ -112,7 +112,7 @@ class Train:
             return trainer
         config = self.resolved()
         world = join(config.device)
-        run = RunFolder(world.first_says(self.output or run_path(config)))
+        run = RunFolder(world.from_first(self.output or run_path(config)))
         trainer = Trainer([config], load_spacecraft(config.spacecraft), run, world)
         if world.is_first:
             run.begin(config, command_line())
@@ -179,7 +179,7 @@ class Train:
         compile_in_this_process()
         if os.environ.get("RANK", "0") != "0":
             return self._train(lambda rows: "")
-        with drawn_beside() as curve:
+        with curve_in_another_process() as curve:
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str]) -> int:
@@ -190,8 +190,8 @@ class Train:
         begun = trainer.steps
         if not trainer.processes.is_first:
             with StopGently() as stop:
-                trainer.train(lambda _: None, lambda: stop.asked)
-            return 130 if stop.asked else 0
+                trainer.train(lambda _: None, lambda: stop.requested)
+            return 130 if stop.requested else 0
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
         others = loggers(self.log, trainer.config, trainer.run.path)
@@ -201,14 +201,14 @@ class Train:
                     one(members[0].rows[-1])
                     for one in (progress.show, *(other.write for other in others))
                 ],
-                lambda: stop.asked,
+                lambda: stop.requested,
             )
         for other in others:
             other.close()
         if rows := trainer.run.metrics():
             write_text(trainer.run.path / "learning_curve.svg", curve(rows))
-        Terminal().say(_summary(trainer, begun, stop.asked, time.monotonic() - STARTED))
-        if stop.asked:
+        Terminal().say(_summary(trainer, begun, stop.requested, time.monotonic() - STARTED))
+        if stop.requested:
             return 130
         Terminal().suggest(*self._next(trainer))
         return 0
@@ -259,10 +259,11 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         else "Out of steps, not solved"
     )
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
-    way = f", {trainer.learner.way}" if trainer.learner.way else ""
+    description = trainer.learner.description
+    backend = f", {description}" if description else ""
     text = (
         f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
-        f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "
+        f"({trainer.rate:,.0f} steps/s{backend}){warm_up}, {seconds:.1f} s in all. "
         f"The agent is {path}/policy.zip."
     )
     if stopped:
@@ -341,7 +342,7 @@ class StopGently:
     What is lost then is the iteration: any that took longer than seconds left a checkpoint.
     """
 
-    asked = False
+    requested = False
 
     def __enter__(self) -> StopGently:
         heard = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
@@ -354,8 +355,8 @@ class StopGently:
             signal.signal(number, handler)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        if not self.asked:
-            self.asked = True
+        if not self.requested:
+            self.requested = True
             signal.setitimer(signal.ITIMER_REAL, _GENTLE)
             return
         interrupt = self._before[signal.SIGINT]  # which knows where it has to wait

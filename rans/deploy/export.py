@@ -21,10 +21,10 @@ from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
+from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
-from rans.fast.saved import AGENT, SavedPolicy, packed_actor, read_policy
 from rans.files import (
     inside,
     plain,
@@ -190,7 +190,7 @@ def write_agent(
         program = agent_program(network, craft)
         write_c(folder, program, network.architecture, title, contract, pairs)
     elif form == "rans":
-        content = packed_actor(network.architecture, network.member(0), saved.steps)
+        content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     else:
         write_policy(

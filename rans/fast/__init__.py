@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
     from rans.fast.learn.front import PPO
-    from rans.fast.step import Step
+    from rans.fast.stepping.step import Step
 
 __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 

@@ -99,7 +99,7 @@ class Processes:
         _collective(dist.all_reduce, asked, dist.ReduceOp.MAX)
         return tuple(map(bool, asked.tolist()))
 
-    def first_says(self, value: Any) -> Any:
+    def from_first(self, value: Any) -> Any:
         """What the first process holds."""
         if self.size == 1:
             return value
@@ -112,7 +112,7 @@ class Processes:
         first, end = (count * place // self.size for place in (self.rank, self.rank + 1))
         return first, end - first
 
-    def everyone_says(self, value: Any) -> list[Any]:
+    def from_all(self, value: Any) -> list[Any]:
         """What every process holds, in the order of their ranks; all must ask."""
         said = [value] * self.size
         if self.size > 1:

@@ -16,11 +16,20 @@ from torch import Tensor
 from rans.effectors.commands import check, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, checked, counted
-from rans.fast.compiled_step import stepping
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.privileged import Known
-from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, stepped, write
-from rans.fast.step_kernel import Kernel
+from rans.fast.privileged import PrivilegedObservation
+from rans.fast.stepping.compiled import stepping
+from rans.fast.stepping.kernel import Kernel
+from rans.fast.stepping.step import (
+    Backend,
+    Step,
+    divisible,
+    holding,
+    restore,
+    snapshot,
+    stepped,
+    write,
+)
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.fields import leaves, map_leaves
@@ -120,7 +129,7 @@ class Engine:
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(Setup(craft, task, how, conditions, guard), backend.nodes)
-        self.known = Known(
+        self.privileged_quantities = PrivilegedObservation(
             self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
         )
         """What `privileged` tells."""
@@ -212,12 +221,12 @@ class Engine:
         clock += self._backend.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:
-        """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
+        """What a simulator knows of every spacecraft and a robot does not, (N, p), see `PrivilegedObservation`."""
         return self.privileged_of(self.episode)
 
     def privileged_of(self, episode: Episode) -> Tensor:
         """What `privileged` gives, (N, p), of episodes as `stepped` returned them."""
-        return self.known.of(self._world.recalled(episode, self._draws))
+        return self.privileged_quantities.of(self._world.recalled(episode, self._draws))
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""

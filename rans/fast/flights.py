@@ -16,7 +16,7 @@ from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief
-from rans.fast.step import Backend
+from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves

@@ -20,9 +20,9 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
 from rans.errors import ConfigError
+from rans.fast.agent_files.agent import AGENT, agent_bytes
 from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.config import PPOSettings
-from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.heads import ClippedGaussian, OnOff
@@ -241,7 +241,7 @@ def write_policy(
     adam: dict[Any, Any] | None = None,
     rate: float | None = None,
 ) -> None:
-    """Save one agent twice in one archive: as RANS reads it (`rans.fast.saved`), and as SB3 does.
+    """Save one agent twice in one archive: as RANS reads it (`rans.fast.agent_files.agent`), and as SB3 does.
 
     With it go the settings of its training, with which SB3 goes on too. Its tensors are as `Network.member`
     gives them. Adam begins anew without what `Adam.member` gave, and its step size. ConfigError where the
@@ -269,7 +269,7 @@ def write_policy(
         **{name: getattr(settings, name) for name in _SHARED},
     }
 
-    ours = packed_agent(architecture, tensors, settings, steps, adam or {}, rate)
+    ours = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
 
     def write(draft: Path) -> None:
         with draft.open(

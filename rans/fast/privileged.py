@@ -1,4 +1,4 @@
-"""What a simulator knows of every spacecraft and a robot does not, for a critic that may know it."""
+"""Privileged observation of a critic: what a simulator knows of every spacecraft and a robot does not."""
 
 from __future__ import annotations
 
@@ -18,50 +18,52 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.parameters import examples
 
 
-class Known:
+class PrivilegedObservation:
     """The body's numbers over the craft's own; under conditions everything that episodes draw from them.
 
     Args:
         world: that the episodes are of.
         body: what flies in them.
-        everywhere: ones (N,), of the dtype and on the device of what is told.
+        everywhere: ones (N,), of the dtype and on the device of the observation.
     """
 
     def __init__(self, world: World, body: Body, everywhere: Tensor) -> None:
         self._body = body
         self._craft = world.craft
-        self._drawn = quantities(world)
+        self._quantities = quantities(world)
         self._everywhere = everywhere
         # In memory: a CUDA graph takes nothing from the CPU.
         self._mean, self._scale = (
             everywhere.new_tensor(row)
             for row in (
-                [one.mean for one in self._drawn],
-                [1.0 / one.spread for one in self._drawn],
+                [one.mean for one in self._quantities],
+                [1.0 / one.spread for one in self._quantities],
             )
         )
-        self.width = len(self._drawn) or len(leaves(body))
+        self.width = len(self._quantities) or len(leaves(body))
         """How many a spacecraft has."""
-        self.nominal = (0.0,) * len(self._drawn) or tuple(
+        self.nominal = (0.0,) * len(self._quantities) or tuple(
             relative(Body.of(world.craft), world.craft)
         )
         """Those of the craft as designed, or under conditions of what is usual."""
 
     def of(self, episode: Episode) -> Tensor:
-        """All of them, (N, width), in N running episodes, which know their cases."""
-        if not self._drawn:
+        """All of them, (N, width), in N running episodes, which remember their parameters."""
+        if not self._quantities:
             return torch.stack(
                 [self._everywhere * x for x in relative(self._body, self._craft)], dim=1
             )
         parameters = leaves(episode.parameters)
-        drawn = torch.stack([torch.as_tensor(parameters[one.place]) for one in self._drawn], dim=1)
-        return (drawn - self._mean) * self._scale
+        columns = torch.stack(
+            [torch.as_tensor(parameters[one.leaf]) for one in self._quantities], dim=1
+        )
+        return (columns - self._mean) * self._scale
 
 
 class Quantity(NamedTuple):
-    """A number that differs from episode to episode, told with zero mean and unit variance."""
+    """A number that differs from episode to episode, observed with zero mean and unit variance."""
 
-    place: int
+    leaf: int
     """Among the leaves of `rans.randomization.parameters.EpisodeParameters`."""
     mean: float
     """Over many episodes."""
@@ -70,14 +72,14 @@ class Quantity(NamedTuple):
 
 
 def quantities(world: World) -> list[Quantity]:
-    """Everything that episodes draw from their conditions, but for their number; none in a perfect world."""
+    """Everything that episodes draw from their conditions but their number; none where nothing is randomized."""
     if world.conditions is None:
         return []
-    drawn = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
+    varied = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
     return [
-        Quantity(place, float(x.mean()), float(x.std()))
-        for place, x in enumerate(drawn)
-        if isinstance(x, np.ndarray) and place and x.std() > 0.0
+        Quantity(leaf, float(x.mean()), float(x.std()))
+        for leaf, x in enumerate(varied)
+        if isinstance(x, np.ndarray) and leaf and x.std() > 0.0
     ]
 
 

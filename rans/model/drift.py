@@ -25,7 +25,7 @@ class Drift(ABC):
 
     name: ClassVar[str]
     """What messages call it; its parameters are its fields."""
-    straight: ClassVar[bool]
+    in_straight_lines: ClassVar[bool]
     """Whether the difference between two free points grows evenly, so that pushes may be summed before they
     are carried. A drift of which this does not hold is linear: it leaves a point at rest at W's origin."""
 
@@ -39,7 +39,7 @@ class FreeFlight(Drift):
     """Nothing pulls: in free space, or on an even floor."""
 
     name: ClassVar[str] = "free-flight"
-    straight: ClassVar[bool] = True
+    in_straight_lines: ClassVar[bool] = True
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along a straight line."""
@@ -57,7 +57,7 @@ class UniformGravity(Drift):
     acceleration: tuple[float, ...]
     """In W, m/s^2: two numbers in the plane, three in space."""
     name: ClassVar[str] = "uniform-gravity"
-    straight: ClassVar[bool] = True
+    in_straight_lines: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         given = self.acceleration
@@ -101,7 +101,7 @@ class ClohessyWiltshire(Drift):
     mean_motion: float
     """n, rad/s: 0.00113 at 400 km above the Earth."""
     name: ClassVar[str] = "clohessy-wiltshire"
-    straight: ClassVar[bool] = False
+    in_straight_lines: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not is_finite(self.mean_motion) or self.mean_motion <= 0:

@@ -49,7 +49,7 @@ def moved(
         in_world: makes a vector in W of that form and a scalar to multiply it with.
         steady: a second acceleration, constant in W, m/s^2.
     """
-    if not drift.straight:
+    if not drift.in_straight_lines:
         p, v = drift.carry(p, v, h)
         for (node, weight), push in zip(rule, pushes, strict=True):
             kick = in_world(push, weight * h)

@@ -21,8 +21,8 @@ from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, Range, largest
-from rans.randomization.drawn_faults import Fault, drawn_fault
-from rans.randomization.sensors import Sensors, drawn_sensors
+from rans.randomization.fault_draws import Fault, draw_fault
+from rans.randomization.sensors import Sensors, draw_sensors
 from rans.randomization.valves import Lag, failing, pieces
 
 
@@ -247,13 +247,13 @@ def draw(
     return EpisodeParameters(
         number=number,
         body=body,
-        fault=drawn_fault(conditions.faults, craft, body, random("fault")),
+        fault=draw_fault(conditions.faults, craft, body, random("fault")),
         lag=_lag(conditions, random("lag")),
         dwell=_dwell(conditions, random("hold")),
         push=_push(pushes.force, pushes.torque, random("push")),
         swing=_swing(conditions, random("swing")),
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
-        sensors=drawn_sensors(conditions.sensors, random("sensors")),
+        sensors=draw_sensors(conditions.sensors, random("sensors")),
     )
 
 

@@ -51,7 +51,7 @@ class Sensors:
         return self.dropout is not None or self.outage is not None
 
 
-def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
+def draw_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
     """What one episode drew of this; None: readings are the state."""
     sensors = given.each()
     off = SensorConditions()
@@ -66,12 +66,12 @@ def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
         drawn("noise", lambda _, values: random.within(values)),
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
         drawn("dropout", lambda _, values: random.within(values)),
-        _drawn_outage(given, random),
+        _draw_outage(given, random),
     )
     return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
-def _drawn_outage(given: SensorsConditions, random: Random) -> Outage | None:
+def _draw_outage(given: SensorsConditions, random: Random) -> Outage | None:
     if largest(given.outage) == 0.0:
         return None
     length = random.within(given.outage)

@@ -73,7 +73,7 @@ class Nozzles:
             ),
         )
 
-    def given(self, opened: np.ndarray) -> np.ndarray:
+    def force_shares(self, opened: np.ndarray) -> np.ndarray:
         """Share of its force that each thruster gives once valves (N, t) are so far open."""
         flowing = self.gain * opened + self.leak
         return flowing / (
@@ -111,9 +111,9 @@ class Nozzles:
     def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
         """What comes of the commands over the control period; arguments as `segments`."""
         patterns = [
-            (begin - age * duration, self.given(opened))
+            (begin - age * duration, self.force_shares(opened))
             for age, command in reversed(list(enumerate(commands)))
-            for begin, opened in told(actuators, command, duration)
+            for begin, opened in valve_commands(actuators, command, duration)
         ]
         first = patterns[0][1]
         changes = [self._change(time, old, new) for (_, old), (time, new) in pairwise(patterns)]
@@ -174,10 +174,10 @@ class _Flow:
         return thrust, rate
 
 
-def told(
+def valve_commands(
     actuators: Actuators, commands: np.ndarray, duration: float
 ) -> list[tuple[float, np.ndarray]]:
-    """From when on (s) which valves are told to be how far open: anew where any of any spacecraft shuts.
+    """Openings of all valves and the instants (s) from which they hold.
 
     The commands, (N, thrusters), are 0 to 1 and held for the duration, s. A throttle that may be shut gives
     nothing below half of its least level, and at least that level otherwise.

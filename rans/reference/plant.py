@@ -452,7 +452,7 @@ class Plant:
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
         opened = commands[:, : len(self.craft.thrusters)]
-        self._open(self._nozzles.given(opened), np.zeros(opened.shape))
+        self._open(self._nozzles.force_shares(opened), np.zeros(opened.shape))
 
     def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
         """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""

@@ -71,7 +71,7 @@ class Task(Settings, ABC):
         """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
         return {"": self}
 
-    def drawn(self, goal: State) -> Task:
+    def task_of(self, goal: State) -> Task:
         """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""
         return self
 

@@ -77,7 +77,7 @@ class MultiTask(Task):
         """The tasks to draw from, by name."""
         return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
 
-    def drawn(self, goal: State) -> SingleTask:
+    def task_of(self, goal: State) -> SingleTask:
         """The task that one goal, of numbers, belongs to."""
         return next(
             part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal)))
@@ -102,15 +102,15 @@ class MultiTask(Task):
         for rank, part in enumerate(parts[1:], start=1):
             flag = where(draw >= rank, float(part.flag), flag)
         pairs = [part.sample(random) for part in parts]
-        start, goal = unflatten(pairs[0], self._drawn_row(flag, [leaves(pair) for pair in pairs]))
+        start, goal = unflatten(pairs[0], self._chosen_row(flag, [leaves(pair) for pair in pairs]))
         return start, replace(goal, notes=(flag,))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
         flag = self.flag_of(goal)
         shown = [part.observation_terms(state, goal) for part in self.parts().values()]
-        vectors = self._drawn_row(flag, [first.columns() for first, *_ in shown])
-        rest = self._drawn_row(
+        vectors = self._chosen_row(flag, [first.columns() for first, *_ in shown])
+        rest = self._chosen_row(
             flag, [[x for entry in data for x in entry.columns()] for _, *data in shown]
         )
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
@@ -143,27 +143,29 @@ class MultiTask(Task):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Those of the drawn task; a quantity it does not name has no error."""
-        return self._drawn_terms(goal, [part.errors(state, goal) for part in self.parts().values()])
+        return self._chosen_terms(
+            goal, [part.errors(state, goal) for part in self.parts().values()]
+        )
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """The drawn task's terms; those of the others are zero."""
-        return self._drawn_terms(
+        return self._chosen_terms(
             transition.goal, [part.reward(transition) for part in self.parts().values()]
         )
 
     def reached(self, state: State, goal: State) -> Field:
         """Whether every error of the drawn task is within its tolerance."""
-        return self._drawn(
+        return self._chosen(
             self.flag_of(goal), [part.reached(state, goal) for part in self.parts().values()]
         )
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the drawn task has failed."""
-        return self._drawn(
+        return self._chosen(
             self.flag_of(goal), [part.failed(state, goal) for part in self.parts().values()]
         )
 
-    def _drawn(self, flag: Field, values: Sequence[Field]) -> Field:
+    def _chosen(self, flag: Field, values: Sequence[Field]) -> Field:
         """The drawn task's among the values of all tasks."""
         result = values[0]
         for part, value in zip(tuple(self.parts().values())[1:], values[1:], strict=True):
@@ -171,11 +173,11 @@ class MultiTask(Task):
                 result = where(flag == part.flag, value, result)
         return result
 
-    def _drawn_row(self, flag: Field, rows: Iterable[Iterable[Field]]) -> tuple[Field, ...]:
+    def _chosen_row(self, flag: Field, rows: Iterable[Iterable[Field]]) -> tuple[Field, ...]:
         """The drawn task's row; a shorter one ends in zeros."""
-        return tuple(self._drawn(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
+        return tuple(self._chosen(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
 
-    def _drawn_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
+    def _chosen_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
         names = dict.fromkeys(name for some in terms for name in some)
         flag = self.flag_of(goal)
-        return {name: self._drawn(flag, [some.get(name, 0.0) for some in terms]) for name in names}
+        return {name: self._chosen(flag, [some.get(name, 0.0) for some in terms]) for name in names}

@@ -30,7 +30,10 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
 
 
 def within(*shares: Field, sharpness: int) -> Field:
-    """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; the sharpness is how many times they are squared."""
+    """Smooth step: 1 where every number is below 1, 0.5 where one is 1, 0 where one is above.
+
+    The sharpness is how many times the numbers are squared.
+    """
     if sharpness > _SQUARINGS:  # far away they would overflow single precision
         most = 2.0 ** (120.0 / 2**sharpness)
         shares = tuple(where(share < most, share, most) for share in shares)

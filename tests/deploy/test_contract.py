@@ -18,8 +18,8 @@ from rans.deploy.margins import SEED, measure_margins
 from rans.episode import Setup
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import read_policy
 from rans.files import plain
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder

@@ -23,9 +23,9 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.controllers import user_policy
+from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import SavedPolicy, read_policy
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.dynamics import thrust
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.reference.nozzles import told
+from rans.reference.nozzles import valve_commands
 from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, platform
 
 SHUT = platform(actuators=Throttle(0.3, 0.8))
@@ -61,7 +61,7 @@ def test_engines_that_may_be_shut_give_nothing_or_their_least_level() -> None:
     given = np.array([0.0, 0.1499, 0.15, 0.2, 0.3, 0.31, 0.8, 0.0])
     wanted = [0.0, 0.0, 0.3, 0.3, 0.3, 0.31, 0.8, 0.0]
     np.testing.assert_array_equal(np.array(thrust(SHUT, tuple(given))), wanted)
-    ((_, judged),) = told(SHUT.actuators, given[None], 0.2)
+    ((_, judged),) = valve_commands(SHUT.actuators, given[None], 0.2)
     np.testing.assert_array_equal(judged[0], wanted)
 
 

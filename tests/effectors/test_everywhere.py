@@ -19,10 +19,10 @@ from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import impulses, samples
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import architecture_of
-from rans.fast.saved import SavedPolicy
 from rans.flight import Setup, fly
 from rans.model.accuracy import chosen
 from rans.model.actuators import Propellant

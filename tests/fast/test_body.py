@@ -111,7 +111,7 @@ def test_what_a_simulator_knows(craft: Spacecraft) -> None:
     np.testing.assert_allclose(
         engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7
     )
-    assert engine.known.width == 1 + len(rest)
+    assert engine.privileged_quantities.width == 1 + len(rest)
 
 
 def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
@@ -138,7 +138,7 @@ def test_masses_written_in_place_take_effect(compiled: bool) -> None:
 
 
 def test_settings_can_be_made_in_a_traced_step() -> None:
-    """As `drawn_sensors` does; a check of all their fields could not be traced."""
+    """As `draw_sensors` does; a check of all their fields could not be traced."""
     made = torch.compile(
         lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager"
     )

@@ -80,7 +80,7 @@ def one_of_two(rank: int, folder: Path) -> None:
     for members in (1, 2):
         found = learned(started(world, members)) | {
             "any": world.any(rank == 1, False),
-            "first": world.first_says(f"from {rank}"),
+            "first": world.from_first(f"from {rank}"),
         }
         torch.save(found, folder / f"{rank}-{members}.pt")
     torch.save(told(folder / "sweep", world), folder / f"{rank}-apart.pt")

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -23,7 +23,7 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.flights import Flights
-from rans.fast.step import Backend
+from rans.fast.stepping.step import Backend
 from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft

@@ -48,7 +48,7 @@ def operations(function: Callable[[], object]) -> Counter[str]:
 def trained(craft: Any = PLATFORM, **settings: Any) -> PPOLearner:
     """A trainer whose optimiser has its memory already: the first update allocates it."""
     model = tiny_learner(craft, **settings)
-    model.by_hand = None  # as on a GPU in TF32
+    model.backend = None  # as on a GPU in TF32
     model.collect()
     model.update()
     return model
@@ -98,7 +98,7 @@ def test_what_comes_once_an_update(craft: Any, plain: int, symmetric: int) -> No
 def test_what_a_critic_is_told_of_conditions() -> None:
     """However many numbers they draw: all of them beside each other, less the mean, times the scale."""
     engine = Engine(PLATFORM, NEAR, 16, SHORT, conditions="lab", remember=True)
-    assert engine.known.width > 10
+    assert engine.privileged_quantities.width > 10
     assert operations(engine.privileged).total() == 3
 
 

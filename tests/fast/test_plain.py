@@ -183,7 +183,7 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
         for plain in (True, False)
     )
     begun = {name: x.detach().clone() for name, x in plain.network.tensors.items()}
-    assert plain.learner.by_hand is None
+    assert plain.learner.backend is None
     for _ in range(3):
         plain.learn(1024)
         fast.learn(1024)
@@ -200,8 +200,8 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
 
 def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
     engine = Engine(PLATFORM, "go-to-pose", 8)
-    assert rans.PPO(engine, plain=True, n_steps=16).learner.by_hand is None
-    assert rans.PPO(engine, n_steps=16).learner.by_hand is not None
+    assert rans.PPO(engine, plain=True, n_steps=16).learner.backend is None
+    assert rans.PPO(engine, n_steps=16).learner.backend is not None
 
 
 def test_flights_equal_the_fast_ones_but_for_rounding() -> None:

@@ -12,9 +12,9 @@ import torch
 from rans.deploy.export import Form, write_agent
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
+from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
-from rans.fast.saved import SavedPolicy, read_policy
 from rans.model.spacecraft import Spacecraft
 from rans.policy.backbones import effector_tokens
 from rans.policy.network import Network

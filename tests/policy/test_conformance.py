@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from rans.deploy.export import Form, write_agent
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
-from rans.fast.saved import SavedPolicy
 from rans.model.actuators import Throttle
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network

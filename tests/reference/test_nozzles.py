@@ -1,4 +1,4 @@
-"""What the judge's valves are told, by hand."""
+"""What the judge's valves are valve_commands, by hand."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rans.model.actuators import ON_OFF, Pulsed, Throttle
-from rans.reference.nozzles import told
+from rans.reference.nozzles import valve_commands
 
 
 def listed(actuators: object, *duties: float) -> list[tuple[float, list[float]]]:
     """Of one spacecraft and a period of 2 s."""
-    parts = told(actuators, np.array([duties]), 2.0)  # type: ignore[arg-type]
+    parts = valve_commands(actuators, np.array([duties]), 2.0)  # type: ignore[arg-type]
     return [(float(begin), opened[0].tolist()) for begin, opened in parts]
 
 

@@ -285,7 +285,7 @@ class Wind(Drift):
     """A drift of a user's, whose forces nobody told Drake."""
 
     name = "own"
-    straight = True
+    in_straight_lines = True
 
     def carry(self, p: Any, v: Any, t: Any) -> Any:
         return p, v

@@ -14,8 +14,8 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.step import Step
-from rans.fast.step_kernel import Kernel
+from rans.fast.stepping.kernel import Kernel
+from rans.fast.stepping.step import Step
 from tests.support.engines import actions
 
 COMPILER = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), "")

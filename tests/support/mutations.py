@@ -391,7 +391,7 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
     (PLANE, changed(rans.episode, "reading", sensors_that_stop_at_another_moment), "readings"),
     (
         SPACE,
-        changed(rans.randomization.sensors, "_drawn_outage", outages_at_the_same_moment),
+        changed(rans.randomization.sensors, "_draw_outage", outages_at_the_same_moment),
         "draws",
     ),
     (PLANE, changed(World, "step_inputs", a_period_early), "onsets"),

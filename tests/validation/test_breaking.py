@@ -19,7 +19,7 @@ import torch
 from rans.cli import COMMANDS
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import read_config
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions

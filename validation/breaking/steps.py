@@ -13,7 +13,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.accuracy import FARTHEST, WILDEST
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft

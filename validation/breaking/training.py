@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rans.fast.agent_files.agent import AGENT
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import AGENT
 from validation.breaking.cases import tiny
 from validation.breaking.trial import Limit, Outcome, ran
 

@@ -19,7 +19,7 @@ from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.evidence import sha256
 from rans.evaluation.fly.contestants import agent_folder, judged_separately
-from rans.fast.saved import AGENT
+from rans.fast.agent_files.agent import AGENT
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.scenario import ASSURANCE_SEED

@@ -71,7 +71,7 @@ def flown(
                 verdict = FlightAccumulator.begin(flights.world, episode)
                 now = motion(episode)
             verdict = verdict.after(flights.world, outcome)
-            now = torch.where(torch.as_tensor(verdict.going), motion(outcome.episode), now)
+            now = torch.where(torch.as_tensor(verdict.running), motion(outcome.episode), now)
             if t >= steps - last:
                 opened = sum(torch.as_tensor(x) for x in outcome.command)
                 duty += opened / (len(outcome.command) * last)

@@ -26,8 +26,8 @@ from rans.deploy.contract import observed
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import SavedPolicy, read_policy
 from rans.files import environment, write_json
 from rans.policy.heads import OnOff
 from rans.policy.network import Network

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.learn.graph import graphed
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task

@@ -15,7 +15,7 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.fused_gradient import Gradients
+from rans.fast.learn.fused_gradient import FusedGradient
 from rans.fast.learn.member import begin
 from rans.fast.learn.recipes import RECIPES, recipe
 from validation.speed.measurement import Clock
@@ -24,7 +24,7 @@ from validation.speed.measurement import Clock
 class Iteration(NamedTuple):
     """Of one training."""
 
-    way: str
+    backend: str
     """In which gradients are made."""
     rollout: float
     update: float
@@ -33,7 +33,7 @@ class Iteration(NamedTuple):
     """M steps/s, flown and learned from."""
 
 
-def iteration(config: TrainConfig, clock: Clock, by_hand: bool = True) -> Iteration:
+def iteration(config: TrainConfig, clock: Clock, with_backend: bool = True) -> Iteration:
     """Of a training without curriculum and reports, with gradients by hand where there are such."""
     given = config.ppo
     conditions = config.conditions.or_none
@@ -46,8 +46,8 @@ def iteration(config: TrainConfig, clock: Clock, by_hand: bool = True) -> Iterat
         conditions=conditions,
         remember=given.privileged_critic,
     )
-    made = Gradients.made if by_hand else lambda *_: None
-    with mock.patch.object(Gradients, "made", made):
+    made = FusedGradient.made if with_backend else lambda *_: None
+    with mock.patch.object(FusedGradient, "made", made):
         learner = begin(engine, [given], [0])
 
     def both() -> None:
@@ -55,15 +55,15 @@ def iteration(config: TrainConfig, clock: Clock, by_hand: bool = True) -> Iterat
         learner.update()
 
     whole, rollout = (1e3 * clock.time(function)[0] for function in (both, learner.collect))
-    way = learner.by_hand.way if learner.by_hand else "autograd"
-    return Iteration(way, rollout, whole - rollout, given.n_envs * given.n_steps / whole / 1e3)
+    backend = learner.backend.description if learner.backend else "autograd"
+    return Iteration(backend, rollout, whole - rollout, given.n_envs * given.n_steps / whole / 1e3)
 
 
 def table(found: list[Iteration]) -> str:
     """In Markdown."""
     rows = [("gradients", "rollout, ms", "update, ms", "M steps/s"), ("---",) * 4]
     rows += [
-        (one.way, f"{one.rollout:.2f}", f"{one.update:.2f}", f"{one.rate:.1f}") for one in found
+        (one.backend, f"{one.rollout:.2f}", f"{one.update:.2f}", f"{one.rate:.1f}") for one in found
     ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
@@ -78,8 +78,8 @@ def main() -> None:
     clock = Clock("cuda" if torch.cuda.is_available() else "cpu", given.repeats)
     config = recipe(given.recipe, clock.device)
     found = [
-        iteration(config, clock, by_hand)
-        for by_hand in ((True, False) if given.autograd else (True,))
+        iteration(config, clock, with_backend)
+        for with_backend in ((True, False) if given.autograd else (True,))
     ]
     sys.stdout.write(f"{table(found)}\n")
 

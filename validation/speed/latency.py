@@ -17,10 +17,10 @@ import numpy as np
 from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin
-from rans.fast.saved import SavedPolicy
 from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network

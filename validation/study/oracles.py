@@ -23,7 +23,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.reference.nozzles import told
+from rans.reference.nozzles import valve_commands
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Skipped
@@ -169,7 +169,7 @@ def _dop853_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     solve = _solve_planar if craft.dimension == 2 else _solve_spatial
     expected: Any = states
     for command in commands:
-        parts = told(craft.actuators, command, period)
+        parts = valve_commands(craft.actuators, command, period)
         for (begun, opened), end in zip(
             parts, [*(begin for begin, _ in parts[1:]), period], strict=True
         ):

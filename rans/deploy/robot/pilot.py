@@ -25,8 +25,8 @@ from rans.deploy.robot.velocity import VelocityFilter
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import read_policy
 from rans.files import plain, read_json, write_json, write_text
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves

@@ -115,7 +115,7 @@ class Assurance:
     ) -> None:
         """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
         if processes.size > 1:
-            self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
+            self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
         progress = stages("flights", self.campaign.plan.flights)
         progress(self.campaign.flights)
         policy = self._network or self.run.controller

@@ -164,4 +164,4 @@ def _parts(
     for begin in range(first, end, piece):
         place, count = processes.part(min(piece, end - begin))
         own = fleet.fly(begin + place, count, seed) if count else None
-        yield reduce(add, filter(None, processes.everyone_says(own)))
+        yield reduce(add, filter(None, processes.from_all(own)))

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from rans.episode import Setup, World
 from rans.fast.flights import BATCH, Flights
-from rans.fast.step import Backend
+from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.model.fields import Field, floor, where
 from rans.model.random import Draws, Random

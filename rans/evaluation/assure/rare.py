@@ -72,8 +72,8 @@ class Rare:
         return max(0.0, self.probability - half), self.probability + half
 
     @property
-    def said(self) -> str:
-        """In words."""
+    def summary(self) -> str:
+        """Estimate in one sentence."""
         if self.interval is None:
             return (
                 f"no failure was met in {self.sample:,} flights, after {self.learning:,} that chose "

@@ -91,8 +91,8 @@ class Searched:
     """None: none was found that fails again in float64."""
 
     @property
-    def said(self) -> str:
-        """In one sentence."""
+    def summary(self) -> str:
+        """Result of the search in one sentence."""
         if self.breaking is None:
             return (
                 f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "

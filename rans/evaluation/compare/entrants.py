@@ -16,15 +16,15 @@ from rans.evaluation.fly.contestants import agent_folder, contestant, controller
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
     CheckedController,
-    GivenPolicy,
     Maker,
+    ObjectPolicy,
     controller,
     is_user_policy,
 )
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
-from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead
+from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
@@ -173,7 +173,7 @@ def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
 def _guest(given: Guest, contest: Contest) -> Contestant:
     """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
     if hasattr(given, "predict") and not hasattr(given, "act"):  # a model of Stable-Baselines3
-        policy = GivenPolicy(given, contest.craft, contest.task)
+        policy = ObjectPolicy(given, contest.craft, contest.task)
         return Contestant(policy.name, policy, _OBSERVATION, _UNKNOWN)
     makes = isinstance(given, type) or not hasattr(given, "act")
     who = getattr(given, "__name__", type(given).__name__)

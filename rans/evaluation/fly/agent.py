@@ -12,8 +12,8 @@ import torch
 from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.saved import read_policy
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

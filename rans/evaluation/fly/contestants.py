@@ -24,7 +24,7 @@ from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import present_agent, pretrained_folder, pretrained_names
-from rans.registry import look_here_too
+from rans.registry import allow_current_folder
 from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (
@@ -190,7 +190,7 @@ def _is_controller(spec: str) -> bool:
     dotted = all(part.isidentifier() for part in f"{module}.{name}".split("."))
     if others or not dotted:
         return False
-    look_here_too()
+    allow_current_folder()
     return find_spec(module.partition(".")[0]) is not None
 
 

@@ -170,7 +170,7 @@ class UserPolicy:
         return answered(self.name, lambda: self._policy(observation), self._craft, len(observation))
 
 
-class GivenPolicy(UserPolicy):
+class ObjectPolicy(UserPolicy):
     """A policy that is an object: a Stable-Baselines3 model, a torch module, or a function of observations.
 
     Args:
@@ -196,10 +196,10 @@ class GivenPolicy(UserPolicy):
         return _unpickled_policy, (given,)
 
 
-def _unpickled_policy(content: bytes) -> GivenPolicy:
-    """What `GivenPolicy` pickled in another process of this session."""
+def _unpickled_policy(content: bytes) -> ObjectPolicy:
+    """What `ObjectPolicy` pickled in another process of this session."""
     policy, craft, task, name = cloudpickle.loads(content)
-    return GivenPolicy(policy, craft, task, name)
+    return ObjectPolicy(policy, craft, task, name)
 
 
 def policy_of(given: Any, craft: Spacecraft, task: Task) -> Policy:
@@ -332,8 +332,8 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
 
 def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
     """An agent that RANS wrote, which nothing need be unpickled for."""
+    from rans.fast.agent_files.agent import is_agent, read_policy
     from rans.fast.policy import policy_spaces, predict
-    from rans.fast.saved import is_agent, read_policy
 
     if not is_agent(file):
         raise ConfigError(

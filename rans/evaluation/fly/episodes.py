@@ -13,7 +13,7 @@ from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.processes import Workers
 from rans.progress import Progress, unseen
-from rans.scenario import drawn, draws
+from rans.scenario import draws, sampled_scenarios
 
 EngineName = Literal["fast", "drake"]
 
@@ -98,7 +98,7 @@ def fly_draws(
         engine: what computes the motion.
     """
     craft, task, timing, conditions, guard = setup
-    starts = drawn(task, craft, own)
+    starts = sampled_scenarios(task, craft, own)
     fly_in_engine = fly
     if engine != "fast":
         from rans.reference.flight import fly_in_drake as fly_in_engine

@@ -21,7 +21,7 @@ from rans.environment import checked_render_mode, choose, dense, observation_spa
 from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

@@ -44,7 +44,7 @@ class _Layer(NamedTuple):
     """What it makes of them, and later its gradient."""
 
 
-class MachineGradients:
+class CpuGradient:
     """Gradients of one member's minibatches into the row of its `Adam`, like `rans.fast.learn.fused_gradient`'s.
 
     Args:
@@ -53,7 +53,7 @@ class MachineGradients:
         coefficients: of the losses.
     """
 
-    way: ClassVar[str] = "machine code"
+    description: ClassVar[str] = "machine code"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         self._network = network

@@ -20,7 +20,7 @@ from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.learner import Learner
-from rans.fast.step import begin_as, varying
+from rans.fast.stepping.step import begin_as, varying
 from rans.policy.network import Network
 from rans.scenario import FAILURES_SEED
 

@@ -10,13 +10,13 @@ import numpy as np
 import torch
 
 from rans.errors import ConfigError, brief, fits, meant, whole
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.policy_file import adopt, write_learner
 from rans.fast.policy import predict
-from rans.fast.saved import read_policy
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 

@@ -31,10 +31,10 @@ from rans.policy.heads import OnOff
 from rans.policy.network import Network
 
 
-class ByHand(Protocol):
+class GradientBackend(Protocol):
     """Makes gradients of one member's minibatches, into the row of its `Adam`."""
 
-    way: ClassVar[str]
+    description: ClassVar[str]
     """In which they are made."""
 
     def inputs(
@@ -48,7 +48,7 @@ class ByHand(Protocol):
         ...
 
 
-class Gradients(ABC):
+class FusedGradient(ABC):
     """Gradients of one member's minibatches, into the row of its `Adam`, without waiting for the device.
 
     Args:
@@ -58,7 +58,7 @@ class Gradients(ABC):
         coefficients: of the losses.
     """
 
-    way: ClassVar[str]
+    description: ClassVar[str]
     """In which they are made."""
 
     def __init__(
@@ -109,16 +109,16 @@ class Gradients(ABC):
     @staticmethod
     def made(
         network: Network, adam: Adam, coefficients: Coefficients, samples: int
-    ) -> ByHand | None:
+    ) -> GradientBackend | None:
         """Of the fastest kind there is for a network and minibatches of so many samples; None: autograd."""
         row = adam.row
         given = (network, adam, coefficients)
         if row.device.type == "cpu":
             from rans.fast.learn.cpu_gradient import (
-                MachineGradients,  # LLVM, which a GPU does not need
+                CpuGradient,  # LLVM, which a GPU does not need
             )
 
-            return MachineGradients(*given) if MachineGradients.fits(network, samples) else None
+            return CpuGradient(*given) if CpuGradient.fits(network, samples) else None
         if not (
             network.architecture.bf16
             and row.is_cuda
@@ -135,7 +135,7 @@ class Gradients(ABC):
         else:
             return kernel
         try:
-            return UpdateProducts(*given)
+            return MatrixGradient(*given)
         except DoesNotFit:
             return None
 
@@ -188,10 +188,10 @@ class Gradients(ABC):
         )
 
 
-class UpdateKernel(Gradients):
+class UpdateKernel(FusedGradient):
     """All in one kernel, where a block of so many bytes of ``shared`` memory has room (`KernelDesign`)."""
 
-    way: ClassVar[str] = "one kernel"
+    description: ClassVar[str] = "one kernel"
     design: KernelDesign
 
     def __init__(
@@ -240,10 +240,10 @@ class UpdateKernel(Gradients):
             self.function.launch(self.blocks, 32 * WARPS, stream, pointers, [count])
 
 
-class UpdateProducts(Gradients):
+class MatrixGradient(FusedGradient):
     """In products of matrices, for networks that one kernel has no place for, or with two trunks."""
 
-    way: ClassVar[str] = "products of matrices"
+    description: ClassVar[str] = "products of matrices"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)

@@ -54,7 +54,7 @@ class GradientLearner:
     """
 
     statistics = ("loss", "value_loss", "noise", "grad_norm", "critic_grad_norm")
-    way = "gradients through the motion"
+    description = "gradients through the motion"
 
     def __init__(
         self,
@@ -112,8 +112,8 @@ class GradientLearner:
         with torch.no_grad():
             spread = self.network.tensors["log_std"].exp().view(self.members, -1).mean(dim=1)
             found = torch.stack((loss.detach(), value_loss, spread, norm, critic_norm), dim=1)
-            said = self.processes.average(torch.cat((found, self.rollout.said()), dim=1))
-            first, rest = said.tensor_split([len(self.statistics)], dim=1)
+            means = self.processes.average(torch.cat((found, self.rollout.totals()), dim=1))
+            first, rest = means.tensor_split([len(self.statistics)], dim=1)
             return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
 
     # The policy: T control periods, with their gradient.
@@ -198,14 +198,14 @@ class GradientLearner:
         found = []
         for _ in range(self._n_epochs):
             for part in parts:
-                value = self.critic.evaluate_seen(part.seen, part.memory, part.privileged).value
+                value = self.critic.evaluate_seen(part.columns, part.memory, part.privileged).value
                 loss = (value - part.target).square().view(self.members, -1).mean(dim=1)
                 norm = self._critic_adam.descend(
                     loss.sum(), self.coefficients.max_grad_norm, self.processes
                 )
                 found.append(torch.stack((loss.detach(), norm)))
         for network in (self.network, self.critic):
-            network.update_statistics(batch.seen, self.processes.pooled, self.processes.size)
+            network.update_statistics(batch.columns, self.processes.pooled, self.processes.size)
         self._move_target()
         value_loss, norm = torch.stack(found).mean(dim=0)
         return value_loss, norm
@@ -231,7 +231,7 @@ class GradientLearner:
         )
         # One minibatch is all steps, one member's after the other's, as networks want them.
         (whole,) = minibatches(batch, self.members, 1)
-        value = self._target.evaluate_seen(whole.seen, whole.memory, whole.privileged).value
+        value = self._target.evaluate_seen(whole.columns, whole.memory, whole.privileged).value
         value = value.view(self.members, shape[0], -1).transpose(0, 1).flatten(1)
         privileged = self._privileged(self.engine.episode)
         values = self._target.evaluate(

@@ -39,7 +39,7 @@ class Learner(Protocol):
         ...
 
     @property
-    def way(self) -> str:
+    def description(self) -> str:
         """How gradients are computed, in words; empty: as usual."""
         ...
 

@@ -59,8 +59,8 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         if settings.filters
         else None,
         units=settings.recurrent_units if settings.memory == "recurrent" else 0,
-        privileged=engine.known.width if settings.privileged_critic else 0,
-        nominal=engine.known.nominal if settings.privileged_critic else (),
+        privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
+        nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),
         bounds=example(engine.task, craft.dimension).bounds(),
     )
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import torch
 
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learner import Learner
 from rans.fast.policy import write_policy
-from rans.fast.saved import SavedPolicy
 
 
 def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
-from rans.fast.learn.fused_gradient import ByHand, Gradients
+from rans.fast.learn.fused_gradient import FusedGradient, GradientBackend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.policy.network import Network
@@ -74,9 +74,9 @@ class PPOLearner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.failed)
         self.adam = Adam(network, self.coefficients.learning_rate, plain)
-        self.by_hand = None
+        self.backend = None
         if not plain:
-            self.by_hand = Gradients.made(
+            self.backend = FusedGradient.made(
                 network, self.adam, self.coefficients, first.batch_size // self.processes.size
             )
         # In memory that never moves: a CUDA graph reads it.
@@ -85,18 +85,20 @@ class PPOLearner:
         self._act = fused(act, device, plain)
         self._remember = fused(remember, device, plain)
         self._gae = fused(gae, device, plain)
-        self._show = fused(shown, device, plain)
+        self._preprocess = fused(preprocessed, device, plain)
         self._losses = fused(losses, device, plain)
         self._value = fused(
-            lambda seen, memory, told: network.evaluate(seen, memory, told).value, device, plain
+            lambda columns, memory, privileged: network.evaluate(columns, memory, privileged).value,
+            device,
+            plain,
         )
         self.collect = graphed(self._collect, device, plain)
         self.update = graphed(self._update, device, plain)
 
     @property
-    def way(self) -> str:
+    def description(self) -> str:
         """How gradients are computed, if not by autograd."""
-        return f"gradients in {self.by_hand.way}" if self.by_hand else ""
+        return f"gradients in {self.backend.description}" if self.backend else ""
 
     def learn(self) -> Tensor:
         """Collect, then update; see `rans.fast.learn.learner.Learner.learn`."""
@@ -140,8 +142,8 @@ class PPOLearner:
         rollout = self.rollout
         rollout.begin()
         observation = engine.observe()
-        drawn = rollout.uniform(self._generators)
-        for uniform, slot in zip(drawn, rollout.steps, strict=True):
+        numbers = rollout.uniform(self._generators)
+        for uniform, slot in zip(numbers, rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
             step = engine.step(engine.commands(acted.command))
@@ -161,7 +163,7 @@ class PPOLearner:
         An episode cut off by time goes on in principle, so its last reward is followed by the value
         of the state it was cut off in; a failed one ends there.
         """
-        kept = self.rollout.all
+        steps = self.rollout.all
         rollout = self.rollout
         privileged = self._privileged()
         values = self._value(
@@ -177,33 +179,33 @@ class PPOLearner:
         gamma, gae_lambda, scale = map(
             rollout.spread, (given.gamma, given.gae_lambda, given.reward_scale)
         )
-        reward = kept.reward * scale + gamma * kept.truncated * beyond
-        advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        memory, told = (
-            None if x is None else x.flatten(0, 1) for x in (kept.memory, kept.privileged)
+        reward = steps.reward * scale + gamma * steps.truncated * beyond
+        advantage = self._gae(reward, steps.value, steps.ended, last, gamma, gae_lambda)
+        memory, privileged_columns = (
+            None if x is None else x.flatten(0, 1) for x in (steps.memory, steps.privileged)
         )
-        seen, memory, action = self._show(
+        columns, memory, action = self._preprocess(
             self.network,
-            kept.observation.flatten(0, 1),
+            steps.observation.flatten(0, 1),
             memory,
-            kept.action.flatten(0, 1),
-            self.by_hand,
-            told,
+            steps.action.flatten(0, 1),
+            self.backend,
+            privileged_columns,
         )
         shape = reward.shape
         going_on = (
-            1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
+            1.0 - torch.cat((torch.zeros_like(steps.ended[:1]), steps.ended[:-1]))
             if self.network.architecture.units
             else None
         )
         return Batch(
-            seen.unflatten(0, shape),
+            columns.unflatten(0, shape),
             action.unflatten(0, shape),
-            kept.log_prob,
+            steps.log_prob,
             advantage,
-            advantage + kept.value,
+            advantage + steps.value,
             None if memory is None else memory.unflatten(0, shape),
-            kept.privileged if self.by_hand is None else None,
+            steps.privileged if self.backend is None else None,
             going_on,
         )
 
@@ -217,13 +219,15 @@ class PPOLearner:
         )
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
         parts = [part._replace(advantage=own) for part, own in zip(parts, standard, strict=True)]
-        found = torch.stack(
+        losses_by_minibatch = torch.stack(
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
-        self.network.update_statistics(batch.seen, self.processes.pooled, self.processes.size)
-        said = self.processes.average(torch.cat((found, self.rollout.said()), dim=1))
-        self._adapt(said[:, STATISTICS.index("approx_kl")])
-        first, rest = said.tensor_split([len(STATISTICS)], dim=1)
+        self.network.update_statistics(batch.columns, self.processes.pooled, self.processes.size)
+        means = self.processes.average(
+            torch.cat((losses_by_minibatch, self.rollout.totals()), dim=1)
+        )
+        self._adapt(means[:, STATISTICS.index("approx_kl")])
+        first, rest = means.tensor_split([len(STATISTICS)], dim=1)
         return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
 
     # Step: one minibatch, down the gradient of its losses.
@@ -231,8 +235,8 @@ class PPOLearner:
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
         found = (
-            Losses(*self.by_hand(part))
-            if self.by_hand is not None
+            Losses(*self.backend(part))
+            if self.backend is not None
             else self._losses(self.network, part, self.coefficients, self._with_entropy)
         )
         norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
@@ -270,24 +274,24 @@ def act(
     )
 
 
-def shown(
+def preprocessed(
     network: Network,
     observation: Tensor,
     memory: Tensor | None,
     action: Tensor,
-    by_hand: ByHand | None = None,
+    backend: GradientBackend | None = None,
     privileged: Tensor | None = None,
 ) -> tuple[Tensor, Tensor | None, Tensor]:
-    """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
+    """Observations (N, width), memory and actions (N, thrusters) from the side of the craft that has the goal ahead.
 
-    In space that costs a fifth of an update. Gradients ``by_hand`` have all inputs in the memory's place.
+    In space that costs a fifth of an update. A gradient backend has all inputs in the memory's place.
     """
-    seen, recalled, place = network.look(network.in_body(observation), memory)
-    recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled, privileged)
+    columns, recalled, order = network.look(network.in_body(observation), memory)
+    recalled = recalled if backend is None else backend.inputs(columns, recalled, privileged)
     return (
-        seen,
+        columns,
         recalled,
-        action if place is None else torch.empty_like(action).scatter(1, place, action),
+        action if order is None else torch.empty_like(action).scatter(1, order, action),
     )
 
 
@@ -296,7 +300,7 @@ def losses(
 ) -> Losses:
     """Clipped surrogate, squared value error and entropy bonus of one minibatch, equal to SB3's."""
     by_member = lambda x: x.view(network.members, -1)  # noqa: E731
-    output = network.evaluate_seen(batch.seen, batch.memory, batch.privileged, batch.going_on)
+    output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged, batch.going_on)
     # What the members' policies would gain, no further than the clipping lets them go.
     advantage = by_member(batch.advantage)
     log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.policy.network import Network
 
 
@@ -44,8 +44,8 @@ class Acted(NamedTuple):
 class Batch(NamedTuple):
     """Transitions to learn from; K members' parts of environments beside each other."""
 
-    seen: Tensor
-    """What the network was shown, see `Network.look`."""
+    columns: Tensor
+    """Preprocessed observations, see `Network.look`."""
     action: Tensor
     """Of the thrusters in the order of that view."""
     log_prob: Tensor
@@ -125,8 +125,8 @@ class Rollout:
         pair = [x.unflatten(0, (self._members, -1)) for x in (first, second)]
         return torch.cat(pair, dim=1).flatten(0, 1)
 
-    def said(self) -> Tensor:
-        """How the steps went, (K, 3 + terms), of this process.
+    def totals(self) -> Tensor:
+        """Counts of episodes and mean rewards of the steps, (K, 3 + terms), of this process.
 
         Episodes that failed, all that ended, and those that ended as a success; mean reward of a step by
         term.

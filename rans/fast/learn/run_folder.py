@@ -8,9 +8,9 @@ from typing import Any
 
 from rans import files
 from rans.errors import ConfigError, brief
+from rans.fast.agent_files.agent import AGENT
+from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.fast.packed import pack, unpack
-from rans.fast.saved import AGENT
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.tasks import TASKS

@@ -11,7 +11,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.step import field_dtype
+from rans.fast.stepping.step import field_dtype
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

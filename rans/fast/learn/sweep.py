@@ -135,7 +135,7 @@ class Sweep:
             number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
             for number in own
         }
-        said = self.processes.everyone_says((told, self.seconds, self.timed_steps))
+        said = self.processes.from_all((told, self.seconds, self.timed_steps))
         for trained, _, _ in said:
             for number, (rows, weights, in_a_row) in trained.items():
                 self.members[number] = Member(self.members[number].config, rows, weights, in_a_row)

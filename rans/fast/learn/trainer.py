@@ -12,6 +12,7 @@ import torch
 from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from rans.errors import ConfigError, NonFiniteState, WorkerLost
+from rans.fast.agent_files.tensors import pack
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
@@ -23,8 +24,7 @@ from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import write_learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
-from rans.fast.packed import pack
-from rans.fast.step import field_dtype
+from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
 

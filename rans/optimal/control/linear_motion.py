@@ -47,7 +47,7 @@ class LinearMotion:
             return np.column_stack([carried(x, duration) - offset for x in unit]), offset
 
         matrix, offset = columns(time)
-        if drift.straight:
+        if drift.in_straight_lines:
             unit = np.eye(dimension)
             effect = np.vstack([0.5 * time * time * unit, time * unit])
         else:

@@ -320,7 +320,7 @@ class Regulator:
             rotation = Gains.of_axes(Axis.free(period, turn, weights.spin), angles)
         return cls(
             Gains.of_axes(axis, craft.dimension)
-            if task.drift.straight
+            if task.drift.in_straight_lines
             else Gains.coupled(axis, motion, push),
             rotation,
             motion,

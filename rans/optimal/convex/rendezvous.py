@@ -547,8 +547,8 @@ class _Rows:
             return None
         if status not in ("Solved", "AlmostSolved"):
             raise SolverFailed(
-                f"Clarabel ended with {status} for a meeting at {self.check * self.meeting.interval:g} s; the usual "
-                "cause is a meeting that is just out of reach."
+                f"Clarabel ended with {status} for a meeting at {self.check * self.meeting.interval:g} s; the "
+                "usual cause is a meeting that is just out of reach."
             )
         size = len(self.meeting.place)
         dual = np.array(found.z)[2 * count :]

@@ -22,7 +22,7 @@ from rans.flight import Flight
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, PLAIN, RED, label, look
+from rans.show.figures.panels import GREY, INK, PLAIN, RED, label, series_style
 from rans.show.tables.comparison_tables import RETURN, Scores
 
 
@@ -153,7 +153,7 @@ def _draw_contestant(
     axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int
 ) -> None:
     """A point with its intervals; in the legend, how many never arrive."""
-    colour, marker = look(k)
+    colour, marker = series_style(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
     name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
@@ -208,7 +208,7 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
     highest = max(1, *(count.max() for count in counts.values()))
     for k, name in enumerate(names):
         if name in counts:
-            colour = INK if name == "best found" else look(k)[0]
+            colour = INK if name == "best found" else series_style(k)[0]
             axes.bar(
                 bins[:-1],
                 0.85 * counts[name] / highest,
@@ -234,7 +234,7 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
     for axes, quantity in zip(grid, quantities, strict=True):
         factor, unit = DISPLAY[quantity]
         for k, entry in enumerate(entries):
-            axes.ecdf(factor * entry.errors[quantity], color=look(k)[0], label=entry.name)
+            axes.ecdf(factor * entry.errors[quantity], color=series_style(k)[0], label=entry.name)
         bound = entries[0].flight.task.tolerances().get(quantity)
         if bound is not None:
             axes.axvline(
@@ -260,7 +260,7 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
     grid = figure.subplots(1, len(keys), squeeze=False)[0]
     for axes, key in zip(grid, keys, strict=True):
         for k, row in enumerate(board.values()):
-            colour, marker = look(k)
+            colour, marker = series_style(k)
             axes.errorbar(
                 [row[key].value],
                 [-k],

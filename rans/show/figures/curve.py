@@ -27,7 +27,7 @@ def curve(rows: Rows) -> str:
 
 
 @contextmanager
-def drawn_beside() -> Iterator[Callable[[Rows], str]]:
+def curve_in_another_process() -> Iterator[Callable[[Rows], str]]:
     """`curve` once, by another process that is ready for it by then; here, where that fails."""
     if "matplotlib" in sys.modules:
         yield curve

@@ -15,7 +15,7 @@ from rans.evaluation.compare.front import Front, point
 from rans.show.figures import panels
 from rans.show.figures.comparison_figures import logarithmic
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, label, look
+from rans.show.figures.panels import GREY, INK, label, series_style
 
 
 @styled
@@ -40,7 +40,7 @@ def front_figure(front: Front, curve: Sequence[Entry] = ()) -> Figure:
     for k, (agent, line) in enumerate(lines.items()):
         _draw_line(axes, front, agent, line, k)
     for k, other in enumerate(front.others(), len(lines)):
-        colour, marker = look(k)
+        colour, marker = series_style(k)
         axes.plot(
             *_places([other]),
             color=colour,
@@ -95,7 +95,7 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
 
 def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: int) -> None:
     """All positions, the first, middle and last with the trade-off; below each its own bound."""
-    colour, marker = look(k)
+    colour, marker = series_style(k)
     axes.plot(
         *_places(line),
         color=colour,

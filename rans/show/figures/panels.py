@@ -29,12 +29,12 @@ GREY = "#7B8794"
 LINES = "#E4E7EB"
 """Colours of Okabe and Ito ("Color Universal Design", 2008), and neutral ones, which dark pages change."""
 
-_LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
+_MARKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
 
 
-def look(k: int) -> tuple[str, str]:
+def series_style(k: int) -> tuple[str, str]:
     """Colour and marker of contestant k; from the seventh on they repeat."""
-    return _LOOKS[k % len(_LOOKS)]
+    return _MARKS[k % len(_MARKS)]
 
 
 STYLE: dict[Any, Any] = {

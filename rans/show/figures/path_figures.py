@@ -37,7 +37,7 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
     for flight, steps in enumerate(_steps(following)):
         axes.plot(
             *following.positions[:steps, flight].T,
-            **_look(flight == number),
+            **_line_style(flight == number),
             label=f"flight {number}" if flight == number else "",
         )
     start = following.positions[:1, number].T
@@ -49,7 +49,7 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
         axes.set_zlabel("z, m")
 
 
-def _look(chosen: bool) -> dict[str, Any]:
+def _line_style(chosen: bool) -> dict[str, Any]:
     """Of one flight's line: that which is drawn in full stands out."""
     return (
         {"color": BLUE, "linewidth": 1.3, "zorder": 3}
@@ -91,7 +91,7 @@ def _distances(axes: Axes, following: Following, number: int) -> None:
     distance = 100.0 * following.cross_track
     counts = following.measured
     for flight, steps in enumerate(_steps(following) - 1):
-        axes.plot(times[:steps], distance[:steps, flight], **_look(flight == number))
+        axes.plot(times[:steps], distance[:steps, flight], **_line_style(flight == number))
     axes.axvspan(
         0.0,
         times[counts[:, number].argmax()],

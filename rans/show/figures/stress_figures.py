@@ -11,7 +11,7 @@ from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
 from rans.evaluation.stress.run import Stress
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import INK, label, legend_beside, look
+from rans.show.figures.panels import INK, label, legend_beside, series_style
 
 
 @styled
@@ -21,7 +21,7 @@ def effect_figure(stress: Stress, effect: Effect) -> Figure:
     axes = figure.subplots()
     for k, name in enumerate(stress.names):
         sizes, shares = stress.curve(effect, name)
-        colour, marker = look(k)
+        colour, marker = series_style(k)
         low, value, high = (
             100.0 * np.array([getattr(one, end) for one in shares])
             for end in ("low", "value", "high")
@@ -67,7 +67,7 @@ def named_figure(stress: Stress) -> Figure:
 
 
 def _draw(axes: Axes, found: Estimate, height: float, k: int, name: str) -> None:
-    colour, marker = look(k)
+    colour, marker = series_style(k)
     bars = [[found.value - found.low], [found.high - found.value]]
     axes.errorbar(
         [found.value],

@@ -88,7 +88,7 @@ def data_uri(picture: str | bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def only_drawn(picture: str) -> str:
+def without_scripts(picture: str) -> str:
     """The text of somebody's SVG file anew, if all that it does is to draw.
 
     Comments, metadata and instructions to whoever reads it are left out.
@@ -106,14 +106,14 @@ def only_drawn(picture: str) -> str:
             for metadata in parent.findall(f"{{{_SVG}}}metadata"):
                 parent.remove(metadata)
         for element in root.iter():
-            _check_drawn(element)
+            _check_element(element)
         _name_spaces()
         return ET.tostring(root, "unicode")
     except (ET.ParseError, RecursionError, ValueError) as error:
         raise ConfigError(f"it is damaged, it is no SVG: {error}.") from error
 
 
-def _check_drawn(element: ET.Element) -> None:
+def _check_element(element: ET.Element) -> None:
     """Refuse (`ConfigError`) an element that does more than to draw."""
     space, _, tag = element.tag.rpartition("}")
     if space != f"{{{_SVG}" or tag not in _ELEMENTS:

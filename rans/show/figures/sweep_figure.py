@@ -58,9 +58,9 @@ def sweep_figure(sweep: Sweep) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, member: Member, colour: str, **looks: Any) -> None:
+def _curve(axes: Axes, member: Member, colour: str, **style: Any) -> None:
     points = [(row["steps"], 100.0 * row["success"]) for row in member.rows]
-    axes.plot(*zip(*points, strict=True), color=colour, marker=only(points), **looks)
+    axes.plot(*zip(*points, strict=True), color=colour, marker=only(points), **style)
 
 
 def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour: str) -> None:

@@ -35,7 +35,7 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
         _plan(assurance),
         *_again(assurance),
         *_rare(assurance),
-        *_worst_case(assurance, worst_case),
+        *_worst_flight_section(assurance, worst_case),
         _evidence(assurance),
         _signatures(),
     ]
@@ -197,7 +197,7 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
     )
 
 
-def _worst_case(assurance: Assurance, link: str) -> Iterator[Section]:
+def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
     found = assurance.searched
     if found is None:
         return
@@ -205,10 +205,10 @@ def _worst_case(assurance: Assurance, link: str) -> Iterator[Section]:
     text = (
         f"The cross-entropy method over starts and over {found.world}, all of whose ranges were shrunk "
         f"towards a perfect world, or widened to at most {found.largest:.3g} times their size. "
-        f"{found.failed:,} of {found.flights:,} flights failed; {found.said}."
+        f"{found.failed:,} of {found.flights:,} flights failed; {found.summary}."
     )
     if breaking is None:
-        yield Section("Worst case", text, findings=[Finding(found.said)])
+        yield Section("Worst case", text, findings=[Finding(found.summary)])
         return
     again = [
         f"{_JUDGES[judge]}: {kind.meaning if kind else 'does not fail'}"
@@ -226,7 +226,7 @@ def _worst_case(assurance: Assurance, link: str) -> Iterator[Section]:
         text,
         [Table(("what", "it is"), rows)],
         pictures,
-        [Finding(found.said)],
+        [Finding(found.summary)],
         link=link,
     )
 

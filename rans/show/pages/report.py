@@ -259,11 +259,11 @@ def _evaluation(file: Path, found: Any) -> Section:
 
 def _kept_picture(file: Path, caption: str) -> Picture:
     """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
-    from rans.show.figures.svg import only_drawn
+    from rans.show.figures.svg import without_scripts
 
     text = read_text(file)
     try:
-        return Picture.of(only_drawn(text), caption)
+        return Picture.of(without_scripts(text), caption)
     except ConfigError as error:
         raise ConfigError(
             f"the picture {file} was not put into the report: {error} Delete it to "

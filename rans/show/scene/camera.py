@@ -10,9 +10,9 @@ import numpy as np
 
 
 class Camera(NamedTuple):
-    """A place to look from, upright, in W, m."""
+    """Camera that stands upright, in W, m."""
 
-    place: np.ndarray
+    position: np.ndarray
     """(3,)."""
     target: np.ndarray
     """(3,): in the middle of the picture."""
@@ -20,7 +20,7 @@ class Camera(NamedTuple):
     @property
     def axes(self) -> np.ndarray:
         """(3, 3): unit vectors by row, to the right, up, and from the target to the camera."""
-        return _axes(self.place - self.target)
+        return _axes(self.position - self.target)
 
 
 def fit(points: np.ndarray, direction: Sequence[float], upright: float, aspect: float) -> Camera:

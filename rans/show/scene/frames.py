@@ -40,7 +40,7 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
         draw = ImageDraw.Draw(frame)
         draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
         ink = INK[motion.craft.dimension]
-        text = "    ".join([f"{motion.times[k]:.1f} s", *motion.told(k)])
+        text = "    ".join([f"{motion.times[k]:.1f} s", *motion.error_texts(k)])
         size = 24
         while ImageFont.load_default(size).getlength(text) > _WIDTH - 28:
             size -= 1

@@ -70,7 +70,7 @@ class Renderer:
         )
         for part in scene.ground_parts(low, high, space=motion.craft.dimension == 3):
             self._register(part.pose, part)
-        self._trail = list(scene.trail_parts(motion.way))
+        self._trail = list(scene.trail_parts(motion.path))
         self._shown = 0
 
     def picture(self, time: float, camera: Camera) -> Image.Image:
@@ -82,7 +82,7 @@ class Renderer:
             self._shown += 1
         passing = [self._register(frame @ part.pose, part) for frame, part in self._moving(time, k)]
         R_WC = RotationMatrix(np.stack((camera.axes[0], -camera.axes[1], -camera.axes[2]), axis=1))
-        self._engine.UpdateViewpoint(RigidTransform(R_WC, camera.place))
+        self._engine.UpdateViewpoint(RigidTransform(R_WC, camera.position))
         width = self.width * _SMOOTHING
         height = self.height * _SMOOTHING
         image = ImageRgba8U(width, height)

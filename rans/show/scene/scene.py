@@ -113,7 +113,7 @@ class Motion:
         )
 
     @property
-    def way(self) -> np.ndarray:
+    def path(self) -> np.ndarray:
         """Positions in W, (K, 3) m."""
         return np.array([pose.translation() for pose in self.poses])
 
@@ -121,10 +121,10 @@ class Motion:
     def reach(self) -> float:
         """Largest distance between the goal and the spacecraft, m: how far slopes without an end are drawn."""
         goals = np.array([goal.translation() for goal in self.goals])
-        return float(np.linalg.norm(self.way - goals, axis=1).max())
+        return float(np.linalg.norm(self.path - goals, axis=1).max())
 
-    def told(self, instant: int) -> list[str]:
-        """The errors at an instant, in their units."""
+    def error_texts(self, instant: int) -> list[str]:
+        """Errors at an instant, each with its unit."""
         return [
             f"{DISPLAY[name][0] * float(error[instant]):.1f} {DISPLAY[name][1]}"
             for name, error in self.errors.items()
@@ -151,15 +151,15 @@ class Motion:
             )
             * r
         )
-        places = [*self.way]
+        places = [*self.path]
         if "position" in self.wanted:
             places += [goal.translation() for goal in self.goals]
         for shape in self.scenery:
             for k in {0, len(self.poses) - 1}:
-                places += [*np.concatenate(outlines(at_instant(shape, k), 0.0) or [self.way[:1]])]
+                places += [*np.concatenate(outlines(at_instant(shape, k), 0.0) or [self.path[:1]])]
         if "velocity" in self.wanted:
             ways = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
-            places += [*(np.tile(self.way, (2, 1)) + ways)]
+            places += [*(np.tile(self.path, (2, 1)) + ways)]
         return (np.array(places)[:, None] + corners).reshape(-1, 3)
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:

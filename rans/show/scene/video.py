@@ -142,7 +142,10 @@ class _Panel:
             (frame.width - 0.7 * line, 0.4 * line), clock, fill=self._colour, font=font, anchor="ra"
         )
         draw.text(
-            (0.7 * line, 1.4 * line), "   ".join(motion.told(k)), fill=self._colour, font=font
+            (0.7 * line, 1.4 * line),
+            "   ".join(motion.error_texts(k)),
+            fill=self._colour,
+            font=font,
         )
         return frame
 

@@ -143,13 +143,13 @@ class View:
                 self._animation.SetTransform(frame, f"{path}/scenery {number}", pose)
         if one.dimension == 2:
             self._put(path, [scene.shadow_part(one)])
-            for frame, (x, y, _) in zip(frames, motion.way, strict=True):
+            for frame, (x, y, _) in zip(frames, motion.path, strict=True):
                 self._animation.SetTransform(frame, f"{path}/shadow", RigidTransform([x, y, floor]))
         for index, frame in enumerate(craft.plumes(one)):
             self._put(f"{path}/craft/plume {index}", craft.plume_parts(one))
             self._meshcat.SetTransform(f"{path}/craft/plume {index}", frame)
             self._blow(frames, f"{path}/craft/plume {index}", motion.opening[:, index])
-        for k, part in scene.trail_parts(motion.way):
+        for k, part in scene.trail_parts(motion.path):
             self._put(f"{path}/trail", [part])
             self._switch(frames, f"{path}/trail/{part.name}", np.arange(len(frames)) >= k)
         if "velocity" in motion.wanted:
@@ -163,7 +163,7 @@ class View:
     ) -> None:
         """From the body's centre, as long as a velocity."""
         self._put(path, scene.velocity_parts(goal))
-        for frame, place, velocity in zip(frames, motion.way, velocities, strict=True):
+        for frame, place, velocity in zip(frames, motion.path, velocities, strict=True):
             turn, scale = scene.velocity_arrow(velocity)
             self._animation.SetTransform(frame, path, RigidTransform(turn, place))
             self._animation.SetProperty(frame, path, "scale", [scale] * 3)

@@ -12,7 +12,7 @@ from rans.errors import ConfigError
 from rans.fast import step_kernel
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

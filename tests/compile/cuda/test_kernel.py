@@ -14,7 +14,7 @@ from rans.fast import step_kernel
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
-from rans.fast.step_kernel import Kernel
+from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, UniformGravity, step_goal

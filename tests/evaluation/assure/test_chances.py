@@ -21,7 +21,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.flights import Flights
-from rans.fast.step import Backend
+from rans.fast.stepping.step import Backend
 from rans.model.fields import leaves
 from rans.model.random import Random
 from rans.randomization.conditions import BodyConditions, Conditions, SensorsConditions
@@ -146,7 +146,7 @@ def test_rare_events_have_the_probability_that_the_normal_distribution_gives(lim
 def test_where_nothing_fails_nothing_is_estimated() -> None:
     found = rare(lambda z, _: np.zeros(z.shape[1]), 3, 2000, 0)
     assert (found.events, found.interval, found.to_json()["99 %"]) == (0, None, None)
-    assert found.said.startswith("no failure was met in 2,000 flights, after ")
+    assert found.summary.startswith("no failure was met in 2,000 flights, after ")
 
 
 def test_what_has_no_cause_in_what_is_drawn_gains_nothing_but_is_estimated_right() -> None:

@@ -18,7 +18,7 @@ from rans.evaluation.fly.contestants import (
 )
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
-from rans.fast.saved import packed_actor, read_policy
+from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -85,7 +85,7 @@ def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
 
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     saved = read_policy(run / "policy.zip").network
-    shipped = packed_actor(saved.architecture, saved.member(0), 0)
+    shipped = actor_bytes(saved.architecture, saved.member(0), 0)
     (run / "agent.safetensors").write_bytes(shipped)
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"

@@ -16,8 +16,8 @@ from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.flight import Flight, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing

@@ -13,7 +13,7 @@ from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.compile.cpu.matmul import WIDTH
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.cpu_gradient import MachineGradients
+from rans.fast.learn.cpu_gradient import CpuGradient
 from rans.fast.learn.member import architecture_of
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
@@ -41,9 +41,7 @@ CASES = pytest.mark.parametrize(
 @CASES
 def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
     learner, batch = collected(craft, **settings)
-    learner.by_hand = machine = MachineGradients(
-        learner.network, learner.adam, learner.coefficients
-    )
+    learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.coefficients)
     (part,) = minibatches(batch, 1, 1)
     exact = losses(learner.network, part, learner.coefficients, with_entropy=True)
     network = learner.network
@@ -71,7 +69,7 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
     ],
 )
 def test_what_is_left_to_autograd(settings: Any) -> None:
-    assert tiny_learner(**settings).by_hand is None
+    assert tiny_learner(**settings).backend is None
 
 
 @CASES

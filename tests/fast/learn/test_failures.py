@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.engine import Engine
 from rans.fast.learn.config import Failures
-from rans.fast.step import begin_as, varying
+from rans.fast.stepping.step import begin_as, varying
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft

@@ -226,8 +226,8 @@ def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
 
 
 def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
+    from rans.fast.agent_files.agent import read_policy
     from rans.fast.policy import write_policy
-    from rans.fast.saved import read_policy
     from tests.support.training import TINY, scatter, tiny_learner
 
     learner = tiny_learner(continuous=True)

@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit
 from rans.compile.cuda.update_design import KernelDesign, UpdateDesign
-from rans.fast.learn.fused_gradient import Gradients, UpdateProducts
+from rans.fast.learn.fused_gradient import MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
@@ -28,7 +28,7 @@ def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
         craft,
         **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02} | settings),
     )
-    learner.by_hand = None
+    learner.backend = None
     scale = torch.Generator().manual_seed(1)
     network = scatter(learner.network)
     with torch.no_grad():
@@ -71,10 +71,10 @@ def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
     return through
 
 
-def agree(kernel: Gradients, learner: PPOLearner, batch: Batch, share: float) -> None:
+def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float) -> None:
     """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
     network = learner.network
-    learner.by_hand = kernel
+    learner.backend = kernel
     prepared = learner.batch()
     network._through = rounding(network.activation)  # type: ignore[method-assign]
     (part,) = minibatches(batch, 1, 1)
@@ -88,7 +88,7 @@ def agree(kernel: Gradients, learner: PPOLearner, batch: Batch, share: float) ->
     torch.testing.assert_close(
         found[:5], tuple(x.detach() for x in exact[:5]), rtol=share, atol=share / 10
     )
-    assert abs(found[5] - exact.clip_fraction) <= 2 / len(part.seen)
+    assert abs(found[5] - exact.clip_fraction) <= 2 / len(part.columns)
     for name, gradient in zip(network.learnt, gradients, strict=True):
         start = network.tensors[name].storage_offset()
         found = learner.adam.gradient[0, start : start + gradient.numel()].view(gradient.shape)
@@ -117,7 +117,7 @@ def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_pat
 def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation: str) -> None:
     history = {"memory": "history", "history": 2, "averages": (0.5,)}
     learner, batch = collected(craft, **{"activation": activation} | settings | history)
-    agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+    agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
 
 @CASES
@@ -126,7 +126,7 @@ def test_products_find_what_autograd_finds_of_a_critic_of_its_own(
 ) -> None:
     history = {"memory": "history", "history": 2, "averages": (0.5,)}
     learner, batch = collected(craft, **settings, **history, privileged_critic=True)
-    agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+    agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
 
 @pytest.mark.parametrize(

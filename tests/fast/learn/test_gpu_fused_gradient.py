@@ -37,7 +37,7 @@ def by_autograd(learner: PPOLearner, part: Batch, bf16: bool) -> tuple[Tensor, l
     """Losses and gradients by weight, in float32 or with hidden layers of bfloat16."""
     network = learner.network
     given = learner.network.architecture
-    set_precision("bf16" if bf16 else "float32", part.seen.device)
+    set_precision("bf16" if bf16 else "float32", part.columns.device)
     network.architecture = replace(given, bf16=bf16)
     found = losses(network, part, learner.coefficients, with_entropy=True)
     gradients = torch.autograd.grad(
@@ -70,7 +70,7 @@ WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     given = replace(SETTINGS, **settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
-    kernel = learner.by_hand
+    kernel = learner.backend
     network = learner.network
     assert kernel is not None
     for _ in range(2):
@@ -78,7 +78,7 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
         learner.update()
     learner.collect()
     prepared = learner.batch()
-    learner.by_hand = None
+    learner.backend = None
     plain = learner.batch()
     generator = torch.Generator("cuda").manual_seed(1)
     learner.adam.row.add_(

@@ -245,7 +245,7 @@ def test_as_many_environments_as_the_engine_has() -> None:
 
 def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner = tiny_learner()
-    learner.by_hand = None  # autograd's hooks see gradients
+    learner.backend = None  # autograd's hooks see gradients
     learner.network.tensors["value_net.weight"].register_hook(
         lambda gradient: gradient * float("inf")
     )

@@ -13,7 +13,7 @@ from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, gae, minibatches, remember
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from tests.support.engines import NEAR, PLATFORM, both_crafts
 from tests.support.training import TINY, Buffer64, sb3_twin, scatter, tiny_learner
 
@@ -210,7 +210,7 @@ def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any) -> None:
     learner.collect()
     batch = learner.batch()
     with torch.no_grad():
-        output = learner.network.evaluate_seen(batch.seen.flatten(0, 1))
+        output = learner.network.evaluate_seen(batch.columns.flatten(0, 1))
     log_prob = output.policy.log_prob(batch.action.flatten(0, 1))
     # Sums of float64 in another order.
     torch.testing.assert_close(log_prob, batch.log_prob.flatten(), rtol=0, atol=1e-10)
@@ -233,7 +233,7 @@ def test_a_network_with_a_memory_finds_its_own_probabilities_too(kind: dict[str,
     for part in minibatches(learner.batch(), 1, 4):
         with torch.no_grad():
             output = learner.network.evaluate_seen(
-                part.seen, part.memory, part.privileged, part.going_on
+                part.columns, part.memory, part.privileged, part.going_on
             )
         # Sums of float64 in another order.
         torch.testing.assert_close(
@@ -249,8 +249,8 @@ def test_minibatches_share_out_every_transition(count: int) -> None:
     parts = minibatches(fields, 2, count)
     assert len(parts) == count
     for part in parts:
-        assert part.seen.shape == (48 // count, 1)
-        torch.testing.assert_close(part.seen[:, 0], part.advantage)
+        assert part.columns.shape == (48 // count, 1)
+        torch.testing.assert_close(part.columns[:, 0], part.advantage)
         environment = part.log_prob % 16
         assert len(set(environment.tolist())) == 16 // count  # whole environments
         assert (environment[: 24 // count] < 8).all()

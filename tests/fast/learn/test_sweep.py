@@ -19,7 +19,7 @@ from rans.fast.learn.member import Member, begin
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
-from rans.fast.step import field_dtype
+from rans.fast.stepping.step import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.support.training import CONFIG, TINY, after, ignore, tiny_trainer

@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from rans.errors import ConfigError, NonFiniteState
-from rans.fast.compiled_step import ArrayStep
-from rans.fast.packed import pack, unpack
+from rans.fast.agent_files.tensors import pack, unpack
+from rans.fast.stepping.compiled import ArrayStep
 from rans.files import LOCK
 from rans.tasks import GoToPose
 from tests.support.training import after, ignore, resumed, tiny_trainer

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from rans.show.figures import curve as module
-from rans.show.figures.curve import curve, drawn_beside
+from rans.show.figures.curve import curve, curve_in_another_process
 
 ROWS = [
     {"steps": 100 * k, "seconds": 0.1 * k, "success": 0.2 * k, "return/pose": 3.0 * k}
@@ -21,7 +21,7 @@ def test_another_process_draws_the_same(monkeypatch: pytest.MonkeyPatch, dies: b
     monkeypatch.delitem(sys.modules, "matplotlib")
     if dies:
         monkeypatch.setattr(module, "_draw", print)
-    with drawn_beside() as draw:
+    with curve_in_another_process() as draw:
         found = draw(ROWS)
     # Matplotlib names what is clipped anew in every process.
     assert "success while training (0.4 s in all)" in found

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rans.errors import ConfigError
 from rans.show.figures.figures import evaluation_figure, styled
 from rans.show.figures.panels import legend_beside
-from rans.show.figures.svg import only_drawn, panels, svg
+from rans.show.figures.svg import panels, svg, without_scripts
 from rans.show.pages.page import Picture
 from tests.support.evaluation_flights import two_episodes
 
@@ -87,7 +87,7 @@ PLAIN = (
 
 def test_our_own_pictures_only_draw() -> None:
     text = svg(two_panels())
-    assert panels(only_drawn(text)) == panels(text)
+    assert panels(without_scripts(text)) == panels(text)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_our_own_pictures_only_draw() -> None:
 )
 def test_pictures_that_do_more_than_to_draw_are_refused(picture: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        only_drawn(picture)
+        without_scripts(picture)
 
 
 def test_nothing_is_left_but_the_drawing() -> None:
@@ -134,7 +134,7 @@ def test_nothing_is_left_but_the_drawing() -> None:
             '<use xlink:href="#a" clip-path="url(#b)"/>'
         )
     )
-    kept = only_drawn(told)
+    kept = without_scripts(told)
     assert "example.org" not in kept
     assert "note" not in kept
     assert 'href="#a"' in kept

@@ -33,10 +33,10 @@ def test_everything_is_in_the_picture_and_touches_its_edge(
     camera = fit(points, direction, upright, aspect)
     height = 1000
     width = round(aspect * height)
-    back = camera.place - camera.target
+    back = camera.position - camera.target
     assert np.cross(back, direction) @ np.ones(3) < 1e-6 * np.linalg.norm(back)
     R_WC = RotationMatrix(np.stack((camera.axes[0], -camera.axes[1], -camera.axes[2]), axis=1))
-    seen = RigidTransform(R_WC, camera.place).inverse().multiply(points.T)
+    seen = RigidTransform(R_WC, camera.position).inverse().multiply(points.T)
     x, y, depth = CameraInfo(width, height, upright).intrinsic_matrix() @ seen
     assert (depth > -1e-9).all()
     near = depth > 1e-6  # a point in the camera itself has no place in its picture

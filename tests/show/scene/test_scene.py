@@ -33,7 +33,7 @@ def test_poses_are_the_states() -> None:
     flight = lqr_flight(steps=30)
     motion = Motion.of(flight, 1)
     rows = np.array(leaves(flight.states))[:, :, 1].T
-    np.testing.assert_array_equal(motion.way, rows[:, :3])
+    np.testing.assert_array_equal(motion.path, rows[:, :3])
     np.testing.assert_array_equal(motion.velocities, rows[:, 7:10])
     for pose, wxyz in zip(motion.poses, rows[:, 3:7], strict=True):
         quaternion = pose.rotation().ToQuaternion().wxyz()

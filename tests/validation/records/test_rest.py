@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from rans.evaluation.fly.agent import Agent
-from rans.fast.saved import AGENT as AGENT_FILE
-from rans.fast.saved import read_policy
+from rans.fast.agent_files.agent import AGENT as AGENT_FILE
+from rans.fast.agent_files.agent import read_policy
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder

@@ -10,8 +10,8 @@ import pytest
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
-from rans.fast.saved import AGENT as AGENT_FILE
-from rans.fast.saved import read_policy
+from rans.fast.agent_files.agent import AGENT as AGENT_FILE
+from rans.fast.agent_files.agent import read_policy
 from rans.flight import fly
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import Conditions, ThrusterConditions, largest

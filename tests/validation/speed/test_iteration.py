@@ -6,25 +6,27 @@ from dataclasses import replace
 
 import pytest
 
-from rans.fast.learn.fused_gradient import UpdateProducts
+from rans.fast.learn.fused_gradient import MatrixGradient
 from rans.fast.learn.recipes import recipe
 from validation.speed import iteration as module
 from validation.speed.iteration import Iteration, iteration, table
 from validation.speed.measurement import Clock
 
 
-@pytest.mark.parametrize(("by_hand", "way"), [(True, "products of matrices"), (False, "autograd")])
+@pytest.mark.parametrize(
+    ("with_backend", "way"), [(True, "products of matrices"), (False, "autograd")]
+)
 def test_an_update_is_what_a_rollout_leaves_of_an_iteration(
-    by_hand: bool, way: str, monkeypatch: pytest.MonkeyPatch
+    with_backend: bool, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """16 environments x 8 steps in 8 ms, 5 of them the rollout's; a CPU is given what a GPU would have."""
     config = recipe("go-to-pose-2d-robust", "cpu")
     config = replace(config, ppo=replace(config.ppo, n_envs=16, n_steps=8, batch_size=64))
-    monkeypatch.setattr(module.Gradients, "made", lambda *given: UpdateProducts(*given[:3]))
+    monkeypatch.setattr(module.FusedGradient, "made", lambda *given: MatrixGradient(*given[:3]))
     took = iter((0.008, 0.005))
     monkeypatch.setattr(Clock, "time", lambda _, function: (next(took), function()))
-    found = iteration(config, Clock("cpu"), by_hand)
-    assert found.way == way
+    found = iteration(config, Clock("cpu"), with_backend)
+    assert found.backend == way
     assert found[1:] == pytest.approx((5.0, 3.0, 16 * 8 / 0.008 / 1e6))
 
 

@@ -26,7 +26,7 @@ class Fault:
     """No fault begins later, s; 0: all are there from the start on."""
 
 
-def drawn_fault(
+def draw_fault(
     given: FaultConditions, craft: Spacecraft, body: Body, random: Random
 ) -> Fault | None:
     """What failing thrusters of one episode do, the others stay as they are; None: none fails."""

@@ -157,7 +157,7 @@ def _filled(text: str, width: int, indent: str = "") -> list[str]:
     )
 
 
-def helped(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
+def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
     """What ``parse`` gives; the help that it prints is wrapped, and followed by examples."""
     explain(commands.values())
     page = _Page()
@@ -195,12 +195,14 @@ def explain(commands: Iterable[type]) -> None:
         hints = get_type_hints(described, include_extras=True)
         texts = meanings(described)
         described.__annotations__ = {
-            name: Annotated[hint, Doc(texts[name]), *_shown(name, hint)] if name in texts else hint
+            name: Annotated[hint, Doc(texts[name]), *_tyro_options(name, hint)]
+            if name in texts
+            else hint
             for name, hint in hints.items()
         }
 
 
-def _shown(name: str, hint: Any) -> list[Any]:
+def _tyro_options(name: str, hint: Any) -> list[Any]:
     """How tyro is to show one field's value and its default."""
     from tyro.conf import FlagCreatePairsOff, arg
 

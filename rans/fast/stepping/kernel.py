@@ -14,7 +14,7 @@ from rans.compile.cuda.source import THREADS, source
 from rans.compile.step_program import Shape, trace
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
-from rans.fast.step import Step
+from rans.fast.stepping.step import Step
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast.compiled_step import ArrayStep
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
-from rans.fast.step import step_arrays
+from rans.fast.stepping.compiled import ArrayStep
+from rans.fast.stepping.step import step_arrays
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, ThrusterConditions
@@ -30,7 +30,7 @@ def pair(*given: Any, **kwargs: Any) -> tuple[Engine, Engine]:
 
 
 def is_straight(engine: Engine) -> bool:
-    return isinstance(engine._step, ArrayStep) and engine._step._straight is not None
+    return isinstance(engine._step, ArrayStep) and engine._step._generated is not None
 
 
 @both_crafts

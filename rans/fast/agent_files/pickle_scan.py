@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from rans.errors import ConfigError
-from rans.fast.archives import content, opened
+from rans.fast.agent_files.archives import content, opened
 
 _HARMLESS = {
     "__future__",
@@ -57,7 +57,7 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
     safe because this finds nothing: it only says why what is dangerous for certain is refused.
 
     Args:
-        archive: of `rans.fast.archives.opened`; archives within it are opened too.
+        archive: of `rans.fast.agent_files.archives.opened`; archives within it are opened too.
         where: its name for sentences.
 
     Raises:

@@ -23,10 +23,10 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.fast import archives, packed, saved
+from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
+from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
-from rans.fast.saved import AGENT, SavedPolicy, is_agent, packed_actor, read_policy
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from tests.support.strangers import older, rewritten, trapped, trapped_weights
@@ -146,7 +146,7 @@ def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -
     }
     whole = Network(given, tensors)
     file = tmp_path / AGENT
-    file.write_bytes(packed_actor(given, whole.member(0), 128))
+    file.write_bytes(actor_bytes(given, whole.member(0), 128))
     saved = read_policy(file)
     assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
     assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())

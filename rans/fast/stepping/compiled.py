@@ -17,7 +17,7 @@ from torch import Tensor
 
 from rans.compile.step_program import Program, Shape, Store, trace
 from rans.episode import Episode, World
-from rans.fast.step import Backend, Step, step_arrays, step_tensors
+from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.randomization.faults import sets_among
@@ -32,7 +32,7 @@ _MOST = 600
 take 9 s and 300 MB; 3,000, as at 1 kHz with valves that are 0.2 s late, took minutes and 14 GB."""
 
 
-class StraightStep:
+class GeneratedStep:
     """Steps N spacecraft in single precision, in blocks; not for two threads at once.
 
     Its results are new arrays; episodes, seeds and settings are read from their memory in every step.
@@ -60,12 +60,12 @@ class StraightStep:
         self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._stores = list(_everywhere(program))
         self._memory = [given.source for given in program.memory]
-        straight = CompiledProgram(
+        compiled = CompiledProgram(
             [*(symbol for symbol, _ in self._given), stride, *self._commands],
             [store.value for store in self._stores],
         )
         sizes = [min(_BLOCK, self._count - start) for start in range(0, self._count, _BLOCK)]
-        room = {size: straight.memory(size) for size in {*sizes}}
+        room = {size: compiled.memory(size) for size in {*sizes}}
         for memory in room.values():
             memory.put(stride, draws.stride)
         self._blocks = [
@@ -120,7 +120,7 @@ class ArrayStep:
     """
 
     def __init__(self) -> None:
-        self._straight: StraightStep | None = None
+        self._generated: GeneratedStep | None = None
         self._tried = False
 
     def __reduce__(self) -> tuple[type[ArrayStep], tuple[()]]:
@@ -128,11 +128,11 @@ class ArrayStep:
         return ArrayStep, ()
 
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-        """As `rans.fast.step.step_arrays`."""
+        """As `rans.fast.stepping.step.step_arrays`."""
         small = len(episode.memory()) <= _MOST
         if not self._tried and draws.dtype is np.float32 and small:
             try:
-                self._straight = StraightStep(world, episode, draws)
+                self._generated = GeneratedStep(world, episode, draws)
             except UNTRACEABLE as error:
                 warnings.warn(
                     "this engine steps slower, as its task does more than arithmetic on fields: "
@@ -141,7 +141,9 @@ class ArrayStep:
                 )
         self._tried = True
         return (
-            self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
+            self._generated(action)
+            if self._generated
+            else step_arrays(world, episode, action, draws)
         )
 
 

@@ -19,10 +19,10 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError, RansError, brief
-from rans.fast.archives import content, opened
+from rans.fast.agent_files.archives import content, opened
+from rans.fast.agent_files.pickle_scan import foul, refuse
+from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import PPOSettings
-from rans.fast.packed import pack, unpack
-from rans.fast.pickled import foul, refuse
 from rans.files import first_line, plain, read_bytes, regular
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
@@ -65,7 +65,7 @@ class SavedPolicy(NamedTuple):
     """Whether the file holds the critic; the network's is zero if not, and cannot be trained on."""
 
 
-def packed_agent(
+def agent_bytes(
     architecture: Architecture,
     tensors: Mapping[str, Tensor],
     settings: PPOSettings,
@@ -89,7 +89,7 @@ def packed_agent(
     )
 
 
-def packed_actor(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
+def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
     """The content of an ``agent.safetensors``: what flies, without critic and optimizer.
 
     Args:
@@ -115,7 +115,7 @@ def read_policy(file: Path) -> SavedPolicy:
         ConfigError: it is none, is damaged, or holds code.
     """
     if file.suffix == ".safetensors":
-        with _errors_told(file):
+        with _damage_as_config_error(file):
             return _read(unpack(read_bytes(file, _LARGEST), file))
     with _checked(file) as archive:
         if AGENT not in archive.namelist():
@@ -137,7 +137,7 @@ def is_agent(file: Path) -> bool:
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
     regular(file)
-    with _errors_told(file), opened(file, file) as archive:
+    with _damage_as_config_error(file), opened(file, file) as archive:
         if spoilt := archive.testzip():
             raise ValueError(f"the checksum of {spoilt} is wrong")
         if name := foul(archive, file):
@@ -146,7 +146,7 @@ def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
 
 
 @contextmanager
-def _errors_told(file: Path) -> Iterator[None]:
+def _damage_as_config_error(file: Path) -> Iterator[None]:
     """Make a `ConfigError` of whatever goes wrong with a file."""
     try:
         yield
@@ -157,7 +157,7 @@ def _errors_told(file: Path) -> Iterator[None]:
 
 
 def _read(table: dict[str, Any]) -> SavedPolicy:
-    """The agent in the table that `packed_agent` or `packed_actor` packed."""
+    """The agent in the table that `agent_bytes` or `actor_bytes` packed."""
     made = _architecture(table["architecture"])
     weights = table["weights"]
     steps = int(table["steps"])

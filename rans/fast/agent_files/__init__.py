@@ -1,0 +1,1 @@
+"""Files of agents: read and written without running anything that they hold."""
