@@ -77,10 +77,10 @@ class Sweep:
         with StopGently() as stop:
             sweep.train(
                 lambda batch: plain.say(f"sweep: {describe(sweep, batch)}") if first else None,
-                lambda: stop.asked,
+                lambda: stop.requested,
             )
         if not first:
-            return 130 if stop.asked else 0
+            return 130 if stop.requested else 0
         from rans.show.sweep_files import save_sweep
 
         save_sweep(sweep, folder, self.log)
@@ -88,20 +88,20 @@ class Sweep:
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
         text = (
-            f"{'Stopped' if stop.asked else 'Done'}: {solved} of "
+            f"{'Stopped' if stop.requested else 'Done'}: {solved} of "
             f"{counted(len(sweep.members), 'member')} solved, {sweep.seconds:.1f} s "
             f"of training ({rate:,.0f} steps/s of all together), "
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
-        if stop.asked:
+        if stop.requested:
             text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
         Terminal().say(text)
-        if not stop.asked:
+        if not stop.requested:
             best = str(folder / "best")
             Terminal().suggest(
                 shlex.join(["rans", "evaluate", best]), shlex.join(["rans", "report", str(folder)])
             )
-        return 130 if stop.asked else 0
+        return 130 if stop.requested else 0
 
     def _trainings(self) -> Trainings:
         """Ready to train."""

@@ -102,7 +102,7 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
         seen,
         then,
         view,
-        verdict.going,
+        verdict.running,
         Symbol.constant(verdict.failure()),
         verdict.settles,
         Symbol.constant(verdict.settled),

@@ -24,7 +24,7 @@ from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
-from rans.scenario import drawn, draws
+from rans.scenario import draws, sampled_scenarios
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
@@ -257,7 +257,7 @@ def _example_states(task: Task, craft: Spacecraft, count: int) -> tuple[Any, Any
     Start and goal are those of episodes; both are moved, and the start is turned, set in motion and spun.
     """
     own = draws(_WIRING_SEED, count)
-    scenario = drawn(task, craft, own)
+    scenario = sampled_scenarios(task, craft, own)
     start = scenario.start
     goal = scenario.goal
     random = own.random(craft.dimension, own.first, 2**20)

@@ -306,7 +306,7 @@ def test_a_signal_stops_it_gently() -> None:
 def _iterate_for_ever() -> None:
     with StopGently() as stop:
         signal.raise_signal(signal.SIGINT)
-        assert stop.asked
+        assert stop.requested
         for _ in range(1000):  # a signal just before a long sleep would wait for its end
             time.sleep(PATIENCE / 1000)
 

@@ -18,7 +18,7 @@ from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import PPOLearner, act, losses, shown
+from rans.fast.learn.ppo import PPOLearner, act, losses, preprocessed
 from rans.fast.learn.rollout import gae, minibatches, remember
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.training import TINY, sb3_twin, tiny_learner
@@ -162,7 +162,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
         (losses, (network, part, model.coefficients, False)),
         (act, (network, kept.observation[0], None, None, uniform)),
         (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout)),
-        (shown, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
+        (preprocessed, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
         (gae, (kept.reward, kept.value, kept.ended, kept.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:

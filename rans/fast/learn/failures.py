@@ -134,7 +134,7 @@ class FailedStarts:
 
     def load(self, saved: dict[str, Any]) -> None:
         """Go on from what `state` gave."""
-        self._searches = saved.get("searches", saved.get("looks"))
+        self._searches = saved["searches" if "searches" in saved else "looks"]
         self._starts = saved["starts"]
         self.log = saved["found"]
         self._generator.set_state(saved["generator"].cpu())

@@ -282,7 +282,7 @@ def preprocessed(
     backend: GradientBackend | None = None,
     privileged: Tensor | None = None,
 ) -> tuple[Tensor, Tensor | None, Tensor]:
-    """Observations (N, width), memory and actions (N, thrusters) from the side of the craft that has the goal ahead.
+    """Observations (N, width), memory and actions (N, thrusters) from the side that has the goal ahead.
 
     In space that costs a fifth of an update. A gradient backend has all inputs in the memory's place.
     """

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError
-from rans.fast import step_kernel
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
+from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.step import Step
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from rans.compile.cuda.launch import CudaError
-from rans.fast import step_kernel
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
+from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body

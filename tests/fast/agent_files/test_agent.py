@@ -22,7 +22,9 @@ from stable_baselines3.common.save_util import load_from_zip_file
 
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
-from rans.fast import archives, packed, saved
+from rans.fast.agent_files import agent as agent_file
+from rans.fast.agent_files import archives
+from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
 from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.run_folder import RunFolder
@@ -115,7 +117,7 @@ def test_code_that_no_list_knows_is_not_run_either(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
-    monkeypatch.setattr(saved, "foul", lambda *_: None)
+    monkeypatch.setattr(agent_file, "foul", lambda *_: None)
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     before = opened(folder).network.tensors
@@ -241,7 +243,7 @@ def test_members_are_packed_as_agents_are(folder: Path) -> None:
 def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
     content = pack({"steps": 1, "more": "x" * 2000})
     assert unpack(content, "here")["steps"] == 1
-    monkeypatch.setattr(packed, "_LARGEST_HEADER", 2000)
+    monkeypatch.setattr(tensor_file, "_LARGEST_HEADER", 2000)
     with pytest.raises(
         ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"
     ):

@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit
 from rans.compile.cuda.update_design import KernelDesign, UpdateDesign
-from rans.fast.learn.fused_gradient import MatrixGradient
+from rans.fast.learn.fused_gradient import FusedGradient, MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
