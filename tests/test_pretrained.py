@@ -10,6 +10,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from tests.support.crafts import REAL_CRAFT
 
 every_agent = pytest.mark.parametrize("name", pretrained_names())
 
@@ -27,7 +28,8 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     # Besides, a config.json that lists every world of the training.
     assert sum(files.values()) < 4 * weights + 60_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
-    kinds = "(-fast|-thrifty|-shared|-robust|-faults|-trade-off|-atmos)?"
+    crafts = "|".join(f"-{craft}" for craft in REAL_CRAFT)
+    kinds = f"(-fast|-thrifty|-shared|-robust|-faults|-trade-off|-atmos|{crafts})?"
     assert re.fullmatch(
         rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name
     )

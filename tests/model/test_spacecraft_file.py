@@ -61,15 +61,27 @@ def edited(old: str, new: str) -> str:
 
 def test_shipped_spacecraft_are_found() -> None:
     assert spacecraft_names() == [
+        "afrl-12kg",
         "afrl-deputy",
+        "apollo-csm",
         "arpod-chaser",
+        "astrobee-granite",
+        "astrobee-iss",
         "atmos",
+        "atmos-orbit-12",
+        "atmos-orbit-16",
+        "cubesat-3u",
+        "cubesat-6u",
         "floating-platform",
         "floating-platform-air-tank",
         "floating-platform-shared",
         "free-flyer",
         "free-flyer-shared",
+        "freeflyer2",
         "mars-lander-steered",
+        "pingu",
+        "roboran-platform",
+        "spheres",
         "vbar-chaser",
     ]
 
