@@ -9,8 +9,8 @@ Train an agent that flies a floating platform to a pose, measure it, and plot it
 # Train
 # -----
 # The task *go-to-pose* asks for a position and a heading: within 5 cm and 5 degrees for the last fifth of 25 s.
-# The spacecraft is the floating platform of the RANS paper, 5.32 kg with eight on/off thrusters of 1 N. Training
-# stops as soon as 99.5 % of the test episodes are solved, which takes seconds.
+# The spacecraft is the floating platform of the RANS paper, 5.32 kg with eight on/off thrusters of 1 N.
+# Training stops as soon as 99.5 % of the test episodes are solved, which takes seconds.
 import tempfile
 from pathlib import Path
 
@@ -35,8 +35,8 @@ for name in ("solved", "settling time", "impulse", "position error", "attitude e
 # %%
 # Fly
 # ---
-# A flight holds states, commands and errors over time. Here are sixteen episodes: the position error of each, and
-# the thrusters of the first one.
+# A flight holds states, commands and errors over time. Here are sixteen episodes: the position error of each,
+# and the thrusters of the first one.
 flight = agent.fly(16)
 figure, (errors, valves) = plt.subplots(2, 1, figsize=(8, 6), layout="constrained")
 errors.semilogy(flight.times, 100 * np.asarray(flight.errors()["position"]), linewidth=1)
