@@ -27,7 +27,7 @@ TERMS = {
     "fault injection": "faults",
     "Gymnasium": "environments",
     "hyper-parameter": "sweep",
-    "Kalman filter": "training",
+    "Kalman filter": "memory",
     "keep-out zone": "missions/avoid",
     "latency": "conditions",
     "limit cycle": "agents",

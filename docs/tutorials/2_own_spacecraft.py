@@ -54,16 +54,24 @@ conditions
 # memory.
 folder = Path(tempfile.mkdtemp())
 agent = rans.train(
-    "go-to-pose", craft, conditions=conditions, total_timesteps=500_000, run=folder / "slider6"
+    "go-to-pose",
+    craft,
+    conditions=conditions,
+    total_timesteps=500_000,
+    run=folder / "slider6",
 )
 metrics = agent.evaluate(episodes=256)
 for name in ("solved", "settling time", "impulse", "position error"):
     value = metrics[name]
-    print(f"{name:>14}: {value.value:.3g} {value.unit} ({value.low:.3g} to {value.high:.3g})")
+    print(
+        f"{name:>14}: {value.value:.3g} {value.unit} ({value.low:.3g} to {value.high:.3g})"
+    )
 
 # %%
 # Is the delay a problem? The same agent without it:
-print(f"nominal: {agent.under('perfect').evaluate(episodes=256)['solved'].value:.1f} % solved")
+print(
+    f"nominal: {agent.under('perfect').evaluate(episodes=256)['solved'].value:.1f} % solved"
+)
 
 # %%
 # Export
@@ -73,7 +81,9 @@ print(f"nominal: {agent.under('perfect').evaluate(episodes=256)['solved'].value:
 robot = agent.export(folder / "robot", "numpy", episodes=64)
 print(sorted(file.name for file in robot.iterdir()))
 print(
-    subprocess.run([sys.executable, "agent.py"], cwd=robot, capture_output=True, text=True).stdout
+    subprocess.run(
+        [sys.executable, "agent.py"], cwd=robot, capture_output=True, text=True
+    ).stdout
 )
 
 # %%

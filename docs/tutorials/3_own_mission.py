@@ -40,7 +40,9 @@ class SoftDock(SingleTask):
 
     def sample(self, random):
         """A goal 1 m from the origin that drifts, and a start at rest around it."""
-        goal = random.moving(random.direction().scale(self.goal_speed), random.no_rotation())
+        goal = random.moving(
+            random.direction().scale(self.goal_speed), random.no_rotation()
+        )
         return random.around(*self.spawn_distance), goal
 
     def later(self, goal, time):
@@ -49,17 +51,28 @@ class SoftDock(SingleTask):
 
     def observation_terms(self, state, goal):
         """Way to the goal and velocity to gain, in the world frame."""
-        return VectorInW("d", "m", goal.p - state.p), VectorInW("dv_", "m/s", goal.v - state.v)
+        return VectorInW("d", "m", goal.p - state.p), VectorInW(
+            "dv_", "m/s", goal.v - state.v
+        )
 
     def errors(self, state, goal):
         """What is measured against the tolerances."""
-        return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
+        return {
+            "position": (goal.p - state.p).norm(),
+            "velocity": (goal.v - state.v).norm(),
+        }
 
     def reward(self, transition):
         """Near, then near and slow, less the price of thrust."""
-        distance, speed = self.errors(transition.state, transition.goal).values()
+        distance, speed = self.errors(
+            transition.state, transition.goal
+        ).values()
         soft = nearness(speed, 0.1) * nearness(distance, 0.2)
-        return {"near": nearness(distance, 1.0), "soft": soft, **self.prices(transition)}
+        return {
+            "near": nearness(distance, 1.0),
+            "soft": soft,
+            **self.prices(transition),
+        }
 
     def failed(self, state, goal):
         """Too far away."""
@@ -94,16 +107,22 @@ print(
 # %%
 # Plot approaches
 # ---------------
-figure, (paths, speeds) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+figure, (paths, speeds) = plt.subplots(
+    1, 2, figsize=(9, 4), layout="constrained"
+)
 way = flight.goals.p - flight.states.p
 for k in range(12):
     end = flight.lengths[k] + 1
     paths.plot(-way.x[:end, k], -way.y[:end, k], linewidth=1)
     speeds.semilogy(
-        flight.times[:end], np.asarray(flight.errors()["velocity"])[:end, k], linewidth=1
+        flight.times[:end],
+        np.asarray(flight.errors()["velocity"])[:end, k],
+        linewidth=1,
     )
 paths.plot(0, 0, "k+")
-paths.set(xlabel="x from the target, m", ylabel="y from the target, m", aspect="equal")
+paths.set(
+    xlabel="x from the target, m", ylabel="y from the target, m", aspect="equal"
+)
 speeds.axhline(0.05, color="black", linestyle="--")
 speeds.set(xlabel="time, s", ylabel="relative speed, m/s")
 plt.show()
@@ -130,7 +149,10 @@ class SoftDockBehind(SoftDock):
     def observation_terms(self, state, goal):
         """What the policy observes of the zone too."""
         (ball,) = self.scenery(goal)
-        return (*super().observation_terms(state, goal), *ball.entries("zone", state))
+        return (
+            *super().observation_terms(state, goal),
+            *ball.entries("zone", state),
+        )
 
 
 engine = rans.Engine("floating-platform", SoftDockBehind(), num_envs=1024)

@@ -26,17 +26,24 @@ for agent in (nominal, robust):
 # ------------------------
 # A robustness sweep flies each perturbation alone at increasing size, from the same starts. Here valve latency
 # only; without ``only`` the sweep has all perturbations, and takes minutes.
-report = rans.stress(nominal, robust, "lqr", only=["latency"], episodes=64, workers=1, worst=0)
+report = rans.stress(
+    nominal, robust, "lqr", only=["latency"], episodes=64, workers=1, worst=0
+)
 report
 
 # %%
 # The shares over the latency, from the report's own numbers:
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 found = report.to_json()
-levels = [one for one in found["worlds"].values() if one["effect"] in ("latency", "perfect")]
+levels = [
+    one
+    for one in found["worlds"].values()
+    if one["effect"] in ("latency", "perfect")
+]
 for name in found["contestants"]:
     points = sorted(
-        (one["size"] or 0.0, 100 * one["contestants"][name]["held"]["value"]) for one in levels
+        (one["size"] or 0.0, 100 * one["contestants"][name]["held"]["value"])
+        for one in levels
     )
     axes.plot(*zip(*points, strict=True), "o-", label=name)
 axes.set(xlabel="latency, s", ylabel="held, %")
@@ -47,16 +54,22 @@ plt.show()
 # Inject faults
 # -------------
 # Which thrusters can the platform lose and still push and turn in every direction?
-print(rans.faults("floating-platform"))
+rans.faults("floating-platform")
 
 # %%
 # One recoverable thruster fails at a random time of the first 15 s:
 one_dead = rans.Conditions(
-    faults=rans.FaultConditions(count=1, kinds=("dead",), time=(0.0, 15.0), among="recoverable")
+    faults=rans.FaultConditions(
+        count=1, kinds=("dead",), time=(0.0, 15.0), among="recoverable"
+    )
 )
 for name in ("go-to-pose-2d", "go-to-pose-2d-faults"):
-    solved = rans.load_agent(name).under(one_dead).evaluate(episodes=128)["solved"]
-    print(f"{name:>20}: {solved.value:5.1f} % ({solved.low:.1f} to {solved.high:.1f})")
+    solved = (
+        rans.load_agent(name).under(one_dead).evaluate(episodes=128)["solved"]
+    )
+    print(
+        f"{name:>20}: {solved.value:5.1f} % ({solved.low:.1f} to {solved.high:.1f})"
+    )
 
 # %%
 # Bound the failure probability
