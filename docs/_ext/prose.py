@@ -44,7 +44,6 @@ NOT_YET = frozenset(
     {
         "docs/agents.md",
         "docs/assurance.md",
-        "docs/comparison.md",
         "docs/missions/dock.md",
         "docs/optimal.md",
         "docs/robustness.md",
@@ -68,7 +67,7 @@ INTERNAL = frozenset(
 )
 """Pages for those who change RANS or read proofs: as long as they need."""
 
-REFERENCE = frozenset({"agents.md", "comparison.md", "robustness.md", "tasks.md"})
+REFERENCE = frozenset({"agents.md", "protocol.md", "robustness.md", "tasks.md"})
 """Pages of tables and definitions, which are looked up and not read: as long as they need."""
 
 

@@ -325,7 +325,7 @@ def controllers_page() -> str:
     return (
         "# Controllers\n\nControllers that need no training fly as `NAME:TASK-2d@SPACECRAFT` in every "
         "command, and as classes in [Python](api/controllers.rst). Guide: "
-        "[Comparison](../comparison.md).\n\n" + table(("name", "what it is"), rows)
+        "[Controllers](../controllers.md).\n\n" + table(("name", "what it is"), rows)
     )
 
 
