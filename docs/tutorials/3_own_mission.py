@@ -36,7 +36,7 @@ class SoftDock(SingleTask):
     zone: float = 0.3
     done_weight: float = 150.0
     violation_weight: float = 10.0
-    timing = rans.Timing(control_period=0.2, episode_steps=200, looks=4)
+    timing = rans.Timing(control_period=0.2, episode_steps=200, checks=4)
 
     def sample(self, random):
         """A goal 1 m from the origin that drifts, and a start at rest around it."""
