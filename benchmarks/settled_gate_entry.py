@@ -185,13 +185,13 @@ def alone(agent: Agent, count: int) -> list[list[float]]:
 
 
 def in_document(docs: Path) -> markdown.Table:
-    """The table of faults.md: single axes by gain and bias, of the first agent."""
+    """The table of settled_gate.md: single axes by gain and bias, of the first agent."""
     cells = next(iter(read_json(docs / "validation" / "settled-gate.json")["alone"].values()))
     rows = [
         (f"{gain:g}", *(f"{x:.1f}" for x in row)) for gain, row in zip(GAINS, cells, strict=True)
     ]
     return markdown.Table(
-        "faults.md",
+        "settled_gate.md",
         "python -m benchmarks.settled_gate_entry fly",
         ("gain", *(f"bias {bias:g}" for bias in BIASES)),
         rows,

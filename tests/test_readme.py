@@ -310,7 +310,8 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
 def test_the_training_page_has_the_settings_with_their_defaults() -> None:
     of = {"ppo": PPOSettings(), "failures": Failures(), "gradient": GradientSettings()}
     page = ROOT / "docs" / "training.md"
-    for key, default, _ in [row for place in range(3) for row in rows(page, "setting", place)]:
+    listed = [*rows(page, "setting"), *rows(page, "setting", 1)]
+    for key, default, _ in [*listed, *rows(ROOT / "docs" / "memory.md", "setting")]:
         room, name = key.strip("`").split(".")
         value = getattr(of[room], name)
         assert json.loads(default.strip("`")) == (

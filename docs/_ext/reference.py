@@ -93,7 +93,7 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "`rans COMMAND --help` prints the same in the terminal. Every command has a function of the same "
+        "`rans COMMAND --help` prints the same in the terminal. Most commands have a function of the same "
         "name in [Python](../python.md).",
     ]
     grouped = [name for names in GROUPS.values() for name in names]
@@ -117,20 +117,15 @@ def _command(name: str) -> Iterable[str]:
     texts = meanings(command)
     rows = []
     for field in dataclasses.fields(command):
-        told, positional = _value(field.name, hints[field.name])
-        option = told if positional else f"--{field.name.replace('_', '-')}"
+        given, positional = _value(field.name, hints[field.name])
+        option = given if positional else f"--{field.name.replace('_', '-')} {given}".rstrip()
         value = default(field)
-        usual = "" if value in (None, False, "", (), dataclasses.MISSING) else f"`{_plain(value)}`"
-        rows.append(
-            (
-                f"`{option}`",
-                "" if positional else told and f"`{told}`",
-                usual,
-                texts.get(field.name, ""),
-            )
-        )
+        text = texts.get(field.name, "")
+        if value not in (None, False, "", (), dataclasses.MISSING):
+            text += f" Default: `{_plain(value)}`."
+        rows.append((f"`{option}`", text))
     yield ""
-    yield table(("option", "value", "default", "meaning"), rows)
+    yield table(("option", "meaning"), rows)
     if name in GUIDES:
         yield f"Guide: [{GUIDES[name]}](../{GUIDES[name]}.md)"
 
@@ -330,7 +325,7 @@ def controllers_page() -> str:
     return (
         "# Controllers\n\nControllers that need no training fly as `NAME:TASK-2d@SPACECRAFT` in every "
         "command, and as classes in [Python](api/controllers.rst). Guide: "
-        "[Comparison](../comparison.md).\n\n" + table(("name", "what it is"), rows)
+        "[Controllers](../controllers.md).\n\n" + table(("name", "what it is"), rows)
     )
 
 
@@ -360,7 +355,12 @@ def api_group_page(title: str, names: list[str]) -> str:
     for name in names:
         thing = getattr(rans, name)
         if inspect.isclass(thing):
-            lines += [f".. autoclass:: rans.{name}", "   :members:", ""]
+            lines += [f".. autoclass:: rans.{name}", "   :members:"]
+            if former := getattr(
+                thing, "former_names", {}
+            ):  # these warn, and go with the next version
+                lines += [f"   :exclude-members: {', '.join(former)}"]
+            lines += [""]
         elif isinstance(thing, types.FunctionType):
             lines += [f".. autofunction:: rans.{name}", ""]
         else:
@@ -421,7 +421,7 @@ def listing(given: Listing) -> str:
 
 
 def table(columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A Markdown table."""
+    """A Markdown table; what stands as docs/PAGE.md in its cells leads there."""
     lines = [columns, tuple("---" for _ in columns), *(tuple(map(_cell, row)) for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
@@ -433,7 +433,8 @@ def _cell(text: str) -> str:
         piece if piece.startswith("`") else re.sub(r"(?<!\[)([*_])(?!\])", r"\\\1", piece)
         for piece in pieces
     ]
-    return "".join(kept).replace("|", "\\|").replace("\n", "<br>")
+    text = "".join(kept).replace("|", "\\|").replace("\n", "<br>")
+    return re.sub(r"\bdocs/([\w-]+)\.md", r"[\1](/\1.md)", text)
 
 
 def _first_line(thing: Any) -> str:

@@ -94,7 +94,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 GUIDES = {
     "train": "training",
     "sweep": "sweep",
-    "tune": "comparison",
+    "tune": "controllers",
     "evaluate": "agents",
     "compare": "comparison",
     "stress": "stress",

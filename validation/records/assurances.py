@@ -1,7 +1,7 @@
 """How surely the agents that come with RANS do not fail: each flown a million times.
 
 ``python -m validation.records.assurances`` runs what `rans assure` runs for every one of them, on a GPU if there is
-one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurance.md. Campaigns that are
+one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurances.md. Campaigns that are
 there already, of the same code, are not flown again, but their failures are: on a machine with Drake by it.
 """
 
@@ -67,7 +67,7 @@ class Assurances:
     replay: bool = True
     """Whether to fly failed flights again in NumPy and, where it is installed, in Drake."""
     docs: Path = Path("docs")
-    """Where assurance.md and validation/assurance are."""
+    """Where assurances.md and validation/assurance are."""
 
     def run(self) -> int:
         """Write and print it.
@@ -103,13 +103,13 @@ class Assurances:
 
 
 def in_document(docs: Path) -> Table:
-    """The table of assurance.md, from the files of all campaigns that there are."""
+    """The table of assurances.md, from the files of all campaigns that there are."""
     rows = [
         _cells(*one, read_json(file))
         for one in _campaigns(pretrained_names())
         if (file := _file(docs, *one)).exists()
     ]
-    return Table("assurance.md", _COMMAND, _HEADINGS, rows, _SOURCE)
+    return Table("assurances.md", _COMMAND, _HEADINGS, rows, _SOURCE)
 
 
 def _file(docs: Path, spec: str, conditions: str) -> Path:

@@ -1,4 +1,4 @@
-"""What agents hold in a world that is not perfect: under every trouble alone, and under all of `lab`.
+"""What agents hold under every perturbation alone, and under all of `lab`.
 
 ``python -m validation.records.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a
 row, on a GPU if there is one, prints the table and writes docs/validation/robustness.json; with ``--lqr``
@@ -82,7 +82,7 @@ _TOLD = {
 
 
 def rows() -> dict[str, Conditions]:
-    """What is flown in: a perfect world, `lab`, every trouble over its range and at its end."""
+    """What is flown in: nominal conditions, `lab`, every perturbation over its range and at its end."""
     worst = {
         f"{name}, worst": _at_worst(found)
         for name, found in SINGLE.items()
@@ -163,7 +163,7 @@ def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, A
 
 @dataclass(frozen=True)
 class Robustness:
-    """Fly agents under every trouble; write the table."""
+    """Fly agents under every perturbation; write the table."""
 
     agents: Positional[tuple[str, ...]]
     """Run folders, or pretrained:NAME; all of one task and spacecraft."""
@@ -208,7 +208,7 @@ def in_document(docs: Path) -> Table:
     return Table(
         "robustness.md",
         _COMMAND,
-        ("trouble", *("plane: held", "settles", "duty"), *("space: held", "settles", "duty")),
+        ("perturbation", *("plane: held", "settles", "duty"), *("space: held", "settles", "duty")),
         rows,
         "",
     )
@@ -234,7 +234,7 @@ def main() -> None:
     from rich.table import Table
 
     result = tyro.cli(Robustness).run()
-    table = Table("trouble", *result)
+    table = Table("perturbation", *result)
     for row in rows():
         cells = [result[name][row] for name in result]
         table.add_row(

@@ -31,7 +31,7 @@ TEXT = (
     "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
     "know the future and are only locally optimal."
 )
-"""The protocol in short; docs/comparison.md has all of it."""
+"""The protocol in short; docs/protocol.md has all of it."""
 
 _FRONT = (
     "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "

@@ -71,7 +71,7 @@ def comparison(cache: Path) -> Comparison:
 def test_everyone_flies_every_start(comparison: Comparison) -> None:
     assert [entry.name for entry in comparison.entries] == ["LQR", IDLE]  # nobody flies twice
     assert [entry.flight.commands.shape for entry in comparison.entries] == [(30, 3, 8)] * 2
-    assert len(comparison.curve) == 7  # weights of docs/comparison.md
+    assert len(comparison.curve) == 7  # weights of docs/protocol.md
     first = [e.flight.states.p.x[0] for e in comparison.entries]
     np.testing.assert_array_equal(*first)
 

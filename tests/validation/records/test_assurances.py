@@ -11,7 +11,7 @@ from validation.records.assurances import Assurances, _campaigns
 
 
 def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
-    page = tmp_path / "assurance.md"
+    page = tmp_path / "assurances.md"
     page.write_text(
         "<!-- table: python -m validation.records.assurances -->\n<!-- end of table -->\n", "utf-8"
     )
