@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from rans.errors import ConfigError
 from rans.model.dynamics import State
-from rans.model.fields import Field, Vector, absolute, at_least, sqrt
+from rans.model.fields import Field, Vec2, Vector, absolute, at_least, sqrt, where
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.go_to_pose import GoToPose
@@ -131,7 +131,15 @@ class Avoid(GoToPose):
 
 
 def _across(direction: Vector, along: Vector) -> Vector:
-    """Unit vector of the part of a direction at right angles to a unit vector."""
+    """Unit vector of the part of a direction at right angles to a unit vector.
+
+    In the plane only its sign is computed: the part itself may be so short that rounding is all of it.
+    """
+    if isinstance(along, Vec2):
+        left = Vec2(-along.y, along.x)
+        side = direction.dot(left)
+        one = side * 0.0 + 1.0
+        return left.scale(where(side < 0.0, -one, one))
     part = direction - along.scale(direction.dot(along))
     return part.scale(1.0 / sqrt(part.dot(part) + 1e-12))
 

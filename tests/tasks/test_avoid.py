@@ -12,7 +12,8 @@ from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
+from rans.model.fields import Heading, Vec2, leaves
+from rans.model.random import Draws, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
@@ -157,3 +158,17 @@ def test_flights_that_enter_are_violated(flying: Any) -> None:
 def test_settings_that_cannot_be(settings: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Avoid(**settings)
+
+
+def test_single_precision_knows_where_zones_are() -> None:
+    """In the plane the part of a direction across the way may be tiny, and its side is all that counts."""
+    count = 20_000
+    real = [
+        Avoid().sample(own.random(2, own.first))[1].notes
+        for dtype in (np.float32, np.float64)
+        for own in [Draws(*seed_words(3), np.arange(count, dtype=np.int32), 0, dtype)]
+    ]
+    for single, double in zip(*map(leaves, real), strict=True):
+        # Sums of a few metres in single precision.
+        np.testing.assert_allclose(single, double, rtol=0, atol=4e-6)
+        assert single.dtype == np.float32
