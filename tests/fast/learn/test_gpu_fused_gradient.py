@@ -47,6 +47,19 @@ def by_autograd(learner: PPOLearner, part: Batch, bf16: bool) -> tuple[Tensor, l
     return torch.cat(found[:]).detach(), list(gradients)
 
 
+def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
+    """Which samples' ratios have left the clipping range, (N,) bool; precision as in `by_autograd`."""
+    network = learner.network
+    given = network.architecture
+    set_precision("bf16" if bf16 else "float32", part.columns.device)
+    network.architecture = replace(given, bf16=bf16)
+    with torch.no_grad():
+        output = network.evaluate_seen(part.columns, part.memory, part.privileged, part.going_on)
+        ratio = (output.policy.log_prob(part.action) - part.log_prob).exp()
+    network.architecture = given
+    return (ratio - 1).abs() > learner.coefficients.clip_range
+
+
 WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
 
 
@@ -90,9 +103,14 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     )
     exact, rounded = (by_autograd(learner, part, bf16) for bf16 in (False, True))
     found = torch.cat(kernel(prepared))
-    # torch rounds as often, at other places, which a sample or two in 65,536 may be clipped by.
+    # torch rounds as often, at other places.
     allowed = 2 * (rounded[0] - exact[0]).abs() + 5e-4 * exact[0].abs() + 5e-5
-    assert ((found - exact[0]).abs() <= allowed).all()
+    # Rounding moves samples over the clipping bound in either direction, as many as it moves under torch. What
+    # is left of them in the sum is as random as so many coins: four standard deviations, and two samples.
+    moved = int((clipped(learner, part, True) != clipped(learner, part, False)).sum())
+    allowed[-1] = (4.0 * moved**0.5 + 2.0) / len(part.columns)
+    off = (found - exact[0]).abs()
+    assert (off <= allowed).all(), (off / allowed).tolist()
     for name, true, theirs in zip(network.learnt, exact[1], rounded[1], strict=True):
         start = network.tensors[name].storage_offset()
         ours = learner.adam.gradient[0, start : start + true.numel()].view(true.shape)
