@@ -50,13 +50,12 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 def allowed(craft: Spacecraft) -> str:
     """What the craft's commands may be, in words."""
-    thrusters = craft.actuators.allowed
-    if not craft.wheels:
-        return f"{thrusters}, one per thruster"
-    return (
-        f"{thrusters}, one per thruster, then -1 to 1 (the largest torque on the wheel either way), one per "
-        "wheel"
-    )
+    parts = [f"{craft.actuators.allowed}, one per thruster"]
+    if craft.wheels:
+        parts.append("-1 to 1 (the largest torque on the wheel either way), one per wheel")
+    further = [command for one in craft.further_effectors for command in one.commands]
+    parts += [f"{one.low:g} to {one.high:g} ({one.name})" for one in further]
+    return ", then ".join(parts)
 
 
 def check(craft: Spacecraft, values: Any, *batch: int) -> None:

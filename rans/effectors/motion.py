@@ -7,13 +7,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from rans.effectors.propellant import Tank, grown
-from rans.effectors.wheels import along_axes, motor_torques
+from rans.effectors.effector import Action, Begun, Effector, Push, grown
+from rans.effectors.propellant import PropellantTank
+from rans.effectors.thrusters import Thrusters
+from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, at_once
-from rans.model.fields import Field, Vec3, at_least, map_leaves
+from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance
+from rans.model.fields import Field, at_least, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
@@ -40,74 +42,83 @@ def states_at_checks(
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period
     if pieces is None:
-        pieces = at_once(craft, body, command, period)
-
-    # What the effectors hold at the start of the period, and the wheels' constant torques.
-    tank = None if craft.propellant is None else Tank.of(craft.propellant, body)
-    left = None if tank is None else state.stores[0]
-    momenta = state.stores[len(state.stores) - len(craft.wheels) :]
-    motors = motor_torques(craft, command, momenta, period) if craft.wheels else ()
-    elapsed: Field = 0.0
+        pieces = Thrusters(craft).pieces(body, command, period)
+    actions = begin(craft, command, state.stores, body, period)
 
     states = []
     for number, part in enumerate(cut(pieces, period, timing.checks), 1):
-        for whole in part:
-            for (duration, first, last, longest), growth, after in _burned(tank, whole, left):
-                left = after
-                # A float, not one of NumPy.
-                longest = min(duration if type(duration) is float else longest, period)
-                steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-                # Half as long a step needs one node less at the angles that `NODES` is for.
-                few = nodes - (2.0 * longest * substeps <= period * steps)
-                pull = disturbance
-                if growth is not None and pull is not None:
-                    pull = grown(pull, 0.5 * (growth[0] + growth[1]))
-                momentum = None
-                if motors:
-                    turn = along_axes(craft, motors)
-                    held_now = _held(momenta, motors, elapsed)
-                    momentum = along_axes(craft, held_now), _times(turn, duration)
-                    begins = ends = turn
-                    if growth is not None:
-                        begins, ends = (_times(turn, one) for one in growth)
-                        middle = 0.5 * (growth[0] + growth[1])
-                        momentum = (_times(momentum[0], middle), _times(momentum[1], middle))
-                    first = replace(first, torque=first.torque - begins)
-                    last = last if last is None else replace(last, torque=last.torque - ends)
-                    elapsed = elapsed + duration
-                stored = momentum if craft.dimension == 3 else None
-                state = advance(state, first, body, duration, steps, few, pull, drift, last, stored)
+        # Effectors change the parts one after the other.
+        pushes: Iterable[Push] = (Push(*piece) for piece in part)
+        for action in actions:
+            pushes = action.pushes(pushes)
+        for push in pushes:
+            # A float, not one of NumPy.
+            duration = push.duration
+            longest = min(duration if type(duration) is float else push.longest, period)
+            steps = max(1, math.ceil(longest / period * substeps - 1e-9))
+            # Half as long a step needs one node less at the angles that `NODES` is for.
+            fewer = nodes - (2.0 * longest * substeps <= period * steps)
+            pull = disturbance
+            if push.growth is not None and pull is not None:
+                pull = grown(pull, 0.5 * (push.growth[0] + push.growth[1]))
+            momentum = push.momentum if craft.dimension == 3 else None
+            state = advance(
+                state, push.first, body, duration, steps, fewer, pull, drift, push.last, momentum
+            )
         state = state.normalised()
         if craft.stores:
-            gone = period * number / timing.checks
-            tanks = () if left is None else (left,)
-            state = replace(state, stores=(*tanks, *_held(momenta, motors, gone)))
+            time = period * number / timing.checks
+            stores = tuple(store for action in actions for store in action.stores(time))
+            state = replace(state, stores=stores)
         states.append(state)
     return tuple(states)
 
 
-def _burned(
-    tank: Tank | None, piece: Piece, left: Field | None
-) -> Iterator[tuple[Piece, tuple[Field, Field] | None, Field | None]]:
-    """A piece as it moves the full craft, its growth at both ends, and what is left afterwards (`Tank.burned`)."""
-    if tank is None:
-        yield piece, None, None
-        return
-    for (duration, first, last, longest), after in tank.burned(piece, left):
-        growth = tank.growth(left), tank.growth(after)
-        first = replace(first, exhaust=None)
-        last = last if last is None else replace(last, exhaust=None)
-        yield (duration, first, last, longest), growth, after
-        left = after
+def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
+    """Everything that pushes a craft or changes how it is pushed, in the order in which it acts.
+
+    Their commands, one after the other, are `rans.model.spacecraft.Spacecraft.commands`, and their stores its
+    ``stores``.
+    """
+    found: list[Effector] = [Thrusters(craft)]
+    if craft.propellant is not None:
+        found.append(PropellantTank(craft.propellant, craft.stores[0]))
+    if craft.wheels:
+        first = len(craft.thrusters)
+        ranges = craft.commands[first : first + len(craft.wheels)]
+        tanks = int(craft.propellant is not None)
+        momenta = craft.stores[tanks : tanks + len(craft.wheels)]
+        found.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
+    further: tuple[Any, ...] = craft.further_effectors
+    return (*found, *further)
 
 
-def _held(momenta: Sequence[Field], motors: Sequence[Field], time: Field) -> tuple[Field, ...]:
-    """Momenta of wheels after their motors gave these torques for a time, s."""
-    return tuple(h + torque * time for h, torque in zip(momenta, motors, strict=True))
+def begin(
+    craft: Spacecraft,
+    command: Sequence[Field],
+    stores: Sequence[Field],
+    body: Body,
+    period: float,
+) -> list[Action]:
+    """What the effectors of a craft do in a control period (s), in order.
 
-
-def _times(amount: Any, factor: Field) -> Any:
-    return amount.scale(factor) if isinstance(amount, Vec3) else amount * factor
+    Args:
+        craft: spacecraft.
+        command: one field per command of the craft.
+        stores: one field per store of the craft.
+        body: mass properties with a full tank.
+        period: length of the control period, s.
+    """
+    actions = []
+    taken = kept = 0
+    for effector in effectors_of(craft):
+        takes = len(effector.commands)
+        keeps = len(effector.stores)
+        own = Begun(command[taken : taken + takes], stores[kept : kept + keeps], body, period)
+        actions.append(effector.begin(own))
+        taken += takes
+        kept += keeps
+    return actions
 
 
 def held(*arguments: Any, **options: Any) -> Any:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
+from rans.effectors.effector import Action, Begun, Effector, Push, grown
 from rans.model.body import Body
-from rans.model.dynamics import Piece, Wrench
+from rans.model.dynamics import Piece
 from rans.model.fields import Field, at_least, map_leaves
-from rans.model.spacecraft import Propellant
+from rans.model.spacecraft import CommandRange, Propellant, Store
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,45 @@ class Tank:
         yield (duration * (1.0 - share), nothing, None, longest), after
 
 
-def grown(wrench: Wrench, factor: Field) -> Wrench:
-    """A wrench times a factor."""
-    return map_leaves(lambda x: x * factor, wrench)
+@dataclass(frozen=True)
+class PropellantTank(Effector):
+    """Propellant as an effector: it takes no commands, keeps what is left, and makes pushes grow as mass falls."""
+
+    propellant: Propellant
+    store: Store
+
+    @property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """None."""
+        return ()
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """Propellant left, kg."""
+        return (self.store,)
+
+    def begin(self, begun: Begun) -> Action:
+        """See `Effector`."""
+        return _Burning(Tank.of(self.propellant, begun.body), begun.stores[0])
+
+
+class _Burning(Action):
+    def __init__(self, tank: Tank, left: Field) -> None:
+        self._tank = tank
+        self._left = left
+
+    def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
+        """Pushes as they move the full craft, each with its growth (`Tank.burned`)."""
+        tank = self._tank
+        for push in pushes:
+            left = self._left
+            piece = (push.duration, push.first, push.last, push.longest)
+            for (duration, first, last, longest), after in tank.burned(piece, left):
+                growth = tank.growth(left), tank.growth(after)
+                self._left = left = after
+                last = last if last is None else replace(last, exhaust=None)
+                yield Push(duration, replace(first, exhaust=None), last, longest, growth)
+
+    def stores(self, time: Field) -> tuple[Field, ...]:
+        """Propellant left."""
+        return (self._left,)

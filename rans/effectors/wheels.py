@@ -2,17 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any
 
+from rans.effectors.effector import Action, Begun, Effector, Push, times
+from rans.model.actuators import Wheel
 from rans.model.fields import Field, Vec3, where
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import CommandRange, Store
+
+
+@dataclass(frozen=True)
+class ReactionWheels(Effector):
+    """Reaction wheels of one craft, in the plane or in space (`dimension`)."""
+
+    wheels: tuple[Wheel, ...]
+    dimension: int
+    ranges: tuple[CommandRange, ...]
+    momenta: tuple[Store, ...]
+
+    @property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """One of each wheel, -1 to 1 of its largest torque."""
+        return self.ranges
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """Momentum of each wheel, N m s."""
+        return self.momenta
+
+    def begin(self, begun: Begun) -> Action:
+        """See `Effector`."""
+        motors = motor_torques(self.wheels, begun.command, begun.stores, begun.period)
+        return _Spinning(self, begun.stores, motors)
+
+
+class _Spinning(Action):
+    def __init__(
+        self, wheels: ReactionWheels, momenta: Sequence[Field], motors: Sequence[Field]
+    ) -> None:
+        self._wheels = wheels
+        self._momenta = momenta
+        self._motors = motors
+        self._elapsed: Field = 0.0
+
+    def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
+        """Pushes with the motors' reaction and the wheels' momentum."""
+        wheels = self._wheels
+        for push in pushes:
+            turn = along_axes(wheels, self._motors)
+            momentum = (
+                along_axes(wheels, self.stores(self._elapsed)),
+                times(turn, push.duration),
+            )
+            begins = ends = turn
+            if push.growth is not None:
+                begins, ends = (times(turn, one) for one in push.growth)
+                middle = 0.5 * (push.growth[0] + push.growth[1])
+                momentum = (times(momentum[0], middle), times(momentum[1], middle))
+            first = replace(push.first, torque=push.first.torque - begins)
+            last = push.last
+            last = last if last is None else replace(last, torque=last.torque - ends)
+            self._elapsed = self._elapsed + push.duration
+            yield replace(push, first=first, last=last, momentum=momentum)
+
+    def stores(self, time: Field) -> tuple[Field, ...]:
+        """Momenta of the wheels after their motors gave their torques for a time, s."""
+        pairs = zip(self._momenta, self._motors, strict=True)
+        return tuple(momentum + torque * time for momentum, torque in pairs)
 
 
 def motor_torques(
-    craft: Spacecraft, command: Sequence[Field], momenta: Sequence[Field], period: float
+    wheels: Sequence[Wheel], command: Sequence[Field], momenta: Sequence[Field], period: float
 ) -> tuple[Field, ...]:
     """Torque of each wheel's motor on its wheel, N m, constant over the control period.
 
@@ -20,14 +83,13 @@ def motor_torques(
     of the period.
 
     Args:
-        craft: whose wheels.
-        command: of all effectors; those of the wheels come last, -1 to 1.
+        wheels: reaction wheels.
+        command: of the wheels, -1 to 1.
         momenta: of the wheels at the start of the period, N m s.
         period: s.
     """
     torques = []
-    own = command[len(craft.thrusters) :]
-    for wheel, share, momentum in zip(craft.wheels, own, momenta, strict=True):
+    for wheel, share, momentum in zip(wheels, command, momenta, strict=True):
         wanted = share * wheel.max_torque
         most = (wheel.max_momentum - momentum) * (1.0 / period)
         least = (-wheel.max_momentum - momentum) * (1.0 / period)
@@ -36,13 +98,13 @@ def motor_torques(
     return tuple(torques)
 
 
-def along_axes(craft: Spacecraft, amounts: Sequence[Field]) -> Any:
+def along_axes(given: ReactionWheels, amounts: Sequence[Field]) -> Any:
     """Sum of amounts about the wheels' axes, in B: a vector in space, a scalar about z in the plane."""
-    if craft.dimension == 2:
-        return reduce(add, (x * w.axis[2] for x, w in zip(amounts, craft.wheels, strict=True)))
+    if given.dimension == 2:
+        return reduce(add, (x * w.axis[2] for x, w in zip(amounts, given.wheels, strict=True)))
     columns = []
     for k in range(3):
-        pairs = zip(amounts, craft.wheels, strict=True)
+        pairs = zip(amounts, given.wheels, strict=True)
         terms = [x * wheel.axis[k] for x, wheel in pairs if wheel.axis[k] != 0.0]
         columns.append(reduce(add, terms) if terms else amounts[0] * 0.0)
     return Vec3(*columns)

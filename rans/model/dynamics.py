@@ -107,7 +107,7 @@ def thrust(
     thruster does as it is told. The supply is shared by what is really open, if the craft's
     ``thrust_sharing`` says so.
     """
-    if craft.wheels:
+    if len(craft.commands) > len(craft.thrusters):
         command = command[: len(craft.thrusters)]
     command = craft.actuators.levels(command)
     if body is not None and body.gain:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -75,6 +75,23 @@ class Store(NamedTuple):
     high: float
 
 
+class FurtherEffector(Protocol):
+    """What a spacecraft reads of an effector that is neither thruster, propellant nor wheel.
+
+    `rans.effectors.effector.Effector` is what such effectors derive from.
+    """
+
+    @property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """Numbers that it takes in every control period."""
+        ...
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """Numbers that it keeps in the craft's state."""
+        ...
+
+
 @dataclass(frozen=True)
 class Spacecraft(NotebookRepr):
     """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
@@ -113,6 +130,8 @@ class Spacecraft(NotebookRepr):
     """Reaction wheels; their commands come after those of the thrusters."""
     propellant: Propellant | None = None
     """What thrusters use up; None: mass stays as it is."""
+    further_effectors: tuple[FurtherEffector, ...] = ()
+    """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
 
     def __post_init__(self) -> None:
         check(self)
@@ -191,39 +210,46 @@ class Spacecraft(NotebookRepr):
     def _effectors(self) -> str:
         wheels = f", {counted(len(self.wheels), 'wheel')}" if self.wheels else ""
         tank = "" if self.propellant is None else f", {self.propellant.mass:g} kg propellant"
-        return f"thrusters {self.thrust}{wheels}{tank}"
+        further = "".join(f", {type(one).__name__}" for one in self.further_effectors)
+        return f"thrusters {self.thrust}{wheels}{tank}{further}"
 
     @cached_property
     def commands(self) -> tuple[CommandRange, ...]:
-        """What the craft takes in every control period, in order: one of each thruster, then one of each wheel."""
+        """What the craft takes in every control period: of each thruster, each wheel, then further effectors."""
         actuators = self.actuators
         thrusters = (
             CommandRange(f"thruster {i}", actuators.kind, actuators.low, actuators.high)
             for i in range(len(self.thrusters))
         )
         wheels = (CommandRange(f"wheel {i}", "wheel", -1.0, 1.0) for i in range(len(self.wheels)))
-        return (*thrusters, *wheels)
+        further = (command for one in self.further_effectors for command in one.commands)
+        return (*thrusters, *wheels, *further)
 
     @cached_property
     def stores(self) -> tuple[Store, ...]:
-        """Meaning of `rans.model.dynamics.State.stores`: propellant left, if it is used, then wheels' momenta."""
+        """Meaning of `rans.model.dynamics.State.stores`: propellant left, if it is used, then wheels' momenta.
+
+        Those of further effectors come last.
+        """
         tank = self.propellant
         left = () if tank is None else (Store("propellant", "kg", tank.mass, 0.0, tank.mass),)
         wheels = (
             Store(f"momentum of wheel {i}", "N m s", 0.0, -wheel.max_momentum, wheel.max_momentum)
             for i, wheel in enumerate(self.wheels)
         )
-        return (*left, *wheels)
+        further = (store for one in self.further_effectors for store in one.stores)
+        return (*left, *wheels, *further)
 
     @property
     def is_continuous(self) -> bool:
         """Whether any command may be a number between its least and its largest."""
-        return self.actuators.is_continuous or bool(self.wheels)
+        return self.actuators.is_continuous or len(self.commands) > len(self.thrusters)
 
     @property
     def command_dtype(self) -> Literal["int8", "float32"]:
         """Type in which commands are remembered."""
-        return "float32" if self.wheels else self.actuators.dtype
+        only_thrusters = len(self.commands) == len(self.thrusters)
+        return self.actuators.dtype if only_thrusters else "float32"
 
     @property
     def lightest(self) -> float:
@@ -292,7 +318,7 @@ def check(craft: Spacecraft) -> None:
         _require(holds, craft, key, getattr(craft, key), bound)
     has_name = isinstance(craft.name, str) and bool(craft.name.strip())
     _require(has_name, craft, "name", craft.name, "a non-empty text")
-    for key in ("thrusters", "solids", "wheels"):
+    for key in ("thrusters", "solids", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _require(
