@@ -102,6 +102,11 @@ class Effector(ABC):
         """Numbers that it keeps in the state of the craft: by default none."""
         return ()
 
+    @property
+    def largest_torque(self) -> float:
+        """The largest torque about the centre of mass that it can give, N m: by default none."""
+        return 0.0
+
     @abstractmethod
     def begin(self, begun: Begun) -> Action:
         """What it does in a control period that begins like this."""

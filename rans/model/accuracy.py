@@ -141,6 +141,10 @@ def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
+    if craft.further_effectors:
+        torque = sum(one.largest_torque for one in craft.further_effectors)
+        least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
+        return spin_up(replace(craft, further_effectors=()), body) + torque / least
     ways = _ways(craft, body or Body.of(craft))
     directions = np.random.default_rng(0).normal(size=(64, 3))
     wheels = np.zeros((1, 0, ways.shape[-1]))

@@ -91,6 +91,11 @@ class FurtherEffector(Protocol):
         """Numbers that it keeps in the craft's state."""
         ...
 
+    @property
+    def largest_torque(self) -> float:
+        """The largest torque that it can give, N m, by which the integration steps are chosen."""
+        ...
+
 
 @dataclass(frozen=True)
 class Spacecraft(NotebookRepr):
@@ -491,7 +496,7 @@ def can_turn(craft: Spacecraft) -> bool:
     its angular velocity stays as it is. Torques below a billionth of what the same force would give on the
     longest arm are rounding.
     """
-    if craft.wheels:
+    if craft.wheels or any(one.largest_torque > 0.0 for one in craft.further_effectors):
         return True
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()

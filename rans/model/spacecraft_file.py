@@ -20,10 +20,11 @@ from rans.registry import Registry
 from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_OPTIONAL = {"solid", "wheel"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
+_OPTIONAL = {"solid", "wheel", "effector"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
     "thrusters",
     "solids",
     "wheels",
+    "further_effectors",
     *_REQUIRED,
 }
 
@@ -80,6 +81,22 @@ SPACECRAFT = Registry(
 """Every spacecraft that has a name."""
 
 
+def _effector_class(found: Any) -> Any:
+    """The class itself, if it is a dataclass with what `FurtherEffector` has."""
+    members = ("commands", "stores", "largest_torque", "begin")
+    has_all = isinstance(found, type) and all(hasattr(found, name) for name in members)
+    if not has_all or not dataclasses.is_dataclass(found):
+        raise ConfigError(
+            "it must be a dataclass derived from rans.effectors.effector.Effector, got "
+            f"{brief(found)}."
+        )
+    return found
+
+
+EFFECTORS: Registry[Any] = Registry("kind of effector", "rans.effector", {}, _effector_class)
+"""Kinds of effectors that packages add, for ``[[effector]]`` tables."""
+
+
 USUAL: dict[int, str] = {2: "floating-platform", 3: "free-flyer"}
 """Who flies where none is named, by dimension."""
 
@@ -130,7 +147,8 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 
     Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, ``[actuators]``
     with their ``kind`` and its settings, a ``[[wheel]]`` table per reaction wheel, ``[propellant]`` where
-    thrusters use up mass, and a ``[[solid]]`` table for every shape that is drawn. Planar spacecraft may give
+    thrusters use up mass, an ``[[effector]]`` table with its ``kind`` (MODULE:NAME, see `EFFECTORS`) and settings
+    for each of another kind, and a ``[[solid]]`` table for every shape that is drawn. Planar spacecraft may give
     positions and directions of thrusters as two numbers and the inertia as one.
 
     Raises:
@@ -152,7 +170,8 @@ def spacecraft_label(craft: Spacecraft) -> str:
 
 def to_toml(craft: Spacecraft) -> str:
     """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
-    table: dict[str, Any] = dataclasses.asdict(craft)
+    table: dict[str, Any] = dataclasses.asdict(dataclasses.replace(craft, further_effectors=()))
+    del table["further_effectors"]
     defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
     given = table.pop("actuators").items()
     actuators = {"kind": craft.actuators.kind} | {
@@ -168,9 +187,15 @@ def to_toml(craft: Spacecraft) -> str:
         "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
         for each in table.pop("solids")
     )
-    return (
-        f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{propellant}{thrusters}{wheels}{solids}"
-    )
+    further = "".join(f"\n[[effector]]\n{_effector_lines(one)}" for one in craft.further_effectors)
+    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{propellant}{thrusters}{wheels}{further}{solids}"
+
+
+def _effector_lines(effector: Any) -> str:
+    """Kind and settings of a further effector, which this process may read again."""
+    kind = f"{type(effector).__module__}:{type(effector).__qualname__}"
+    EFFECTORS.vouch_for(kind)
+    return _lines({"kind": kind} | dataclasses.asdict(effector))
 
 
 def _lines(table: dict[str, Any]) -> str:
@@ -194,6 +219,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "actuators": _actuators,
         "propellant": _propellant,
         "wheel": _wheels,
+        "effector": _further,
         "thrust_sharing": _text,
         "shape": _text,
         "solid": _solids,
@@ -203,6 +229,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         thrusters=values.pop("thruster"),
         solids=values.pop("solid", ()),
         wheels=values.pop("wheel", ()),
+        further_effectors=values.pop("effector", ()),
         **values,
     )
 
@@ -245,6 +272,21 @@ def _wheel(table: dict[str, Any], index: int) -> Wheel:
     _check_keys(table, names, (), where, f"{where}: ")
     numbers = (_number(table[name], f"{where} {name}") for name in names[1:])
     return Wheel(_unit(table["axis"], f"{where} axis", (3,)), *numbers)
+
+
+def _further(tables: Any, key: str) -> tuple[Any, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
+    found = []
+    for index, table in enumerate(tables):
+        where = f"effector {index}"
+        if "kind" not in table:
+            raise ConfigError(f'{where}: the key "kind" is missing.')
+        kind = _text(table["kind"], f"{where} kind")
+        EFFECTORS.check_file(kind, "the spacecraft file")
+        settings = {name: value for name, value in table.items() if name != "kind"}
+        found.append(structure(settings, EFFECTORS[kind], where))
+    return tuple(found)
 
 
 def _propellant(table: Any, key: str) -> Propellant:

@@ -55,9 +55,9 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
     """Every view in which the spacecraft looks the same, in NumPy; None if it looks so in its own only.
 
     Forces, places and directions of thrusters about the centre of mass must agree, and the inertia tensor.
-    A craft with reaction wheels has its own view only: its commands turn with no view.
+    A craft with reaction wheels or further effectors has its own view only: their commands turn with no view.
     """
-    if craft.wheels:
+    if craft.wheels or craft.further_effectors:
         return None
     found = [
         (view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None

@@ -42,6 +42,7 @@ from pydrake.systems.primitives import Integrator
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
+from rans.reference.further import drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia, wheel_inertia
 
@@ -90,6 +91,9 @@ class Plant:
         self._body = body or designed(craft)
         self._drift = drift
         self._nozzles = Nozzles.of(craft, self._body, count)
+        self._further = drake_effectors(craft.further_effectors)
+        self._given = np.zeros((count, sum(len(one.places()) for one in self._further)))
+        """What further effectors give at each of their places."""
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
@@ -238,7 +242,7 @@ class Plant:
         """
         nozzles = nozzles or self._nozzles
         states = self._with_stores(states)
-        self._set(states, commands)
+        self._set(states, commands, duration)
         self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
@@ -285,9 +289,19 @@ class Plant:
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
         nozzles = [
-            PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
+            info
             for body in self._bodies
-            for t in self.craft.thrusters
+            for info in (
+                *(
+                    PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
+                    for t in self.craft.thrusters
+                ),
+                *(
+                    PropellerInfo(body.index(), place.pose, place.force, place.torque)
+                    for one in self._further
+                    for place in one.places()
+                ),
+            )
         ]
         propeller = Propeller(nozzles)
         thrust = Integrator(len(nozzles))
@@ -349,7 +363,8 @@ class Plant:
 
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
-        return states[:, states.shape[1] - len(self.craft.wheels) :]
+        end = states.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
+        return states[:, end - len(self.craft.wheels) : end]
 
     def _axes(self) -> np.ndarray:
         """Axes of the wheels in B, (3, wheels)."""
@@ -362,7 +377,8 @@ class Plant:
         strongest, largest = np.array(
             [(wheel.max_torque, wheel.max_momentum) for wheel in self.craft.wheels]
         ).T
-        wanted = commands[:, len(self.craft.thrusters) :] * strongest
+        first = len(self.craft.thrusters)
+        wanted = commands[:, first : first + len(self.craft.wheels)] * strongest
         if np.isfinite(duration):
             least = (-largest - momenta) / duration
             most = (largest - momenta) / duration
@@ -426,8 +442,8 @@ class Plant:
                     now = stop
             begin = end
 
-    def _set(self, states: np.ndarray, commands: np.ndarray) -> None:
-        """Put states and commands into the context."""
+    def _set(self, states: np.ndarray, commands: np.ndarray, duration: float = math.inf) -> None:
+        """Put states and commands into the context; of further effectors for a control period, s."""
         states = self._with_stores(states)
         stores = states[:, self._width :]
         states = states[:, : self._width]
@@ -452,10 +468,30 @@ class Plant:
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
         opened = commands[:, : len(self.craft.thrusters)]
+        self._begin_further(commands, stores, duration)
         self._open(self._nozzles.force_shares(opened), np.zeros(opened.shape))
+
+    def _begin_further(self, commands: np.ndarray, stores: np.ndarray, duration: float) -> None:
+        """Begin a control period (s) of further effectors."""
+        commands = self._with_wheels(commands)
+        first = len(self.craft.thrusters) + len(self.craft.wheels)
+        kept = stores.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
+        self._begun = []
+        """Each further effector with its commands and stores, and the length of the control period."""
+        for described, one in zip(self.craft.further_effectors, self._further, strict=True):
+            last = first + len(described.commands)
+            left = kept + len(described.stores)
+            self._begun.append((one, commands[:, first:last], stores[:, kept:left], duration))
+            first = last
+            kept = left
+        if self._begun:
+            self._given = np.hstack([one.values(*begun) for one, *begun in self._begun])
 
     def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
         """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""
+        if self._begun:
+            thrust = np.hstack([thrust, self._given])
+            rate = np.hstack([rate, np.zeros(self._given.shape)])
         self._thrust.set_integral_value(self._thrust_context, thrust.ravel())
         self._simulator.get_system().GetInputPort("rate").FixValue(self._context, rate.ravel())
 
@@ -483,6 +519,11 @@ class Plant:
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             spins = self._plant.GetVelocities(self._plant_context)[self._spins]
             rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
+        if self._begun:
+            time = self._context.get_time()
+            rows = np.hstack(
+                [rows, *(one.stores_after(*begun, time) for one, *begun in self._begun)]
+            )
         return rows
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:

@@ -211,10 +211,11 @@ class Lookahead:
                 f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
                 f"those of {craft.name} are {craft.actuators.kind}."
             )
-        if craft.wheels:
+        if len(craft.commands) > len(craft.thrusters):
+            others = "reaction wheels" if craft.wheels else "effectors of other kinds"
             raise ConfigError(
-                f"{agent.name} cannot look ahead: {craft.name} has reaction wheels, and it would open and shut "
-                "single thrusters."
+                f"{agent.name} cannot look ahead: {craft.name} has {others}, and it would open and shut single "
+                "thrusters."
             )
         for what, seconds in (
             ("the horizon", horizon),

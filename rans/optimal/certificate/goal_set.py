@@ -83,6 +83,11 @@ def check_certifiable(craft: Spacecraft) -> None:
     Raises:
         ConfigError: it has reaction wheels, or uses propellant.
     """
+    if craft.further_effectors:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has effectors of other "
+            "kinds."
+        )
     if craft.stores:
         raise ConfigError(
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "

@@ -167,6 +167,11 @@ def check_relaxation(craft: Spacecraft) -> None:
 
 
 def _check_wheels(craft: Spacecraft) -> None:
+    if craft.further_effectors:
+        raise ConfigError(
+            f"controllers and optimal trajectories command thrusters alone, but {craft.name!r} has effectors "
+            "of other kinds: fly an agent or a controller of your own."
+        )
     if craft.wheels:
         raise ConfigError(
             f"controllers and optimal trajectories command thrusters alone, but {craft.name!r} has "

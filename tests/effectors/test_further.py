@@ -1,0 +1,124 @@
+"""An effector of a kind that RANS does not know: one file and Drake's, and it works everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+import rans
+from rans.effectors.motion import effectors_of, held
+from rans.errors import ConfigError
+from rans.fast.flights import Flights
+from rans.flight import Setup, fly
+from rans.model.actuators import Throttle
+from rans.model.body import Body
+from rans.model.fields import leaves
+from rans.model.spacecraft import CommandRange, Spacecraft
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
+from rans.model.timing import Timing
+from rans.optimal.certificate.goal_set import check_certifiable
+from rans.optimal.trajectory.allocation import check_relaxation
+from rans.reference.flight import DrakeMover
+from rans.reference.plant import Plant
+from rans.scenario import scenarios
+from tests.effectors.test_everywhere import ALL, Scripted, untrained_policy
+from tests.support.effector_crafts import commands, states
+from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
+
+both = pytest.mark.parametrize("craft", [TURNED, TURNED_IN_SPACE], ids=["plane", "space"])
+
+
+@pytest.mark.parametrize("craft", [*ALL, TURNED], ids=lambda craft: craft.name)
+def test_a_crafts_commands_and_stores_are_those_of_its_effectors(craft: Spacecraft) -> None:
+    effectors = effectors_of(craft)
+    assert tuple(one for e in effectors for one in e.commands) == craft.commands
+    assert tuple(one for e in effectors for one in e.stores) == craft.stores
+
+
+def test_torque_by_hand_until_the_charge_is_gone() -> None:
+    """0.05 N m for 1 s of 1.5 s of charge, then for half of the next second."""
+    still = (0.0,) * len(TURNED.thrusters)
+    start = replace(states(TURNED, 2, spin=0.0), stores=(np.array([1.5, 1.5]),))
+    inertia = TURNED.inertia[2][2]
+    timing = Timing(control_period=1.0, substeps=1)
+    one = np.array([1.0, -1.0])
+    first = held(start, TURNED, Body.of(TURNED), (*still, one), timing)
+    second = held(first, TURNED, Body.of(TURNED), (*still, one), timing)
+    gained = np.array([0.05, -0.05]) / inertia
+    np.testing.assert_allclose(first.w, gained, rtol=1e-12)
+    np.testing.assert_allclose(second.w, 1.5 * gained, rtol=1e-12)
+    np.testing.assert_allclose(first.stores[0], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(second.stores[0], 0.0, atol=1e-12)
+
+
+@both
+def test_engines_step_alike(craft: Spacecraft) -> None:
+    found = {}
+    for kind in ("program", "plain", "double"):
+        dtype = torch.float64 if kind == "double" else torch.float32
+        engine = rans.Engine(craft, "go-to-pose", 32, seed=3, plain=kind == "plain", dtype=dtype)
+        for k in range(8):
+            engine.step(torch.from_numpy(commands(craft, 32, seed=k)).to(dtype))
+        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
+    assert found["double"][-1].min() < 1.0  # charge was used
+    np.testing.assert_allclose(found["program"], found["double"], rtol=0, atol=2e-4)
+    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
+
+
+@both
+def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
+    task = rans.GoToPose()
+    timing = Timing(episode_steps=20, checks=2)
+    starts = scenarios(task, craft, 5, 3)
+    ours = fly(craft, task, Scripted(craft), starts, timing)
+    drake = fly(craft, task, Scripted(craft), starts, timing, "drake", DrakeMover(craft, timing))
+    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=2e-6)
+    assert np.ptp(ours.states.stores[0]) > 1.0
+
+
+def test_gymnasium_knows_its_command() -> None:
+    craft = replace(TURNED, actuators=Throttle())
+    env = gymnasium.make("rans/GoToPose2D-v0", spacecraft=craft).unwrapped
+    check_env(env, skip_render_check=True)
+    space: Any = env.action_space
+    assert (space.low[-1], space.high[-1]) == (-1.0, 1.0)
+
+
+def test_an_agent_trains_and_flies_with_it() -> None:
+    engine = rans.Engine(TURNED, "go-to-pose", 16)
+    model = rans.PPO(engine, n_steps=8)
+    model.learn(256)
+    policy = untrained_policy(TURNED)
+    setup = Setup(TURNED, rans.GoToPose(), Timing(episode_steps=20))
+    ways = [Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False)]
+    assert ways[0].flights == ways[1].flights == 64
+
+
+def test_its_file_says_what_it_is() -> None:
+    text = to_toml(TURNED_IN_SPACE)
+    assert parse_spacecraft(text, "a file").further_effectors == TURNED_IN_SPACE.further_effectors
+    assert "[[effector]]" not in to_toml(load_spacecraft("free-flyer"))
+    strange = text.replace("tests.support.torquer:Torquer", "tests.support.torquer:Other")
+    with pytest.raises(ConfigError, match="would run that module's code"):
+        parse_spacecraft(strange, "a file")
+
+
+class Unknown(Torquer):
+    """Nobody told Drake of it."""
+
+
+def test_what_knows_nothing_of_it_refuses() -> None:
+    for check in (check_relaxation, check_certifiable):
+        with pytest.raises(ConfigError, match="effectors of other"):
+            check(TURNED)
+    strange = replace(TURNED, further_effectors=(Unknown((0.0, 0.0, 1.0), 0.1, 1.0),))
+    with pytest.raises(ConfigError, match="Drake does not know effectors of the kind Unknown"):
+        Plant(strange)
+    assert TURNED.commands[-1] == CommandRange("torquer", "torque", -1.0, 1.0)
