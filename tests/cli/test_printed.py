@@ -71,7 +71,7 @@ def test_the_end_of_a_training(
         warm_up=2.5,
         seconds=4.0,
         rate=123_456.0,
-        learner=SimpleNamespace(way=""),
+        learner=SimpleNamespace(description=""),
         config=SimpleNamespace(solved_share=share),
         steps=500_000,
     )
