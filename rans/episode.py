@@ -198,6 +198,9 @@ class World:
         """States at the checks of one control period, by our equations; the last one is at its end."""
         body = step_inputs.body
         command = step_inputs.commands[0]
+        pieces = None
+        if step_inputs.lag is not None or step_inputs.failing is not None:
+            pieces = step_inputs.pieces(self.craft, self.timing.control_period)
         return states_at_checks(
             state,
             self.craft,
@@ -207,7 +210,7 @@ class World:
             self.task.drift,
             self.nodes,
             step_inputs.disturbance,
-            step_inputs.pieces(self.craft, self.timing.control_period),
+            pieces,
         )
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:

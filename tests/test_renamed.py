@@ -14,7 +14,7 @@ from rans.fast.learn.config import Failures, from_table, to_table
 from rans.fast.learn.recipes import training
 from rans.pretrained import pretrained_folder
 from rans.structure import structure
-from rans.tasks.arrived import Arrived
+from rans.tasks.rewards import Arrived
 
 
 def test_a_former_keyword_sets_the_present_field() -> None:

@@ -108,8 +108,8 @@ class Effector(ABC):
         return 0.0
 
     @abstractmethod
-    def begin(self, begun: Begun) -> Action:
-        """What it does in a control period that begins like this."""
+    def begin(self, begun: Begun) -> Action | None:
+        """What it does in a control period that begins like this; None: nothing that changes parts or stores."""
 
 
 def times(amount: Any, factor: Field) -> Any:

@@ -4,20 +4,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector, Push, grown
 from rans.effectors.propellant import PropellantTank
-from rans.effectors.thrusters import Thrusters
 from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance
+from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, at_once
 from rans.model.fields import Field, at_least, map_leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
+
+
+@dataclass(frozen=True)
+class Thrusters(Effector):
+    """Thrusters of a craft, on/off, pulsed or throttled: where the parts of a control period come from."""
+
+    craft: Spacecraft
+
+    @property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """One of each thruster."""
+        return self.craft.commands[: len(self.craft.thrusters)]
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """None."""
+        return ()
+
+    def pieces(self, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
+        """Parts of a control period (s) in which thrusters obey their commands at once."""
+        return at_once(self.craft, body, command, period)
+
+    def begin(self, begun: Begun) -> None:
+        """They change nothing beside `pieces`."""
 
 
 def states_at_checks(
@@ -115,7 +138,9 @@ def begin(
         takes = len(effector.commands)
         keeps = len(effector.stores)
         own = Begun(command[taken : taken + takes], stores[kept : kept + keeps], body, period)
-        actions.append(effector.begin(own))
+        action = effector.begin(own)
+        if action is not None:
+            actions.append(action)
         taken += takes
         kept += keeps
     return actions

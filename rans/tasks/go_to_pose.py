@@ -9,10 +9,9 @@ from functools import partial
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.arrived import Arrived
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
-from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.rewards import Arrived, Transition, is_used, nearness, speed
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from tests.support.draws import FLYER, PLATFORM
 
 SHORT = Timing(episode_steps=40)
 PACKAGE = Path(rans.__file__).parent
-STEP_FILES = 16
+STEP_FILES = 13
 """Of ours, that one step of an environment touches in plain mode."""
 LEARNER_FILES = 14
 """Of ours, that one iteration of PPO touches beside those of its steps and resets."""

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.model.drift import Drift
+from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3
-from rans.model.translation import RULES
 
 _RULE = RULES[8]
 """Nodes and weights of the quadrature of a constant acceleration through a drift."""

@@ -23,10 +23,10 @@ import numpy as np
 
 from rans.errors import ConfigError, SolverFailed
 from rans.model.drift import Drift
+from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.model.translation import RULES
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 
