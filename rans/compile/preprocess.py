@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +20,12 @@ from torch import Tensor
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.opaque import opaque
 from rans.compile.cuda.source import Lines, indented
-from rans.compile.flight_program import side, viewed
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import Preprocessor, TorchPreprocessor
+from rans.policy.scalars import symbols
 from rans.policy.symmetry import Symmetries
+from rans.policy.traced import policy_program
 
 if TYPE_CHECKING:
     from rans.compile.cpu.actor_critic import CpuActorCritic
@@ -51,24 +53,27 @@ def compiled_preprocessor(
 
 def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
     """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
-    layout = given.layout
+    policy = policy_program(given)
+    views = ["view"] * any("view" in step.outputs for step in policy.steps)
 
     def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+        found, _ = symbols(policy, {"observation": columns}, ["body"])
+        return found["body"], Symbol.constant(0)
 
     def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        blocks = given.filtered(columns)
-        way = layout.body.ahead(blocks[0][1])
-        if given.symmetries is None or way is None:
-            return [x for _, block in blocks for x in block], Symbol.constant(0)
-        which, turn, hand = side(given.symmetries, way)
-        return [x for shown, block in blocks for x in viewed(shown, block, turn, hand)], which
+        known = {"body": columns[: given.seen], "filters": columns[given.seen :]}
+        found, _ = symbols(policy, known, ["seen", *views])
+        return found["seen"], found["view"][0] if views else Symbol.constant(0)
 
     def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        return list(map(Symbol.constant, given.expected(row))), Symbol.constant(0)
+        parts = {"body": given.seen, "filters": given.filtering, "command": given.thrusters}
+        rest = iter(row)
+        known = {name: list(islice(rest, width)) for name, width in parts.items()}
+        found, _ = symbols(policy, known, ["filters_after"])
+        return found["filters_after"], Symbol.constant(0)
 
     width = given.seen + given.filtering
-    programs = [(turned, layout.width), (seen, width)]
+    programs = [(turned, given.layout.width), (seen, width)]
     return [*programs, (expected, width + given.thrusters)] if given.filters else programs
 
 

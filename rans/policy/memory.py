@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.policy.architecture import Architecture
+from rans.policy.formulas import gated
 from rans.policy.preprocess import MakePreprocessor
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Layout
@@ -126,9 +127,7 @@ def recurrent(
     for t in range(inputs.shape[-3]):
         if going_on is not None and t > 0:
             state = state * going_on[t]
-        reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
-        old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
-        update = torch.sigmoid(update + old_update)
-        fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
-        states.append(state := fresh + update * (state - fresh))
+        gates = inputs.select(-3, t).chunk(3, dim=-1)
+        state = gated(*gates, *recalled(state).chunk(3, dim=-1), state)
+        states.append(state)
     return torch.stack(states, dim=-3)

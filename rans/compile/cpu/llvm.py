@@ -263,6 +263,8 @@ OPERATIONS: dict[str, Callable[..., Value]] = {
     "tanh": Code.tanh,
     "exp": Code.exp,
     "where": Code.select,
+    "maximum": lambda code, a, b: code.select(code.fcmp_ordered("<", a, b), b, a),
+    "minimum": lambda code, a, b: code.select(code.fcmp_ordered(">", a, b), b, a),
     **{
         sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
         for sign in ("<", "<=", ">", ">=", "==", "!=")
