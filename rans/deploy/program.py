@@ -68,10 +68,11 @@ def _opened(program: Program) -> Program:
             names[first] = _activated(result, str(step.attributes["activation"]), row)
         elif step.operation == "Identity" and own:
             names[first] = operands[0]
-        elif own:
-            names[first] = result.apply(step.operation, *operands, **step.attributes)
         else:
-            result.steps.append(replace(step, inputs=tuple(operands)))
+            if own:
+                names[first] = f"x{len(result.steps)}"
+            outputs = tuple(names.get(name, name) for name in step.outputs)
+            result.steps.append(replace(step, inputs=tuple(operands), outputs=outputs))
     return result
 
 

@@ -127,7 +127,8 @@ def recurrent(
     for t in range(inputs.shape[-3]):
         if going_on is not None and t > 0:
             state = state * going_on[t]
-        gates = inputs.select(-3, t).chunk(3, dim=-1)
-        state = gated(*gates, *recalled(state).chunk(3, dim=-1), state)
+        reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
+        old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
+        state = gated(reset, update, fresh, old_reset, old_update, old, state)
         states.append(state)
     return torch.stack(states, dim=-3)

@@ -114,7 +114,7 @@ _EACH: dict[str, Callable[..., Field]] = {
 
 def fields(
     program: Program,
-    known: Mapping[str, Sequence[Field]],
+    known: Mapping[str, Iterable[Field]],
     wanted: Sequence[str],
     dense: Dense,
     gather: Gather | None = None,
@@ -149,7 +149,7 @@ def fields(
 
 def symbols(
     program: Program,
-    known: Mapping[str, Sequence[Field]],
+    known: Mapping[str, Iterable[Field]],
     wanted: Sequence[str],
     gather: Gather | None = None,
 ) -> tuple[dict[str, list[Symbol]], tuple[Stage, ...]]:
