@@ -22,7 +22,7 @@ from rans.compile.cuda.opaque import opaque
 from rans.compile.cuda.source import Lines, indented
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
-from rans.policy.preprocess import Preprocessor, TorchPreprocessor
+from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
 from rans.policy.scalars import symbols
 from rans.policy.symmetry import Symmetries
 from rans.policy.traced import policy_program
@@ -40,7 +40,7 @@ _REALS = {torch.float32: "float", torch.float64: "double"}
 
 def compiled_preprocessor(
     given: Architecture, views: Symmetries | None, like: Tensor
-) -> Preprocessor:
+) -> ColumnExecutor:
     """Preprocessor of a network with tensors like this one: programs where they are faster.
 
     In double precision on a CPU, which is for comparisons, that is nowhere.
@@ -77,7 +77,7 @@ def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
     return [*programs, (expected, width + given.thrusters)] if given.filters else programs
 
 
-class CpuPreprocessor(Preprocessor):
+class CpuPreprocessor(ColumnExecutor):
     """By NumPy, in single precision; not for two threads at once."""
 
     _MOST = 4096
@@ -93,7 +93,7 @@ class CpuPreprocessor(Preprocessor):
         return CpuPreprocessor, (self._given, self._plain)
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return (
             self._rows(0, observation)[0]
             if self._works(observation)
@@ -101,17 +101,17 @@ class CpuPreprocessor(Preprocessor):
         )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._rows(1, rows) if self._works(rows) else self._plain.seen(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
 
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor] | None:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         weight = tensors["value_net.weight"]
         if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
             return None
@@ -158,7 +158,7 @@ class CpuPreprocessor(Preprocessor):
         return torch.from_numpy(np.stack(found)).T, side
 
 
-class CudaPreprocessor(Preprocessor):
+class CudaPreprocessor(ColumnExecutor):
     """By a kernel each on a CUDA device, compiled when they are first asked for.
 
     Torch's compiler takes minutes over filters: to it, these kernels are one operation.
@@ -178,7 +178,7 @@ class CudaPreprocessor(Preprocessor):
         self._opaque = opaque(self) if given.filters and self._functions is not None else None
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return (
             self.rows(0, observation)[0]
             if self._works(observation)
@@ -186,13 +186,13 @@ class CudaPreprocessor(Preprocessor):
         )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         if self._opaque is not None:
             return self._opaque(1, rows)
         return self.rows(1, rows) if self._works(rows) else self._plain.seen(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._plain.expected(rows) if self._opaque is None else self._opaque(2, rows)[0]
 
     def _works(self, rows: Tensor) -> bool:

@@ -163,13 +163,13 @@ class Network(Remembering):
         views = self._views
         history, filters = self._parted(memory, len(columns))
         rows = columns if filters is None else torch.cat((columns, filters), dim=1)
-        if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
+        if views is None or given.ahead(tuple(range(given.seen))) is None:
             return rows if filters is None else self._preprocessor.seen(rows)[0], history, None
         seen, which = self._preprocessor.seen(rows)
         place = views.place[which]
         if history is None or not given.recalled:
             return seen, history, place
-        return seen, viewed(history, given.recalled, given.layout.body, views, which), place
+        return seen, viewed(history, given.recalled, given.columns, views, which), place
 
     def evaluate_seen(
         self,

@@ -27,7 +27,8 @@ TRACED = Capabilities(recurrent=True)
 def policy_program(given: Architecture, command: str = "command") -> Program:
     """What policies of an architecture answer to an observation (N, width) and a memory (N, m).
 
-    Rows that executors may ask for, each if there is one: "body", columns in B; "history" and "filters", the two
+    Rows that executors may ask for, each if there is one: "body", columns as
+    the preprocessor makes them; "history" and "filters", the two
     parts of the memory, which is the state of a recurrent core otherwise; "view", the side of the spacecraft that
     has the goal ahead; "seen", columns and what filters tell, from that side; "shown", what the trunk is given;
     "filters_after", "newest", what the history is continued with, "memory_out"; and the commands, numbers from 0 to
@@ -43,7 +44,7 @@ def policy_program(given: Architecture, command: str = "command") -> Program:
     observed = inputs("column", given.layout.width)
     columns = program.single("observation", len(observed))
     body = program.joined(
-        *program.lowered(given.layout.in_body(observed), dict(zip(observed, columns, strict=True))),
+        *program.lowered(given.preprocessed(observed), dict(zip(observed, columns, strict=True))),
         name="body",
     )
     history = known = ""
@@ -131,7 +132,7 @@ def _filtered(
 ) -> list[tuple[Layout, list[str] | None]]:
     """Columns as they count and what each filter makes of them, with their layouts; None: those in B."""
     if not known:
-        return [(given.layout.body, None)]
+        return [(given.columns, None)]
     read, memory = inputs("read", given.seen), inputs("filter", given.filtering)
     rows = (*program.single(body, len(read)), *program.single(known, len(memory)))
     blocks = given.filtered((*read, *memory))
@@ -174,10 +175,9 @@ class _View:
         Columns as they count are given one by one; None: those of "body".
         """
         views = given.symmetries
-        body = given.layout.body
-        if views is None or body.ahead(range(given.seen)) is None:
+        if views is None or given.ahead(range(given.seen)) is None:
             return None
-        way = body.ahead(counted or program.single("body", given.seen))
+        way = given.ahead(counted or program.single("body", given.seen))
         assert way is not None
         # Rounding noise in a matrix would cost operations.
         turn = np.round(views.turn, 12) + 0.0
@@ -226,7 +226,7 @@ def _recalled(program: Program, given: Architecture, view: _View | None, history
     rows = _shaped(program, history, given.recalled, given.row)
     then, told = program.split(rows, (given.answered, given.thrusters))
     if view is not None:
-        then = then and view.columns(program, given.layout.body, then, rows=True)
+        then = then and view.columns(program, given.columns, then, rows=True)
         told = view.commands(program, told, given.recalled)
     if then:
         then = program.each(lambda x, m, s: normalised(x, m, s, given.clip), then, "mean", "scale")

@@ -14,9 +14,11 @@ import torch
 
 from rans.deploy.export import Form, write_agent
 from rans.fast.agent_files.agent import SavedPolicy
+from rans.errors import ConfigError
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
+from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.program import Step
@@ -44,10 +46,22 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
     "filters": (PLATFORM, {"filters": BANK, "zoom": 4.0}),
     "recurrent": (PLATFORM, {"units": 8}),
+    "another preprocessor": (FLYER, {"preprocessor": "world", "sided": False, "zoom": 2.0}),
+    "another preprocessor, history": (
+        PLATFORM,
+        {"preprocessor": "world", "sided": False, "history": 2},
+    ),
+    "attention": (
+        PLATFORM,
+        {"sided": False, "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
+    ),
 }
+TORCH_ALONE = ("attention",)
+"""Those that nobody else states: their flights are torch's, and files refuse them."""
 STEPS = 4
 COUNT = 200
 each_policy = pytest.mark.parametrize("kind", POLICIES)
+each_printed = pytest.mark.parametrize("kind", [x for x in POLICIES if x not in TORCH_ALONE])
 
 
 @cache
@@ -100,7 +114,7 @@ def test_torch_in_single_precision(kind: str) -> None:
     agree(torch.stack(found), expected)
 
 
-@each_policy
+@each_printed
 def test_the_traced_program_on_fields(kind: str) -> None:
     """The program that all other executors are printed from, run by NumPy."""
     network, rows, expected = known(kind)
@@ -125,8 +139,17 @@ def test_the_traced_program_on_fields(kind: str) -> None:
     agree(np.stack(found), expected)
 
 
+@pytest.mark.parametrize("kind", TORCH_ALONE)
+@pytest.mark.parametrize("form", ["onnx", "numpy", "c"])
+def test_files_refuse_what_they_cannot_have(kind: str, form: Form, tmp_path: Path) -> None:
+    network, _, _ = known(kind)
+    with pytest.raises(ConfigError, match=kind):
+        write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("form", ["onnx", "numpy"])
-@each_policy
+@each_printed
 def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
     network, rows, expected = known(kind)
     write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
@@ -146,7 +169,7 @@ def test_flights_as_machine_code(kind: str) -> None:
     given = setup(POLICIES[kind][0])
     ours, theirs = (Flights(network, given, generated=generated) for generated in (True, False))
     found, expected = (one.fly(1000, COUNT, 2**40 + 5) for one in (ours, theirs))
-    assert found.ways == {"CPU, float32"}
+    assert found.ways == {"stepping, cpu" if kind in TORCH_ALONE else "CPU, float32"}
     # Sums of float32 in another order: of 200 flights two may be judged otherwise.
     assert abs(found.unsolved - expected.unsolved) <= 2
     for name, sums in expected.sums.items():

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
 
 from rans.compile.cpu.layers import CpuLayers
-from rans.compile.cpu.program import CompiledProgram, Memory
+from rans.compile.cpu.program import CompiledProgram
 from rans.compile.flight_program import FlightProgram
 from rans.episode import World
 from rans.flight_statistics import FlightStatistics
@@ -58,16 +59,16 @@ class CpuFlights:
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
-        begin, step, verdict = self._memory(count)
-        stages = list(zip(self._program.stages, self._layers, strict=True))
+        begin, step, verdict, *memories = self._memory(count)
+        stages = list(zip(self._program.stages, self._layers, memories, strict=True))
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             begin.give((*seed_words(seed), numbers))
             begun = begin.run(0)
             step.give((*seed_words(seed), numbers, *begun))
             for _ in range(self._world.timing.episode_steps):
-                for part, (stage, layers) in enumerate(stages):
-                    answers = layers(step.run(part))
+                for part, (stage, layers, memory) in enumerate(stages):
+                    answers = layers(step.run(part), memory)
                     for symbol, answer in zip(stage.outputs, answers, strict=True):
                         step.put(symbol, answer)
                 for symbol, command in zip(self._told, step.run(len(stages)), strict=True):
@@ -85,12 +86,12 @@ class CpuFlights:
             self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
         )
 
-    def _memory(self, count: int) -> tuple[Memory, ...]:
+    def _memory(self, count: int) -> tuple[Any, ...]:
         """This thread's; most calls are for as many flights."""
         kept = getattr(self._own, "memory", None)
         if kept is None or self._own.count != count:
             self._own.count = count
             self._own.memory = kept = tuple(
-                p.memory(count) for p in (self._begin, self._step, self._verdict)
+                one.memory(count) for one in (self._begin, self._step, self._verdict, *self._layers)
             )
         return kept

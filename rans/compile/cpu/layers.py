@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,16 @@ from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, Program, Value
 from rans.compile.cpu.matmul import WIDTH, dense
 from rans.policy.capabilities import Capabilities
 from rans.policy.scalars import Stage
+
+
+class LayersMemory(NamedTuple):
+    """What layers read and write."""
+
+    rows: np.ndarray
+    """(inputs, N), each row of a multiple of `WIDTH` numbers in memory."""
+    out: np.ndarray
+    """(outputs, N), the same."""
+    scratch: np.ndarray
 
 
 class CpuLayers:
@@ -43,24 +53,33 @@ class CpuLayers:
         )
         self._run = self._program.compiled("layers")
 
-    def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """Outputs (outputs, N) of what the first layer is given, one array (N,) or number a column."""
-        count = max(np.size(column) for column in columns)
+    def memory(self, count: int) -> LayersMemory:
+        """Of calls for N spacecraft: not for two threads at once."""
         padded = -(-count // WIDTH) * WIDTH
-        rows = np.zeros((len(columns), padded), np.float32)
+        return LayersMemory(
+            np.zeros((self._sizes[0], padded), np.float32)[:, :count],
+            np.zeros((self._sizes[-1], padded), np.float32)[:, :count],
+            np.empty(2 * max(self._sizes) * WIDTH, np.float32),
+        )
+
+    def __call__(self, columns: Sequence[np.ndarray], memory: LayersMemory) -> np.ndarray:
+        """Outputs (outputs, N) of what the first layer is given, one array (N,) or number a column.
+
+        The next call with the same memory overwrites them.
+        """
+        rows, out, scratch = memory
         for row, column in zip(rows, columns, strict=True):
-            row[:count] = column
-        out = np.empty((self._sizes[-1], padded), np.float32)
-        scratch = np.empty(2 * max(self._sizes) * WIDTH, np.float32)
+            row[:] = column
+        stride = rows.strides[0] // rows.itemsize
         self._run(
             rows.ctypes.data,
-            padded,
-            padded // WIDTH,
+            stride,
+            stride // WIDTH,
             self._weights.ctypes.data,
             scratch.ctypes.data,
             out.ctypes.data,
         )
-        return out[:, :count]
+        return out
 
     def _write(
         self,

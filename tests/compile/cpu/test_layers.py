@@ -33,7 +33,8 @@ def test_outputs_are_torchs(kind: str, count: int) -> None:
         policy_program(given), {"observation": inputs("observed", given.layout.width)}, ["command"]
     )
     rows = torch.randn(count, given.inputs, generator=torch.Generator().manual_seed(1))
-    found = CpuLayers(stage, parameters(network))(list(rows.numpy().T))
+    layers = CpuLayers(stage, parameters(network))
+    found = layers(list(rows.numpy().T), layers.memory(count))
     x = rows
     for layer in range(len(given.layers)):
         x = given.activation_module()(
