@@ -135,7 +135,8 @@ class CpuActorCritic:
             places = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
             vectors = [self._known(code, observation, stride, place, normal) for place in places]
             for v, known in enumerate(vectors):
-                for i, value in enumerate(code.evaluated(self._shown, known)):
+                for i, symbol in enumerate(self._shown):
+                    (value,) = code.extended([symbol], known)
                     code.write(value, scratch, i * WIDTH + v * LANES)
             for at, (length, units) in enumerate(pairwise(sizes)):
                 source, to = (code.at(scratch, start, FLOAT) for start in starts[at : at + 2])
@@ -156,7 +157,7 @@ class CpuActorCritic:
                     code.read(scratch, starts[-1] + i * WIDTH + v * LANES) for i in range(sizes[-1])
                 ]
                 known |= dict(zip(self._outputs, rows, strict=True))
-                for i, value in enumerate([*code.evaluated(self._placed, known), worth]):
+                for i, value in enumerate([*code.extended(self._placed, known), worth]):
                     code.write(value, out, code.add(code.mul(LONG(i), stride), place))
             return []
 
