@@ -139,7 +139,7 @@ def trace_flight(
         policy.row,
         policy.newest,
         policy.view,
-        verdict.going,
+        verdict.running,
         Symbol.constant(verdict.failure()),
         verdict.settles,
         Symbol.constant(verdict.settled),

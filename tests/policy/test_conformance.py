@@ -13,8 +13,8 @@ import pytest
 import torch
 
 from rans.deploy.export import Form, write_agent
-from rans.fast.agent_files.agent import SavedPolicy
 from rans.errors import ConfigError
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
