@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rans.effectors.commands import of_outputs
 from rans.episode import World, step
-from rans.model.fields import Field, leaves, unflatten, where
+from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws
 from rans.model.trace import Kind, Symbol
 from rans.policy.architecture import Architecture
-from rans.policy.symmetry import AIM, Symmetries
-from rans.tasks.observation_terms import Layout
+from rans.policy.program import inputs
+from rans.policy.scalars import Stage, symbols
+from rans.policy.traced import policy_program
 from rans.verdict import FlightAccumulator
-
-_Row = tuple[Symbol, ...]
 
 
 @dataclass(frozen=True)
@@ -32,24 +31,49 @@ class Carried:
     """The same symbol where no step changes it."""
 
 
+class Lookup(NamedTuple):
+    """Numbers that an executor reads from a table's places among others, instead of by comparisons."""
+
+    name: str
+    """Of the table."""
+    found: tuple[Symbol, ...]
+    """Inputs of what is computed with them."""
+    source: tuple[Symbol, ...]
+    table: np.ndarray
+    """(S, n): for each side of the spacecraft, which of the sources each is."""
+
+
+class RecalledRow(NamedTuple):
+    """What the network is given of one row of a history, and which numbers it is made of."""
+
+    then: tuple[Symbol, ...]
+    shown: tuple[Symbol, ...]
+    lookups: tuple[Lookup, ...]
+
+
 @dataclass(frozen=True)
 class FlightProgram:
     """What a flight computes from the seed's words "low" and "high" and the scenario's "number".
 
-    Before the policy is asked, from "carried_0" ...: what it is shown. After it has answered "command_0" ...:
-    the same numbers a step later. A policy with a history is also shown earlier rows, made of "then_0" ...,
-    what it saw then.
+    In each step, from what is carried: inputs of the policy's layers; from their outputs, commands; and from these,
+    "command_0" ..., what is carried a step later.
     """
 
     carried: tuple[Carried, ...]
-    columns: tuple[Symbol, ...]
-    """In the body frame: what a history remembers."""
-    seen: tuple[Symbol, ...]
-    """The same from the side of the spacecraft that has the goal ahead, and as filters have them."""
-    then: tuple[Symbol, ...]
-    """Earlier columns "then_0" ... from that side."""
+    """Of the episode, its verdict, and a policy's filters or recurrent core."""
+    history: tuple[Carried, ...]
+    """Of the policy's."""
+    stages: tuple[Stage, ...]
+    """The policy's layers, in order."""
+    commands: tuple[Symbol, ...]
+    lookups: tuple[Lookup, ...]
+    """Of them."""
+    row: RecalledRow | None
+    """One row of the history, for executors that loop over its rows; the last inputs of the first layer."""
+    newest: tuple[Symbol, ...]
+    """The row that the history is continued with."""
     view: Symbol
-    """Which side that is, int."""
+    """From which side of the spacecraft the policy sees it, int."""
     going: Symbol
     """Whether the flight is not over, of `rans.verdict.FlightAccumulator`, over what is carried."""
     failure: Symbol
@@ -61,8 +85,23 @@ class FlightProgram:
     """Return, impulse, and open thrusters summed over the last fifth."""
 
 
-def trace_flight(world: World, given: Architecture) -> FlightProgram:
-    """Run a flight on symbols; TypeError where a task does more than arithmetic on fields."""
+def trace_flight(
+    world: World,
+    given: Architecture,
+    tables: Mapping[str, np.ndarray] | None = None,
+) -> FlightProgram:
+    """Run a flight on symbols.
+
+    Args:
+        world: in which the policy flies.
+        given: the policy's architecture.
+        tables: the policy's parameters (`rans.policy.traced.parameters`), to be written into the program. Without,
+            those that no layer has are inputs, such as "mean_0", and what each side of the craft has in another
+            place is a `Lookup`.
+
+    Raises:
+        TypeError: a task or the policy does more than arithmetic on fields.
+    """
     low, high, number = (Symbol.input(name, "int") for name in ("low", "high", "number"))
     draws = Draws(low, high, number, 0, None)
     clock = Symbol.constant(0)
@@ -89,19 +128,17 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
         for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
         if isinstance(symbol, Symbol)
     )
-    filters = [Symbol.input(f"filter_{i}") for i in range(given.filtering)]
-    columns, seen, then, view = shown(given, world.observe(now, draws), filters)
-    expected = given.expected((*columns, *filters, *commands))
-    carried += tuple(
-        Carried(symbol, Symbol.constant(0.0), after)
-        for symbol, after in zip(filters, expected, strict=True)
-    )
+    policy = _PolicyInFlight.traced(given, world.observe(now, draws), commands, tables)
+    carried += policy.carried
     return FlightProgram(
         carried,
-        columns,
-        seen,
-        then,
-        view,
+        policy.history,
+        policy.stages,
+        policy.commands,
+        policy.lookups,
+        policy.row,
+        policy.newest,
+        policy.view,
         verdict.running,
         Symbol.constant(verdict.failure()),
         verdict.settles,
@@ -118,56 +155,83 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-def shown(
-    given: Architecture, observation: Sequence[Field], filters: Sequence[Symbol] = ()
-) -> tuple[_Row, _Row, _Row, Symbol]:
-    """Columns in the body frame, those and earlier ones as they are seen, and from which side.
+class _PolicyInFlight(NamedTuple):
+    """See `FlightProgram`."""
 
-    What filters make of the columns, of what they remember, is seen beside them.
-    """
-    columns = tuple(map(Symbol.constant, given.layout.in_body(tuple(observation))))
-    body = given.layout.body
-    then = tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
-    way = body.ahead(columns)
-    blocks = given.filtered((*columns, *filters))
-    if given.symmetries is None or way is None:
-        return columns, tuple(x for _, block in blocks for x in block), then, Symbol.constant(0)
-    which, turn, hand = side(given.symmetries, way)
-    seen = tuple(x for layout, block in blocks for x in viewed(layout, block, turn, hand))
-    return columns, seen, viewed(body, then, turn, hand), which
+    carried: tuple[Carried, ...]
+    history: tuple[Carried, ...]
+    stages: tuple[Stage, ...]
+    commands: tuple[Symbol, ...]
+    lookups: tuple[Lookup, ...]
+    row: RecalledRow | None
+    newest: tuple[Symbol, ...]
+    view: Symbol
 
+    @classmethod
+    def traced(
+        cls,
+        given: Architecture,
+        observation: Sequence[Field],
+        commands: Sequence[Symbol],
+        tables: Mapping[str, np.ndarray] | None,
+    ) -> _PolicyInFlight:
+        """Of a policy that observes these fields, and of what its commands are called afterwards."""
+        program = policy_program(given)
+        lookups = list[Lookup]()
 
-def side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:
-    """As `Symmetries.which`: the side with the goal ahead, its matrix and hand."""
-    axes = range(len(way))
-    best = None
-    which = Symbol.constant(0)
-    turn = [[0.0] * len(way) for _ in axes]
-    hand = 1.0
-    # Rounding noise in a matrix would cost operations.
-    for number, (matrix, mirror) in enumerate(
-        zip(np.round(views.turn, 12).tolist(), views.hand.tolist(), strict=True)
-    ):
-        ahead = sum(way[j] * sum(AIM[i] * matrix[i][j] for i in axes) for j in axes)
-        if best is None:
-            best = ahead
-            turn = matrix
-            hand = mirror
-            continue
-        nearer = ahead > best
-        best = where(nearer, ahead, best)
-        which = where(nearer, number, which)
-        hand = where(nearer, mirror, hand)
-        turn = [[where(nearer, matrix[i][j], turn[i][j]) for j in axes] for i in axes]
-    return which, turn, hand
+        def looked_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
+            found = inputs(f"{name}_of", table.shape[1])
+            lookups.append(Lookup(f"places_{len(lookups)}", tuple(found), tuple(source), table))
+            return found
 
+        gather = looked_up if tables is None else None
+        known: dict[str, Sequence[Any]] = {"observation": observation}
+        known |= {
+            name: (tables or {})[name].ravel().tolist()
+            for name in program.parameters
+            if tables and name in ("mean", "scale", "zoom")
+        }
+        sizes = {"history": given.rows, "filters": given.filtering}
+        if given.units:
+            sizes = {"memory": given.units}
+        memory = {name: inputs(name, size) for name, size in sizes.items() if size}
+        known |= memory
+        view = ["view"] if any("view" in step.outputs for step in program.steps) else []
 
-def viewed(
-    body: Layout, columns: Sequence[Symbol], turn: list[list[Field]], hand: Field
-) -> tuple[Symbol, ...]:
-    """As `Symmetries.viewed`."""
+        # What the policy answers, and what it remembers of that; a history is moved on by whoever keeps it in a
+        # table.
+        asked = ["command", *view, *(["memory_out"] if given.units else [])]
+        found, stages = symbols(program, known, asked, gather)
+        of_commands = tuple(lookups)
+        answered = known | {"command": commands}
+        after: Sequence[Symbol] = found.get("memory_out", ())
+        newest: Sequence[Symbol] = ()
+        if memory and not given.units:
+            after = symbols(program, answered, ["memory_out"], gather)[0]["memory_out"]
+        if given.recalled:
+            newest = symbols(program, answered, ["newest"], gather)[0]["newest"]
+        names = [symbol for part in memory.values() for symbol in part]
+        moved = tuple(
+            Carried(symbol, Symbol.constant(0.0), new)
+            for symbol, new in zip(names, after, strict=True)
+        )
 
-    def view(u: Sequence[Field]) -> list[Field]:
-        return [sum(turn[i][j] * x for j, x in enumerate(u)) for i in range(len(u))]
-
-    return tuple(map(Symbol.constant, body.mirrored(columns, view, hand)))
+        # One row of the history by itself.
+        row = None
+        if given.recalled and gather is not None:
+            one = policy_program(replace(given, history=1, averages=()))
+            then = inputs("then", given.row)
+            recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
+            row = RecalledRow(
+                tuple(then), tuple(recalled["recalled"]), tuple(lookups[len(of_commands) :])
+            )
+        return cls(
+            moved[given.rows :] if not given.units else moved,
+            moved[: given.rows] if not given.units else (),
+            stages,
+            tuple(found["command"]),
+            of_commands,
+            row,
+            tuple(newest),
+            found["view"][0] if view else Symbol.constant(0),
+        )

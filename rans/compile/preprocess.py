@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +20,12 @@ from torch import Tensor
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.opaque import opaque
 from rans.compile.cuda.source import Lines, indented
-from rans.compile.flight_program import side, viewed
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
-from rans.policy.preprocess import Preprocessor, TorchPreprocessor
+from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
+from rans.policy.scalars import symbols
 from rans.policy.symmetry import Symmetries
+from rans.policy.traced import policy_program
 
 if TYPE_CHECKING:
     from rans.compile.cpu.actor_critic import CpuActorCritic
@@ -38,7 +40,7 @@ _REALS = {torch.float32: "float", torch.float64: "double"}
 
 def compiled_preprocessor(
     given: Architecture, views: Symmetries | None, like: Tensor
-) -> Preprocessor:
+) -> ColumnExecutor:
     """Preprocessor of a network with tensors like this one: programs where they are faster.
 
     In double precision on a CPU, which is for comparisons, that is nowhere.
@@ -51,28 +53,31 @@ def compiled_preprocessor(
 
 def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
     """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
-    layout = given.layout
+    policy = policy_program(given)
+    views = ["view"] * any("view" in step.outputs for step in policy.steps)
 
     def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+        found, _ = symbols(policy, {"observation": columns}, ["body"])
+        return found["body"], Symbol.constant(0)
 
     def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        blocks = given.filtered(columns)
-        way = layout.body.ahead(blocks[0][1])
-        if given.symmetries is None or way is None:
-            return [x for _, block in blocks for x in block], Symbol.constant(0)
-        which, turn, hand = side(given.symmetries, way)
-        return [x for shown, block in blocks for x in viewed(shown, block, turn, hand)], which
+        known = {"body": columns[: given.seen], "filters": columns[given.seen :]}
+        found, _ = symbols(policy, known, ["seen", *views])
+        return found["seen"], found["view"][0] if views else Symbol.constant(0)
 
     def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        return list(map(Symbol.constant, given.expected(row))), Symbol.constant(0)
+        parts = {"body": given.seen, "filters": given.filtering, "command": given.thrusters}
+        rest = iter(row)
+        known = {name: list(islice(rest, width)) for name, width in parts.items()}
+        found, _ = symbols(policy, known, ["filters_after"])
+        return found["filters_after"], Symbol.constant(0)
 
     width = given.seen + given.filtering
-    programs = [(turned, layout.width), (seen, width)]
+    programs = [(turned, given.layout.width), (seen, width)]
     return [*programs, (expected, width + given.thrusters)] if given.filters else programs
 
 
-class CpuPreprocessor(Preprocessor):
+class CpuPreprocessor(ColumnExecutor):
     """By NumPy, in single precision; not for two threads at once."""
 
     _MOST = 4096
@@ -88,7 +93,7 @@ class CpuPreprocessor(Preprocessor):
         return CpuPreprocessor, (self._given, self._plain)
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return (
             self._rows(0, observation)[0]
             if self._works(observation)
@@ -96,17 +101,17 @@ class CpuPreprocessor(Preprocessor):
         )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._rows(1, rows) if self._works(rows) else self._plain.seen(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
 
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor] | None:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         weight = tensors["value_net.weight"]
         if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
             return None
@@ -153,7 +158,7 @@ class CpuPreprocessor(Preprocessor):
         return torch.from_numpy(np.stack(found)).T, side
 
 
-class CudaPreprocessor(Preprocessor):
+class CudaPreprocessor(ColumnExecutor):
     """By a kernel each on a CUDA device, compiled when they are first asked for.
 
     Torch's compiler takes minutes over filters: to it, these kernels are one operation.
@@ -173,7 +178,7 @@ class CudaPreprocessor(Preprocessor):
         self._opaque = opaque(self) if given.filters and self._functions is not None else None
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return (
             self.rows(0, observation)[0]
             if self._works(observation)
@@ -181,13 +186,13 @@ class CudaPreprocessor(Preprocessor):
         )
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         if self._opaque is not None:
             return self._opaque(1, rows)
         return self.rows(1, rows) if self._works(rows) else self._plain.seen(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return self._plain.expected(rows) if self._opaque is None else self._opaque(2, rows)[0]
 
     def _works(self, rows: Tensor) -> bool:

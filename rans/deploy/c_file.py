@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.program import Program, Step
 from rans.errors import ConfigError
 from rans.files import write_text
 from rans.policy.architecture import Architecture
+from rans.policy.program import Program, Step
 
 Shape = tuple[int, ...]
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
@@ -36,15 +36,27 @@ _ELEMENTWISE = {
     "Where": "{0} ? {1} : {2}",
     "Clip": "fminf(fmaxf({0}, {1}), {2})",
     "Max": "fmaxf({0}, {1})",
+    "Min": "fminf({0}, {1})",
+    "Identity": "{0}",
     "Tanh": "tanhf({0})",
     "Exp": "expf({0})",
     "Relu": "fmaxf({0}, 0.0F)",
     "Sigmoid": "0.5F + 0.5F * tanhf(0.5F * {0})",
     "Elu": "{0} > 0.0F ? {0} : expm1f(fminf({0}, 0.0F))",
+    "GreaterOrEqual": "{0} >= {1}",
+    "LessOrEqual": "{0} <= {1}",
+    "And": "{0} && {1}",
+    "Or": "{0} || {1}",
+    "Abs": "fabsf({0})",
+    "Floor": "floorf({0})",
+    "Sqrt": "sqrtf({0})",
+    "Sin": "sinf({0})",
+    "Cos": "cosf({0})",
+    "Log": "logf({0})",
     "Cast": "(float){0}",
 }
 """What each operation is of single numbers."""
-_TRUTHS = {"Equal", "Greater", "Less"}
+_TRUTHS = {"Equal", "Greater", "Less", "GreaterOrEqual", "LessOrEqual", "And", "Or"}
 """Operations that give 0 or 1 as an int."""
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.deploy.program import Program, Step
 from rans.files import replace_file, write_text
 from rans.policy.architecture import Architecture
+from rans.policy.program import Program, Step
 
 _PRINTED: dict[str, str] = {
     "Add": "{0} + {1}",
@@ -26,6 +26,7 @@ _PRINTED: dict[str, str] = {
     "Where": "np.where({0}, {1}, {2})",
     "Clip": "np.clip({0}, {1}, {2})",
     "Max": "np.maximum({0}, {1})",
+    "Min": "np.minimum({0}, {1})",
     "Tanh": "np.tanh({0})",
     "Relu": "np.maximum({0}, 0)",
     "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
@@ -38,12 +39,22 @@ _PRINTED: dict[str, str] = {
     "Identity": "{0}",
     "Less": "({0} < {1})",
     "Exp": "np.exp({0})",
+    "GreaterOrEqual": "({0} >= {1})",
+    "LessOrEqual": "({0} <= {1})",
+    "And": "np.logical_and({0}, {1})",
+    "Or": "np.logical_or({0}, {1})",
+    "Abs": "np.abs({0})",
+    "Floor": "np.floor({0})",
+    "Sqrt": "np.sqrt({0})",
+    "Sin": "np.sin({0})",
+    "Cos": "np.cos({0})",
+    "Log": "np.log({0})",
     "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""
 _CALLS = {"Concat", "Gather", *(name for name, text in _PRINTED.items() if text.startswith("np."))}
 """Operations that bind tighter than any operator, whatever stands around them."""
-_PARTS = {"observation": "o", "body": "b", "memory": "m", "memory_1": "f", "command": "c"}
+_PARTS = {"observation": "o", "body": "b", "memory": "m", "filters": "f", "command": "c"}
 """Short names for columns by themselves."""
 _ROOM = 100
 _LINE = 110

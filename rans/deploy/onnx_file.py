@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.deploy.program import Program
 from rans.errors import ConfigError
 from rans.files import replace_file
 from rans.policy.architecture import Architecture
+from rans.policy.program import Program
 
 OPSET = 17
 FORMAT = 8

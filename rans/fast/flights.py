@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from rans.compile.cpu.flights import CpuFlights
-from rans.compile.cpu.policy import CpuPolicy
+from rans.compile.cpu.layers import CpuLayers
 from rans.compile.cuda.flight import FlightKernel, Products
 from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
@@ -23,6 +23,7 @@ from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
 from rans.policy.network import Network
+from rans.policy.traced import parameters
 from rans.processes import Workers, processors
 from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
@@ -86,12 +87,13 @@ class Flights:
             return FlightKernel.made(self.world, self._network, self.device, products)
         given = self._network.architecture
         try:
-            lacking = CpuPolicy.capabilities.missing(given)
-            program = None if lacking else trace_flight(self.world, given)
+            lacking = CpuLayers.capabilities.missing(given)
+            tables = parameters(self._network)
+            program = None if lacking else trace_flight(self.world, given, tables)
+            with one_thread():
+                return program and CpuFlights(self.world, program, tables)
         except UNTRACEABLE:  # a task that does more than arithmetic on fields
-            program = None
-        with one_thread():
-            return program and CpuFlights(self.world, self._network, program)
+            return None
 
     def fly(
         self, first: int, count: int, seed: int, progress: Progress = unseen

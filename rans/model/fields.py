@@ -83,6 +83,15 @@ def at_least(x: Field, bound: float) -> Field:
     return _function("maximum", x)(x, bound)
 
 
+def within(x: Field, low: float, high: float) -> Field:
+    """A field clipped to the range between two constants."""
+    if isinstance(x, int | float):
+        return min(max(x, low), high)
+    if type(x).__module__.startswith("torch"):
+        return x.clamp(low, high)
+    return _function("minimum", x)(_function("maximum", x)(x, low), high)
+
+
 def ascending(values: Sequence[Field]) -> list[Field]:
     """Fields of the same numbers, the smallest first (a bubble sort, which never branches)."""
     result = list(values)

@@ -20,6 +20,7 @@ from rans.policy.backbones import Backbone, Dense
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
+from rans.policy.preprocessors import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
@@ -44,6 +45,8 @@ class Architecture:
     zoom: float = 0.0
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
     see as a metre (decision 008). 0: no second look."""
+    preprocessor: str = "body"
+    """Key of `rans.policy.preprocessors.PREPROCESSORS`: which columns the network is given."""
     symmetries: Symmetries | None = None
     """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
     (decision 009)."""
@@ -106,8 +109,21 @@ class Architecture:
 
     @property
     def seen(self) -> int:
-        """Columns in the body frame."""
-        return self.layout.body.width
+        """Columns that the preprocessor makes of an observation."""
+        return self.columns.width
+
+    @property
+    def columns(self) -> Layout:
+        """What is what of them."""
+        return PREPROCESSORS[self.preprocessor].layout(self.layout)
+
+    def preprocessed(self, observation: Columns) -> list[Field]:
+        """They, of the columns of an observation."""
+        return PREPROCESSORS[self.preprocessor].columns(self.layout, observation)
+
+    def ahead(self, columns: Columns) -> Columns | None:
+        """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""
+        return None if self.symmetries is None else self.columns.ahead(columns)
 
     @property
     def memory(self) -> int:
@@ -132,8 +148,8 @@ class Architecture:
     @property
     def filtering(self) -> int:
         """Those of them that filters remember, which come last."""
-        filters = sum(one.width(self.layout.body) for one in self._bank)
-        return filters + (screen.Memory.width(self.layout.body) if self._gated else 0)
+        filters = sum(one.width(self.columns) for one in self._bank)
+        return filters + (screen.Memory.width(self.columns) if self._gated else 0)
 
     @property
     def _gated(self) -> bool:
@@ -175,7 +191,7 @@ class Architecture:
         Args:
             row: columns of a reading in B, then what filters remember.
         """
-        body = self.layout.body
+        body = self.columns
         read = row[: self.seen]
         memory = row[self.seen :]
         screened = self._screened(read, memory).columns
@@ -193,7 +209,7 @@ class Architecture:
         Args:
             row: columns of a reading in B, what filters remember, and the command that was given.
         """
-        body = self.layout.body
+        body = self.columns
         read, memory, command = (
             row[a:b] for a, b in pairwise((0, self.seen, self.seen + self.filtering, None))
         )
@@ -210,21 +226,21 @@ class Architecture:
 
     def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
         """Each filter with what it remembers."""
-        ends = accumulate((one.width(self.layout.body) for one in self._bank), initial=0)
+        ends = accumulate((one.width(self.columns) for one in self._bank), initial=0)
         return ((one, memory[a:b]) for one, (a, b) in zip(self._bank, pairwise(ends), strict=True))
 
     def _screened(self, read: Columns, memory: Columns) -> screen.Screened:
         """A reading as it counts: by the last filter, which knows most of how the craft moves."""
         if self.filters is None or not self._gated:
             return screen.Screened(list(read), [], 0.0)
-        body = self.layout.body
+        body = self.columns
         one, mine = list(self._remembering(memory))[-1]
         begins = one.begins(body, mine)
         return screen.screened(body, read, self._screen(memory), one, self.filters.gate, begins)
 
     def _screen(self, memory: Columns) -> screen.Memory:
         """What the screen remembers, which is last in the memory."""
-        body = self.layout.body
+        body = self.columns
         return screen.Memory.of(body, memory[-screen.Memory.width(body) :])
 
     def modules(self) -> dict[str, nn.Module]:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.model.fields import Field, where
+from rans.model.fields import Field, where, within
 
 
 class Distribution(Protocol):
@@ -332,7 +332,7 @@ class GaussianHead(Head):
 
     def command(self, *outputs: Field) -> Field:
         """See `Head`."""
-        return _within(outputs[0])
+        return within(outputs[0], 0.0, 1.0)
 
 
 class GatedHead(Head):
@@ -357,14 +357,7 @@ class GatedHead(Head):
     def command(self, *outputs: Field) -> Field:
         """See `Head`."""
         logit, level = outputs
-        return where(logit > 0.0, _within(level), level * 0.0)
-
-
-def _within(x: Field) -> Field:
-    """A field clipped to [0, 1]."""
-    zero = x * 0.0
-    x = where(x < 0.0, zero, x)
-    return where(x > 1.0, zero + 1.0, x)
+        return where(logit > 0.0, within(level, 0.0, 1.0), level * 0.0)
 
 
 HEADS: dict[str, Head] = {

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.policy.architecture import Architecture
+from rans.policy.formulas import gated
 from rans.policy.preprocess import MakePreprocessor
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Layout
@@ -128,7 +129,6 @@ def recurrent(
             state = state * going_on[t]
         reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
         old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
-        update = torch.sigmoid(update + old_update)
-        fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
-        states.append(state := fresh + update * (state - fresh))
+        state = gated(reset, update, fresh, old_reset, old_update, old, state)
+        states.append(state)
     return torch.stack(states, dim=-3)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.backbones import product
+from rans.policy.formulas import magnified, normalised
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import PolicyState, Remembering, by_row, recurrent, viewed
 from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
@@ -162,13 +163,13 @@ class Network(Remembering):
         views = self._views
         history, filters = self._parted(memory, len(columns))
         rows = columns if filters is None else torch.cat((columns, filters), dim=1)
-        if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
+        if views is None or given.ahead(tuple(range(given.seen))) is None:
             return rows if filters is None else self._preprocessor.seen(rows)[0], history, None
         seen, which = self._preprocessor.seen(rows)
         place = views.place[which]
         if history is None or not given.recalled:
             return seen, history, place
-        return seen, viewed(history, given.recalled, given.layout.body, views, which), place
+        return seen, viewed(history, given.recalled, given.columns, views, which), place
 
     def evaluate_seen(
         self,
@@ -240,7 +241,7 @@ class Network(Remembering):
     def _normalised(self, x: Tensor) -> Tensor:
         """With zero mean and unit variance over the columns seen in training, clipped."""
         clip = self.architecture.clip
-        return ((x - self._statistic(self._mean)) * self._scale()).clamp(-clip, clip)
+        return normalised(x, self._statistic(self._mean), self._scale(), clip)
 
     def _looks(self, seen: Tensor) -> Tensor:
         """What the trunk is given of columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
@@ -249,7 +250,7 @@ class Network(Remembering):
         """
         x = self._normalised(seen)
         zoom = self.architecture.zoom
-        return torch.cat((x, torch.tanh(seen * (self._scale() * zoom))), dim=-1) if zoom else x
+        return torch.cat((x, magnified(seen, self._scale() * zoom)), dim=-1) if zoom else x
 
     def _through(self, layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
         dtype = x.dtype

@@ -12,7 +12,7 @@ from rans.policy.architecture import Architecture
 from rans.policy.symmetry import Symmetries
 
 
-class Preprocessor(ABC):
+class ColumnExecutor(ABC):
     """Computes the columns that a network is given from observations, before it normalises them."""
 
     @abstractmethod
@@ -37,28 +37,27 @@ class Preprocessor(ABC):
         return None
 
 
-MakePreprocessor = Callable[[Architecture, Symmetries | None, Tensor], Preprocessor]
+MakePreprocessor = Callable[[Architecture, Symmetries | None, Tensor], ColumnExecutor]
 """Makes one for an architecture, its symmetries in tensors, and networks with tensors like the last."""
 
 
-class TorchPreprocessor(Preprocessor):
+class TorchPreprocessor(ColumnExecutor):
     """By torch's operations."""
 
     def __init__(
         self, given: Architecture, views: Symmetries | None, like: Tensor | None = None
     ) -> None:
         self._given = given
-        self._layout = given.layout
         self._views = views
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """See `Preprocessor`."""
-        return torch.stack(self._layout.in_body(observation.unbind(dim=1)), dim=1)
+        """See `ColumnExecutor`."""
+        return torch.stack(self._given.preprocessed(observation.unbind(dim=1)), dim=1)
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Preprocessor`; there are filters, or several sides and a way to go."""
+        """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
         blocks = self._given.filtered(rows.unbind(dim=1))
-        way = self._layout.body.ahead(blocks[0][1])
+        way = self._given.ahead(blocks[0][1])
         views = self._views
         if views is None or way is None:
             seen = torch.stack([x for _, block in blocks for x in block], dim=1)
@@ -68,5 +67,5 @@ class TorchPreprocessor(Preprocessor):
         return torch.stack(seen, dim=1), which
 
     def expected(self, rows: Tensor) -> Tensor:
-        """See `Preprocessor`."""
+        """See `ColumnExecutor`."""
         return torch.stack(self._given.expected(rows.unbind(dim=1)), dim=1)

@@ -27,6 +27,7 @@ from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
+from rans.model.fields import atan2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
@@ -375,7 +376,7 @@ def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path
     network, _ = shipped("go-to-pose-2d-fast")
     kinds = network.architecture.layout.blocks[2].kind
     monkeypatch.setattr(
-        kinds, "mirrored", staticmethod(lambda columns, view, hand: [abs(columns[0])])
+        kinds, "mirrored", staticmethod(lambda columns, view, hand: [atan2(columns[0], hand)])
     )
-    with pytest.raises(ConfigError, match="'abs' of its columns, which no export knows"):
+    with pytest.raises(ConfigError, match="only be exported as rans or sb3: 'atan2'"):
         written(tmp_path, network, "onnx")

@@ -136,11 +136,13 @@ def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
     alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
 
 
-def test_a_recurrent_policy_is_stepped() -> None:
-    flights = Flights(policy(PLATFORM, sided=False, units=8), setup(PLATFORM))
-    found = flights.fly(0, 20, 1)
-    assert found.ways == {"stepping, cpu"}
-    assert found.flights == 20
+def test_a_recurrent_policy() -> None:
+    network = policy(PLATFORM, sided=False, units=8)
+    given = setup(PLATFORM, conditions=EFFECTS["sensors"])
+    found = Flights(network, given).fly(0, COUNT, 1)
+    assert found.ways == {"CPU, float32"}
+    # As above.
+    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
 
 
 def test_stepping_on_torch_is_stepping_on_numpy() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar
@@ -20,14 +20,15 @@ from rans.compile.cpu.llvm import (
     TILE,
     Code,
     Value,
-    constant,
     shared,
 )
 from rans.compile.cpu.matmul import WIDTH, dense
-from rans.compile.flight_program import shown
 from rans.model.trace import Symbol, Untraceable, ordered
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
+from rans.policy.program import inputs
+from rans.policy.scalars import symbols
+from rans.policy.traced import policy_program
 
 
 class CpuActorCritic:
@@ -58,32 +59,32 @@ class CpuActorCritic:
             for i in range(len(given.layers))
             for kind in ("weight", "bias")
         ]
-        observed = [Symbol.input(f"observed_{i}") for i in range(given.layout.width)]
-        _, self._seen, _, self._view = shown(given, observed)
-        self._observed = observed
-        self._inputs = given.seen * (2 if given.zoom else 1)
-        self._sizes = [self._inputs, *given.layers, given.thrusters + 1]
-        used = {symbol.operation for symbol in ordered([*self._seen, self._view]) if symbol.args}
+        self._observed = inputs("observed", given.layout.width)
+        found, (stage,) = symbols(
+            policy_program(given), {"observation": self._observed}, ["shown", "placed_0"]
+        )
+        self._shown = found["shown"]
+        self._placed = found["placed_0"]
+        """Log-odds, of thrusters where the spacecraft has them, from outputs of the layers."""
+        self._outputs = stage.outputs
+        self._sizes = [given.inputs, *given.layers, given.thrusters + 1]
+        used = {
+            symbol.operation for symbol in ordered([*self._shown, *self._placed]) if symbol.args
+        }
         if unknown := used - OPERATIONS.keys():
-            raise Untraceable(f"a look takes {', '.join(unknown)}.")
+            raise Untraceable(f"the policy takes {', '.join(unknown)} of its columns.")
 
     @cached_property
     def _run(self) -> Callable[..., None]:
         """Not every network that may look does."""
         given = self._given
         arrays = 4 + 2 * len(self._sizes[1:])
-        places = (
-            None if given.symmetries is None else tuple(map(tuple, given.symmetries.place.tolist()))
-        )
         # The same operations on the same fields are the same symbols.
         alike = (
             *self._sizes,
             given.activation,
-            bool(given.zoom),
-            given.clip,
-            places,
-            *self._seen,
-            self._view,
+            *self._shown,
+            *self._placed,
         )
         return shared("look", alike, (LONG, LONG, *(POINTER,) * arrays), self._write)
 
@@ -132,18 +133,17 @@ class CpuActorCritic:
         def tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, width)
             places = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
-            views = [
-                self._looked(
-                    code, observation, stride, place, normal, code.at(scratch, v * LANES, FLOAT)
-                )
-                for v, place in enumerate(places)
-            ]
-            for at, (inputs, units) in enumerate(pairwise(sizes)):
+            vectors = [self._known(code, observation, stride, place, normal) for place in places]
+            for v, known in enumerate(vectors):
+                for i, symbol in enumerate(self._shown):
+                    (value,) = code.extended([symbol], known)
+                    code.write(value, scratch, i * WIDTH + v * LANES)
+            for at, (length, units) in enumerate(pairwise(sizes)):
                 source, to = (code.at(scratch, start, FLOAT) for start in starts[at : at + 2])
                 weight, bias = weights[2 * at : 2 * at + 2]
                 dense(
                     code,
-                    (units, inputs),
+                    (units, length),
                     weight,
                     bias,
                     source,
@@ -152,50 +152,31 @@ class CpuActorCritic:
                     width,
                     given.activation if at < len(given.layers) else "",
                 )
-            for v, (place, view) in enumerate(zip(places, views, strict=True)):
-                rows = [
+            for v, (place, known) in enumerate(zip(places, vectors, strict=True)):
+                *rows, worth = [
                     code.read(scratch, starts[-1] + i * WIDTH + v * LANES) for i in range(sizes[-1])
                 ]
-                told = [*placed(code, given, rows[:-1], view), rows[-1]]
-                for i, value in enumerate(told):
+                known |= dict(zip(self._outputs, rows, strict=True))
+                for i, value in enumerate([*code.extended(self._placed, known), worth]):
                     code.write(value, out, code.add(code.mul(LONG(i), stride), place))
             return []
 
         code.repeat(tiles, [], tile)
 
-    def _looked(
-        self, code: Code, observation: Value, stride: Value, place: Value, normal: Value, to: Value
-    ) -> Value:
-        """Write what the first layer is given of a vector of spacecraft; the sides they are seen from."""
-        given = self._given
+    def _known(
+        self, code: Code, observation: Value, stride: Value, place: Value, normal: Value
+    ) -> dict[Symbol, Value]:
+        """Vectors of what is observed, and of the statistics that it is normalised by."""
         width = self._given.seen
         known = {
             symbol: code.read(observation, code.add(code.mul(LONG(i), stride), place))
             for i, symbol in enumerate(self._observed)
         }
-        *seen, view = code.evaluated([*self._seen, self._view], known)
-        for i, value in enumerate(seen):
-            mean, scale, zoomed = (
-                code.everywhere(code.read(normal, i + k * width, FLOAT)) for k in range(3)
-            )
-            x = code.fmul(code.fsub(value, mean), scale)
-            code.write(code.within(x, -given.clip, given.clip), to, i * WIDTH)
-            if given.zoom:
-                code.write(code.tanh(code.fmul(value, zoomed)), to, (width + i) * WIDTH)
-        return view
+        for k, name in enumerate(("mean", "scale", "zoom")):
+            for i, symbol in enumerate(inputs(name, width)):
+                known[symbol] = code.everywhere(code.read(normal, i + k * width, FLOAT))
+        return known
 
 
 def _address(x: np.ndarray) -> int:
     return x.__array_interface__["data"][0]  # three times as fast as its ctypes
-
-
-def placed(code: Code, given: Architecture, values: Sequence[Value], view: Value) -> list[Value]:
-    """Each thruster's, from where it is in the view that it was seen in."""
-    if given.symmetries is None:
-        return list(values)
-    first, *others = given.symmetries.place
-    chosen = [values[i] for i in first]
-    for side, places in enumerate(others, 1):
-        here = code.icmp_signed("==", view, constant(side))
-        chosen = [code.select(here, values[i], old) for i, old in zip(places, chosen, strict=True)]
-    return chosen

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
 
-from rans.compile.cpu.history import CpuHistory
-from rans.compile.cpu.policy import CpuPolicy
-from rans.compile.cpu.program import CompiledProgram, Memory
+from rans.compile.cpu.layers import CpuLayers
+from rans.compile.cpu.program import CompiledProgram
 from rans.compile.flight_program import FlightProgram
 from rans.episode import World
 from rans.flight_statistics import FlightStatistics
 from rans.model.random import seed_words
 from rans.model.trace import Symbol
-from rans.policy.network import Network
 
 
 class CpuFlights:
@@ -23,55 +23,60 @@ class CpuFlights:
 
     Args:
         world: in float32; its task's settings are numbers.
-        network: of one member without a recurrent core, in float32 on the CPU.
-        program: theirs.
+        program: theirs, with the policy's tables in it.
+        tables: the policy's parameters (`rans.policy.traced.parameters`).
     """
 
-    def __init__(self, world: World, network: Network, program: FlightProgram) -> None:
+    def __init__(
+        self,
+        world: World,
+        program: FlightProgram,
+        tables: Mapping[str, np.ndarray],
+    ) -> None:
         self._world = world
         self._program = program
         self._own = threading.local()
-        self._given = network.architecture
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
-        carried = [one.symbol for one in program.carried]
-        self._moved = [one for one in program.carried if one.after is not one.symbol]
+        everything = (*program.carried, *program.history)
+        carried = [one.symbol for one in everything]
+        self._moved = [one for one in everything if one.after is not one.symbol]
         self._carried = set(carried)
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
-        self._begin = CompiledProgram(words, [one.begin for one in program.carried])
-        shown = [*program.seen, program.view, *program.columns]
+        self._begin = CompiledProgram(words, [one.begin for one in everything])
+        outputs = [symbol for stage in program.stages for symbol in stage.outputs]
         self._step = CompiledProgram(
-            [*words, *carried, *self._told], shown, [one.after for one in self._moved]
+            [*words, *carried, *self._told, *outputs],
+            *(stage.inputs for stage in program.stages),
+            program.commands,
+            [one.after for one in self._moved],
         )
         self._verdict = CompiledProgram(
             carried, [program.failure, program.settles, program.settled, *program.totals]
         )
-        self._answers = CpuPolicy(network)
+        self._layers = [CpuLayers(stage, tables) for stage in program.stages]
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
-        begin, step, verdict = self._memory(count)
-        history = CpuHistory(self._given, count)
-        shown = len(self._program.seen)
+        begin, step, verdict, *memories = self._memory(count)
+        stages = list(zip(self._program.stages, self._layers, memories, strict=True))
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             begin.give((*seed_words(seed), numbers))
             begun = begin.run(0)
             step.give((*seed_words(seed), numbers, *begun))
             for _ in range(self._world.timing.episode_steps):
-                found = step.run(0)
-                seen = found[:shown]
-                view = found[shown]
-                columns = found[shown + 1 :]
-                commands = self._answers(seen, view, history)
-                history.remember(columns, commands)
-                for symbol, command in zip(self._told, commands, strict=True):
+                for part, (stage, layers, memory) in enumerate(stages):
+                    answers = layers(step.run(part), memory)
+                    for symbol, answer in zip(stage.outputs, answers, strict=True):
+                        step.put(symbol, answer)
+                for symbol, command in zip(self._told, step.run(len(stages)), strict=True):
                     step.put(symbol, command)
                 # What becomes another, as the last command the last but one, would be overwritten before.
                 after = [
                     np.copy(x) if one.after in self._carried else x
-                    for one, x in zip(self._moved, step.run(1), strict=True)
+                    for one, x in zip(self._moved, step.run(len(stages) + 1), strict=True)
                 ]
                 for one, value in zip(self._moved, after, strict=True):
                     step.put(one.symbol, value)
@@ -81,12 +86,12 @@ class CpuFlights:
             self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
         )
 
-    def _memory(self, count: int) -> tuple[Memory, ...]:
+    def _memory(self, count: int) -> tuple[Any, ...]:
         """This thread's; most calls are for as many flights."""
         kept = getattr(self._own, "memory", None)
         if kept is None or self._own.count != count:
             self._own.count = count
             self._own.memory = kept = tuple(
-                p.memory(count) for p in (self._begin, self._step, self._verdict)
+                one.memory(count) for one in (self._begin, self._step, self._verdict, *self._layers)
             )
         return kept

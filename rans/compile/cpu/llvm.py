@@ -178,8 +178,11 @@ class Code(ir.IRBuilder):
 
     def evaluated(self, roots: Sequence[Symbol], known: Mapping[Symbol, Value]) -> list[Value]:
         """Vectors of the roots, from those of their inputs; see `OPERATIONS`."""
-        values = dict(known)
-        for symbol in ordered(roots, known):
+        return self.extended(roots, dict(known))
+
+    def extended(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
+        """The same, of which everything on the way to the roots is added to the values."""
+        for symbol in ordered(roots, values):
             if symbol.operation == "constant":
                 values[symbol] = constant(symbol.value)
             else:
@@ -263,6 +266,8 @@ OPERATIONS: dict[str, Callable[..., Value]] = {
     "tanh": Code.tanh,
     "exp": Code.exp,
     "where": Code.select,
+    "maximum": lambda code, a, b: code.select(code.fcmp_ordered("<", a, b), b, a),
+    "minimum": lambda code, a, b: code.select(code.fcmp_ordered(">", a, b), b, a),
     **{
         sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
         for sign in ("<", "<=", ">", ">=", "==", "!=")

@@ -11,10 +11,14 @@ from importlib.resources import files
 
 from rans.compile.cuda.design import FEW_INPUTS, Design
 from rans.compile.cuda.source import Lines, indented
-from rans.compile.flight_program import FlightProgram
+from rans.compile.flight_program import FlightProgram, Lookup
 from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
+from rans.policy.formulas import averaged
+from rans.policy.program import inputs
 
+_TOGETHER = 16
+"""Inputs of the network that a thread writes at once: a multiple of what one piece of memory holds, eight."""
 _ARGUMENTS = (
     "const uint4* policy",
     "double* sums",
@@ -48,7 +52,7 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
             "typedef float real;",
             *texts,
             *activation_source(design.given.activation),
-            *_views(design),
+            *_tables(program),
             f'extern "C" __global__ void __launch_bounds__({32 * design.warps}, 1) flights(',
             f"    {', '.join(_ARGUMENTS)}) {{",
             *indented(_Writer(program, design, steps).body()),
@@ -73,12 +77,12 @@ def activation_source(name: str) -> Iterator[str]:
     yield "};"
 
 
-def _views(design: Design) -> Iterator[str]:
-    """Where each thruster is in each view of the craft."""
-    if design.given.symmetries is not None:
-        rows = (", ".join(map(str, row)) for row in design.given.symmetries.place.tolist())
-        yield f"__device__ const unsigned char places[][{design.given.thrusters}] = {{"
-        yield from (f"  {{{row}}}," for row in rows)
+def _tables(program: FlightProgram) -> Iterator[str]:
+    """Where the numbers of lookups are, by the side of the spacecraft."""
+    of_row = () if program.row is None else program.row.lookups
+    for lookup in (*program.lookups, *of_row):
+        yield f"__device__ const unsigned char {lookup.name}[][{lookup.table.shape[1]}] = {{"
+        yield from (f"  {{{', '.join(map(str, row))}}}," for row in lookup.table.tolist())
         yield "};"
 
 
@@ -89,6 +93,15 @@ class _Writer(Lines):
         self._design = design
         self._given = design.given
         self._steps = steps
+        for name in ("mean", "scale", "zoom"):
+            for i, symbol in enumerate(inputs(name, design.given.seen)):
+                self.names[symbol] = f"{name}[{i}]"
+
+    def expression(self, symbol: Symbol, args: list[str]) -> str:
+        """See `Lines`; a hyperbolic tangent is as exact as the products."""
+        if symbol.operation == "tanh":
+            return f"activated<{self._design.parts}, Tanh>({args[0]})"
+        return super().expression(symbol, args)
 
     def body(self) -> Iterator[str]:
         """Every warp flies its share, and adds it to the results."""
@@ -149,7 +162,7 @@ class _Writer(Lines):
 
     def _step(self) -> Iterator[str]:
         program = self._program
-        yield from self.values((*program.columns, *program.seen, program.view))
+        yield from self.values([program.view])
         yield from self._shown()
         yield "__syncwarp();"
         yield from self._network()
@@ -165,76 +178,41 @@ class _Writer(Lines):
         yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
 
     def _shown(self) -> Iterator[str]:
-        """The first layer's inputs: columns as they are seen, zoomed, filters' too, and the memory's rows.
-
-        What filters tell besides is not normalised.
-        """
+        """The first layer's inputs, so many at once as lie in one piece of memory; then the history's rows."""
         given = self._given
-        seen = list(self._program.seen)
-        place = 0
-        for told in given.told:
-            yield "{"
-            yield from indented(
-                self._look(seen[: given.seen], seen[given.seen : given.seen + told], place)
-            )
-            yield "}"
-            del seen[: given.seen + told]
-            place += given.seen * (2 if given.zoom else 1) + told
-        if given.recalled:
-            yield from self._recalled()
-
-    def _look(self, columns: Sequence[Symbol], told: Sequence[Symbol], place: int) -> Iterator[str]:
-        given = self._given
-        width = self._given.seen
-        size = width * (2 if given.zoom else 1)
-        clip = f"{given.clip}f"
-        yield from self._row("seen", columns)
-        yield f"real shown[{size + len(told)}];"
-        yield f"normalise(seen, mean, scale, {clip}, shown);"
-        if given.zoom:
-            yield f"for (int i = 0; i < {width}; ++i)"
-            yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
-        yield from (
-            f"shown[{size + i}] = max(-{clip}, min({clip}, {self.operand(symbol)}));"
-            for i, symbol in enumerate(told)
-        )
-        yield f"inputs.show({place}, shown);"
-
-    def _recalled(self) -> Iterator[str]:
-        """Averages and moments from the side seen now; thrusters are where they look like in it."""
-        given = self._given
-        program = self._program
-        first = given.inputs - given.rows
-        width = given.answered
+        (stage,) = self._program.stages
+        alone = stage.inputs[: given.inputs - given.rows]
+        for first in range(0, len(alone), _TOGETHER):
+            yield from self._show(alone[first : first + _TOGETHER], str(first))
+        if (row := self._program.row) is None:
+            return
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
         yield f"  const int at = row * {given.row};"
         known = dict(self.names)
-        for i in range(width):
-            self.names[Symbol.input(f"then_{i}")] = f"then_{i}"
-            yield f"  const real then_{i} = memory[at + {i}];"
-        if width:
-            yield from indented(self.values(program.then))
-            yield from indented(self._row("before", program.then))
-            yield f"  real recalled[{width}];"
-            yield f"  normalise(before, mean, scale, {given.clip}f, recalled);"
-            yield "  " + f"inputs.show({first} + at, recalled);"
-        yield f"  real told[{given.thrusters}];"
-        yield "  #pragma unroll"
-        yield f"  for (int i = 0; i < {given.thrusters}; ++i) told[i] = memory[at + {width} + i];"
-        if given.symmetries is None:
-            yield "  " + f"inputs.show({first} + at + {width}, told);"
-        else:
-            view = self.operand(program.view)
-            at = f"{first} + at + {width} + places[{{}}][i]"
-            yield f"  for (int i = 0; i < {given.thrusters}; ++i) {{"
-            yield "    const real one[1] = {told[i]};"
-            yield "    " + f"inputs.show({at.format(view)}, one);"
-            yield "  }"
+        self.names |= {symbol: f"memory[at + {i}]" for i, symbol in enumerate(row.then)}
+        yield from indented(self._looked_up(row.lookups, row.then, "memory[at + {}]"))
+        yield from indented(self._show(row.shown, f"{len(alone)} + at"))
         yield "}"
         self.names = known
 
-    def _row(self, name: str, values: Iterable[Symbol]) -> Iterator[str]:
-        yield f"const real {name}[] = {{{', '.join(map(self.operand, values))}}};"
+    def _show(self, values: Sequence[Symbol], place: str) -> Iterator[str]:
+        """Some inputs of the first layer, from this column on."""
+        yield from self.values(values)
+        yield "{"
+        yield f"  const real shown[] = {{{', '.join(map(self.operand, values))}}};"
+        yield f"  inputs.show({place}, shown);"
+        yield "}"
+
+    def _looked_up(
+        self, lookups: Iterable[Lookup], sources: Sequence[Symbol], text: str
+    ) -> Iterator[str]:
+        """Numbers from where they are among sources, which lie in memory as the text says of a place."""
+        view = self.operand(self._program.view)
+        for lookup in lookups:
+            first = next(i for i, source in enumerate(sources) if source is lookup.source[0])
+            for i, symbol in enumerate(lookup.found):
+                place = f"{first} + {lookup.name}[{view}][{i}]"
+                yield f"const real {symbol.value} = {text.format(place)};"
 
     def _network(self) -> Iterator[str]:
         """On tensor cores, for one or two tiles of 16 flights at a time."""
@@ -273,49 +251,39 @@ class _Writer(Lines):
 
     def _commands(self) -> Iterator[str]:
         """The likeliest ones, of thrusters as the craft has them."""
-        given = self._given
         program = self._program
-        for i in range(given.thrusters):
-            unit = (
-                f"places[{self.operand(program.view)}][{i}]"
-                if given.symmetries is not None
-                else str(i)
-            )
-            for k in range(given.last.outputs):
-                place = f"lane() * {self._design.stride_out} + {k * given.thrusters} + {unit}"
-                yield f"const real output_{k}_{i} = outputs[{place}];"
-            outputs = [Symbol.input(f"output_{k}_{i}") for k in range(given.last.outputs)]
-            command = given.last.command(*outputs)
-            yield from self.values([command])
-            yield f"const real command_{i} = {self.operand(command)};"
+        (stage,) = program.stages
+        place = f"outputs[lane() * {self._design.stride_out} + {{}}]"
+        self.names |= {symbol: place.format(i) for i, symbol in enumerate(stage.outputs)}
+        yield from self._looked_up(program.lookups, stage.outputs, place)
+        yield from self.values(program.commands)
+        yield from (
+            f"const real command_{i} = {self.operand(command)};"
+            for i, command in enumerate(program.commands)
+        )
 
     def _remember(self) -> Iterator[str]:
-        """As `rans.policy.network.Network.next_state`."""
+        """The history's averages and last rows, in the place of what they were."""
         given = self._given
         width = given.row
-        averages = len(given.averages)
         if not given.recalled:
             return
-        if given.answered:
-            yield from self._row("newest", self._program.columns)
-        told = ", ".join(f"command_{i}" for i in range(given.thrusters))
-        yield f"const real told[] = {{{told}}};"
-        parts = [
-            part
-            for part in ((given.answered, "newest", 0), (given.thrusters, "told", given.answered))
-            if part[0]
-        ]
+        yield from self.values(self._program.newest)
+        yield f"const real newest[] = {{{', '.join(map(self.operand, self._program.newest))}}};"
+        old, new = (Symbol.input(name) for name in ("average", "latest"))
         for row, kept in enumerate(given.averages):
-            for count, source, start in parts:
-                at = f"memory[{row * width + start} + i]"
-                new = f"{source}[i]"
-                yield f"for (int i = 0; i < {count}; ++i) {at} = {new} + {kept}f * ({at} - {new});"
+            lines = Lines()
+            average = averaged(old, new, kept)
+            yield f"for (int i = 0; i < {width}; ++i) {{"
+            yield f"  const real average = memory[{row * width} + i], latest = newest[i];"
+            yield from indented(lines.values([average]))
+            yield f"  memory[{row * width} + i] = {lines.operand(average)};"
+            yield "}"
         if given.history:
-            start = averages * width
-            end = (given.recalled - 1) * width
+            start = len(given.averages) * width
+            end = given.rows - width
             yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"
-            for count, source, start in parts:
-                yield f"for (int i = 0; i < {count}; ++i) memory[{end + start} + i] = {source}[i];"
+            yield f"for (int i = 0; i < {width}; ++i) memory[{end} + i] = newest[i];"
 
     def _verdict(self) -> Iterator[str]:
         """Added to the results: by the first thread of a warp what all of it has."""

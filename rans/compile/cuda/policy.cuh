@@ -25,14 +25,6 @@ template <int PARTS, class Function> __device__ inline float activated(float x) 
   return PARTS == 1 ? Function::quick(x) : Function::of(x);
 }
 
-// With zero mean and unit variance, clipped.
-template <int N>
-__device__ inline void normalise(const float (&seen)[N], const float* mean, const float* scale, float clip,
-                                 float* x) {
-#pragma unroll
-  for (int i = 0; i < N; ++i) x[i] = max(-clip, min(clip, (seen[i] - mean[i]) * scale[i]));
-}
-
 // Two numbers, each in parts.
 template <int PARTS> struct Pair {
   unsigned of[PARTS];

@@ -97,9 +97,13 @@ class Lines:
             if symbol.operation == "input":
                 self.names[symbol] = symbol.value
             elif symbol.operation != "constant":
-                expression = _expression(symbol, [self.operand(arg) for arg in symbol.args])
+                expression = self.expression(symbol, [self.operand(arg) for arg in symbol.args])
                 self.names[symbol] = name = f"x{len(self.names)}"
                 yield f"const {symbol.kind} {name} = {expression};"
+
+    def expression(self, symbol: Symbol, args: list[str]) -> str:
+        """An operation on operands."""
+        return _expression(symbol, args)
 
     def operand(self, symbol: Symbol) -> str:
         """A symbol that has a name, or a number, in an expression."""

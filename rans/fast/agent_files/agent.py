@@ -29,6 +29,7 @@ from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
+from rans.policy.preprocessors import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.structure import structure
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
@@ -257,10 +258,13 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         "head": (given.head, HEADS),
         "activation": (given.activation, ACTIVATIONS),
         "backbone": (given.backbone, BACKBONES),
+        "preprocessor": (given.preprocessor, PREPROCESSORS),
     }
     for name, (key, table) in known.items():
         if key not in table:
             raise ValueError(f"its {name} {brief(key)} is unknown here")
+    if (bank or views) and not PREPROCESSORS[given.preprocessor].views_and_filters:
+        raise ValueError("it has symmetries or filters, which its preprocessor has no columns for")
     if BACKBONES[given.backbone].has_tokens and [*map(len, given.tokens)] != [8] * given.thrusters:
         raise ValueError("its tokens are of another spacecraft")
     numbers = {

@@ -29,6 +29,7 @@ else:
     Activation = Literal[tuple(ACTIVATIONS)]
 Head = Literal["auto", "gated"]
 BackboneName = Literal["dense", "attention"]
+PreprocessorName = Literal["body", "world"]
 Memory = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
@@ -75,6 +76,9 @@ class PPOSettings:
     """Units of the network's hidden layers, shared by actor and critic."""
     activation: Activation = "tanh"
     """Between the layers."""
+    preprocessor: PreprocessorName = "body"
+    """Which columns the network is given: "body", vectors in the frame of the spacecraft (decision 004); "world",
+    those observed, which needs symmetric to be false and no filters."""
     backbone: BackboneName = "dense"
     """How features become commands: "dense" by a last layer; "attention" by a layer of attention over the
     effectors, whose weights fit any craft."""
@@ -181,6 +185,7 @@ class PPOSettings:
         for name, kind in (
             ("activation", Activation),
             ("backbone", BackboneName),
+            ("preprocessor", PreprocessorName),
             ("head", Head),
             ("matmul", Precision),
             ("memory", Memory),
@@ -224,6 +229,11 @@ class PPOSettings:
             raise ConfigError(
                 "filters stand beside a history or nothing, not beside memory 'recurrent', "
                 "which is all that such a network remembers."
+            )
+        if self.preprocessor == "world" and (self.symmetric or self.filters):
+            raise ConfigError(
+                "preprocessor 'world' needs symmetric to be false and no filters: both work on vectors in "
+                "the frame of the spacecraft."
             )
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError(

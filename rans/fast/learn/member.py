@@ -42,6 +42,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         symmetries=symmetries(craft) if settings.symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(craft, settings.head),
+        preprocessor=settings.preprocessor,
         backbone=settings.backbone,
         tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
         history=settings.history if has_history else 0,

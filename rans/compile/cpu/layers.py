@@ -1,0 +1,122 @@
+"""A policy's dense layers on a CPU, as machine code: sixteen spacecraft to a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, Program, Value
+from rans.compile.cpu.matmul import WIDTH, dense
+from rans.policy.capabilities import Capabilities
+from rans.policy.scalars import Stage
+
+
+class LayersMemory(NamedTuple):
+    """What layers read and write."""
+
+    rows: np.ndarray
+    """(inputs, N), each row of a multiple of `WIDTH` numbers in memory."""
+    out: np.ndarray
+    """(outputs, N), the same."""
+    scratch: np.ndarray
+
+
+class CpuLayers:
+    """Layers one after the other, in float32.
+
+    Args:
+        stage: which they are.
+        tables: the policy's parameters (`rans.policy.traced.parameters`).
+    """
+
+    capabilities: ClassVar[Capabilities] = Capabilities(recurrent=True)
+    """Of policies whose flights have such layers (`rans.compile.cpu.flights`)."""
+
+    def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
+        self._layers = stage.layers
+        self._sizes = [len(stage.inputs), *(layer.units for layer in stage.layers)]
+        parts = list[np.ndarray]()
+        self._starts = list[tuple[int, int]]()
+        start = 0
+        for layer in stage.layers:
+            weight = tables[layer.weight]
+            bias = tables[layer.bias]
+            self._starts.append((start, start + weight.size))
+            parts += [weight.ravel(), bias]
+            start += weight.size + bias.size
+        self._weights = np.concatenate(parts).astype(np.float32)
+        self._program = Program()
+        self._program.function(
+            "layers", (POINTER, LONG, LONG, POINTER, POINTER, POINTER), self._write
+        )
+        self._run = self._program.compiled("layers")
+
+    def memory(self, count: int) -> LayersMemory:
+        """Of calls for N spacecraft: not for two threads at once."""
+        padded = -(-count // WIDTH) * WIDTH
+        return LayersMemory(
+            np.zeros((self._sizes[0], padded), np.float32)[:, :count],
+            np.zeros((self._sizes[-1], padded), np.float32)[:, :count],
+            np.empty(2 * max(self._sizes) * WIDTH, np.float32),
+        )
+
+    def __call__(self, columns: Sequence[np.ndarray], memory: LayersMemory) -> np.ndarray:
+        """Outputs (outputs, N) of what the first layer is given, one array (N,) or number a column.
+
+        The next call with the same memory overwrites them.
+        """
+        rows, out, scratch = memory
+        for row, column in zip(rows, columns, strict=True):
+            row[:] = column
+        stride = rows.strides[0] // rows.itemsize
+        self._run(
+            rows.ctypes.data,
+            stride,
+            stride // WIDTH,
+            self._weights.ctypes.data,
+            scratch.ctypes.data,
+            out.ctypes.data,
+        )
+        return out
+
+    def _write(
+        self,
+        code: Code,
+        rows: Value,
+        stride: Value,
+        tiles: Value,
+        weights: Value,
+        scratch: Value,
+        out: Value,
+    ) -> None:
+        """Tile by tile, one layer after the other."""
+
+        def tile(number: Value, _: list[Value]) -> list[Value]:
+            first = code.mul(number, LONG(WIDTH))
+            source = code.at(rows, first, FLOAT)
+            step = stride
+            for at, (weight, bias) in enumerate(self._starts):
+                last = at == len(self._starts) - 1
+                to = (
+                    code.at(out, first, FLOAT)
+                    if last
+                    else code.at(scratch, at % 2 * max(self._sizes) * WIDTH, FLOAT)
+                )
+                dense(
+                    code,
+                    (self._sizes[at + 1], self._sizes[at]),
+                    code.at(weights, weight, FLOAT),
+                    code.at(weights, bias, FLOAT),
+                    source,
+                    step,
+                    to,
+                    stride if last else LONG(WIDTH),
+                    self._layers[at].activation,
+                )
+                source = to
+                step = LONG(WIDTH)
+            return []
+
+        code.repeat(tiles, [], tile)

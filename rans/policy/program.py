@@ -1,0 +1,198 @@
+"""A straight-line program over rows of numbers, in which a policy is written down (`rans.policy.traced`).
+
+A row is (N, k): k numbers of each of N spacecraft. An operation is one of ONNX's, by its name there
+(https://onnx.ai/onnx/operators), with ONNX's meaning; a dense layer is one node, "Dense", that nobody opens who has
+something better for it, such as tensor cores. Executors print the rows (`rans.deploy`), or ask for the single
+numbers in them (`Program.fields`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rans.model.fields import Field
+from rans.model.trace import Symbol, Untraceable, ordered
+
+_LOWERED = {
+    "+": "Add",
+    "-": "Sub",
+    "*": "Mul",
+    "/": "Div",
+    "==": "Equal",
+    "neg": "Neg",
+    "where": "Where",
+    "maximum": "Max",
+    "minimum": "Min",
+    ">": "Greater",
+    "<": "Less",
+    ">=": "GreaterOrEqual",
+    "<=": "LessOrEqual",
+    "&": "And",
+    "|": "Or",
+    "abs": "Abs",
+    "floor": "Floor",
+    "sqrt": "Sqrt",
+    "sin": "Sin",
+    "cos": "Cos",
+    "tanh": "Tanh",
+    "exp": "Exp",
+    "log": "Log",
+}
+"""ONNX's names of operations on symbols."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation, by ONNX's name and with its meaning; or a layer with its activation, "Dense".
+
+    Inputs of a layer are a row, weights (o, i) and biases (o,); its attributes the number of ``units`` o and the
+    ``activation``, a key of `rans.policy.activations.ACTIVATIONS` or "".
+    """
+
+    operation: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    attributes: Mapping[str, int | str] = field(default_factory=dict)
+
+
+class Program:
+    """Steps in order, on values that have names.
+
+    Attributes:
+        steps: the operations.
+        constants: tables and numbers that are the same for all policies of one architecture, by their names.
+        parameters: shapes of those that training changes, by their names.
+        lacks: what the program should have and has not, in words; "" if it is complete.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self.constants: dict[str, np.ndarray] = {}
+        self.parameters: dict[str, tuple[int, ...]] = {}
+        self.lacks = ""
+        self._single: dict[tuple[str, int], list[str]] = {}
+
+    def constant(self, value: object, name: str = "", dtype: type = np.float64) -> str:
+        """A table or number that is the same for all observations; whole numbers are indices."""
+        name = name or f"constant_{len(self.constants)}"
+        self.constants[name] = np.array(value, dtype)
+        return name
+
+    def parameter(self, name: str, *shape: int) -> str:
+        """A table that training changes, float32."""
+        self.parameters[name] = shape
+        return name
+
+    def apply(self, operation: str, *inputs: str, name: str = "", **attributes: int | str) -> str:
+        """The value of an operation; a name is for readers, and for executors that ask for this row."""
+        output = name or f"x{len(self.steps)}"
+        self.steps.append(Step(operation, inputs, (output,), attributes))
+        return output
+
+    def split(self, value: str, widths: Sequence[int], names: Sequence[str] = ()) -> list[str]:
+        """The value's last axis in pieces of these widths; none for a piece without any."""
+        kept = [place for place, width in enumerate(widths) if width]
+        if len(kept) == 1 and not names:
+            return [value if width else "" for width in widths]
+        outputs = [names[place] if names else f"{value}_{n}" for n, place in enumerate(kept)]
+        if len(kept) == 1:
+            self.apply("Identity", value, name=outputs[0])
+        else:
+            sizes = self.constant([widths[place] for place in kept], dtype=np.int64)
+            self.steps.append(Step("Split", (value, sizes), tuple(outputs), {"axis": -1}))
+        pieces = iter(outputs)
+        return [next(pieces) if width else "" for width in widths]
+
+    def single(self, value: str, width: int) -> list[str]:
+        """The columns of a row, each by itself."""
+        if (value, width) not in self._single:
+            self._single[value, width] = self.split(value, [1] * width)
+        return self._single[value, width]
+
+    def joined(self, *values: str, name: str = "") -> str:
+        """Values side by side along the last axis; empty names are nothing."""
+        return self.apply("Concat", *filter(None, values), name=name, axis=-1)
+
+    def dense(self, value: str, layer: str, units: int, width: int, activation: str = "") -> str:
+        """A layer of that name, (N, width) to (N, units), and its activation."""
+        weight = self.parameter(f"{layer}.weight", units, width)
+        bias = self.parameter(f"{layer}.bias", units)
+        return self.apply("Dense", value, weight, bias, units=units, activation=activation)
+
+    def each(self, formula: Callable[..., Field], *rows: str) -> str:
+        """What a formula on fields makes of every number of rows, which are broadcast against each other."""
+        symbols = inputs("number", len(rows))
+        result = Symbol.constant(formula(*symbols))
+        return self.lowered([result], dict(zip(symbols, rows, strict=True)))[0]
+
+    def lowered(self, results: Sequence[Field], given: Mapping[Symbol, str]) -> list[str]:
+        """The rows that these symbols are, of inputs that are rows.
+
+        Raises:
+            Untraceable: one of them is made by an operation that ONNX does not have.
+        """
+        roots = [Symbol.constant(result) for result in results]
+        values = dict(given)
+        for symbol in ordered(roots, given):
+            if symbol.operation == "constant":
+                values[symbol] = self.constant(symbol.value)
+                continue
+            operands = [values[x] for x in symbol.args]
+            if symbol.operation == "where" and [x.value for x in symbol.args[1:]] == [1.0, 0.0]:
+                values[symbol] = self.apply("Cast", operands[0], to=1)  # to float32
+            elif (clipped := _clipped(symbol)) is not None:
+                row, *bounds = (values.get(x) or self.constant(x.value) for x in clipped)
+                values[symbol] = self.apply("Clip", row, *bounds)
+            elif symbol.operation in _LOWERED:
+                values[symbol] = self.apply(_LOWERED[symbol.operation], *operands)
+            else:
+                raise Untraceable(
+                    f"{symbol.operation!r} of an observation's columns has no place in a policy's program: "
+                    "only what ONNX has an operation for does."
+                )
+        return [values[root] for root in roots]
+
+    def pruned(self, wanted: Iterable[str]) -> Program:
+        """The same with the steps alone that these values need, and the tables that they read."""
+        found = Program()
+        found.steps = self.needed(wanted)
+        used = {name for step in found.steps for name in step.inputs}
+        found.constants = {name: x for name, x in self.constants.items() if name in used}
+        found.parameters = {name: x for name, x in self.parameters.items() if name in used}
+        return found
+
+    def needed(self, wanted: Iterable[str], known: Iterable[str] = ()) -> list[Step]:
+        """The steps that these values need, once others are known.
+
+        Raises:
+            Untraceable: one of them is no value of this program.
+        """
+        names = set(wanted) - set(known)
+        if missing := names - {name for step in self.steps for name in step.outputs}:
+            raise Untraceable(
+                f"a program of this policy has no {', '.join(sorted(missing))}"
+                f"{f', because it has no {self.lacks}' if self.lacks else ''}."
+            )
+        kept = []
+        for step in reversed(self.steps):
+            if names.intersection(step.outputs):
+                names.update(set(step.inputs) - set(known))
+                kept.append(step)
+        return kept[::-1]
+
+
+def _clipped(symbol: Symbol) -> tuple[Symbol, ...] | None:
+    """A symbol and its two bounds, where this one is the larger and then the smaller of two."""
+    inner = symbol.args[0]
+    if (symbol.operation, inner.operation) != ("minimum", "maximum"):
+        return None
+    found = *inner.args, symbol.args[1]
+    return found if all(x.operation == "constant" for x in found[1:]) else None
+
+
+def inputs(name: str, count: int) -> list[Symbol]:
+    """Symbols of so many numbers of this name."""
+    return [Symbol.input(f"{name}_{k}") for k in range(count)]
