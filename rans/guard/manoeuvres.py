@@ -67,7 +67,7 @@ def pushing(world: World, state: Any, push: Any) -> tuple[Field, ...]:
     """
     craft = world.craft
     thrusters = _Thrusters(craft)
-    direction = _in_body(state.attitude, push)
+    direction = in_body(state.attitude, push)
     opened = []
     for k in range(len(craft.thrusters)):
         score = _dot(direction.columns(), thrusters.directions[k])
@@ -141,7 +141,7 @@ def _unit(v: Any) -> Any:
     return v.scale(1.0 / at_least(v.norm(), 1e-9))
 
 
-def _in_body(attitude: Any, v: Any) -> Any:
+def in_body(attitude: Any, v: Any) -> Any:
     """A vector of W in B."""
     if isinstance(attitude, Heading):
         assert isinstance(v, Vec2)
