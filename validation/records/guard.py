@@ -175,7 +175,12 @@ def guided(world: World, backend: Backend, size: int) -> Policy:
 
 @torch.no_grad()
 def flown(
-    mission: str, policy: str, filtered: bool, count: int, device: str, plain: bool = False
+    mission: str,
+    policy: str,
+    filtered: bool,
+    count: int,
+    device: str,
+    plain: bool = False,
 ) -> Row:
     """Fly them all, in single precision."""
     task_name, craft_name = MISSIONS[mission]
@@ -281,7 +286,7 @@ class Campaign:
         say = Terminal().say
         for mission in self.missions:
             for policy in self.policies:
-                for filtered in (False, True):
+                for filtered in (True, False):
                     wanted = (
                         self.flights if filtered or self.unfiltered is None else self.unfiltered
                     )
