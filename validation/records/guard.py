@@ -22,7 +22,7 @@ from rans.effectors.commands import of_outputs
 from rans.episode import Setup, World, step
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
-from rans.fast.step import Backend
+from rans.fast.stepping.step import Backend
 from rans.guard import safety_filter
 from rans.guard.manoeuvres import in_body, slope_of_least
 from rans.model.dynamics import thrust
