@@ -35,7 +35,7 @@ class FlownBackup:
 
     A state is safe if the craft may coast from now on (`rans.guard.coasting.Coasting`), or if one of
     `rans.guard.manoeuvres.manoeuvres` brings it, within ``periods`` control periods and with every margin kept
-    at every look, to a state from which it may. A command passes if it keeps every margin at every look of its
+    at every check, to a state from which it may. A command passes if it keeps every margin at every check of its
     control period and leads to a safe state. So there is always a command that passes once a start is safe:
     to coast, or the next one of the manoeuvre by which the last command passed (a simplex filter with an
     implicit safe set; K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems,
@@ -70,21 +70,23 @@ class FlownBackup:
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """(N,) whether states of arrays or tensors (N,) are safe: whether the filter holds from there on."""
-        look = _Search.of(self, world)
-        return look.safe(state, goal, look.ways)
+        search = _Search.of(self, world)
+        return search.safe(state, goal, search.ways)
 
     def _filtered(
         self, world: World, state: Any, goal: Any, command: Command
     ) -> tuple[Command, Field]:
-        look = _Search.of(self, world)
+        search = _Search.of(self, world)
         size = count((state, command))
         command = tuple(x if getattr(x, "ndim", 0) else like(state, size, x) for x in command)
-        refused = where_true(~look.passes(state, goal, command, look.ways))
+        refused = where_true(~search.passes(state, goal, command, search.ways))
         changed = truths(state, size)
         if not len(refused):
             return command, changed
         given = tuple(copied(x) for x in command)
-        instead = look.instead(taken(state, refused), taken(goal, refused), taken(command, refused))
+        instead = search.instead(
+            taken(state, refused), taken(goal, refused), taken(command, refused)
+        )
         for x, new in zip(given, instead, strict=True):
             changed[refused] |= x[refused] != new
             x[refused] = new
@@ -97,7 +99,7 @@ class _Arrival(NamedTuple):
     state: Any
     goal: Any
     kept: Field
-    """Whether every margin was kept at every look."""
+    """Whether every margin was kept at every check."""
     free: Field
     """Whether it was, and the craft may coast from there."""
 

@@ -42,7 +42,7 @@ class BarrierProgram:
     """Safety filter by quadratic programs, a `rans.episode.Guard`.
 
     It gives the command nearest to the wanted one (least sum of squared differences) after which the margin h
-    of every constraint, at every look of the control period, is at least (1 - decay) h_now + decay * slack: a
+    of every constraint, at every check of the control period, is at least (1 - decay) h_now + decay * slack: a
     discrete-time control barrier function (A. Agrawal and K. Sreenath, "Discrete Control Barrier Functions for
     Safety-Critical Control of Discrete Systems", RSS, 2017), as in active-set invariance filters (T. Gurriet et
     al., "Towards a Framework for Realizable Safety Critical Control through Active Set Invariance", ICCPS, 2018).
@@ -115,7 +115,7 @@ class _Search:
         return [margin if is_array(margin) else like(state, size, margin) for margin in margins]
 
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
-        """Every margin at every look of the command's period, then the least of each while it brakes."""
+        """Every margin at every check of the command's period, then the least of each while it brakes."""
         arrival = self.ahead.fly(state, goal, command)
         found = [margin for margins in arrival.margins for margin in margins.values()]
         return found + self.braking(arrival.state, arrival.goal)
@@ -151,7 +151,7 @@ class _Search:
         decay = self.guard.decay
         barriers = [margin * (1.0 - decay) + decay * slack for margin in now]
         later = [margin * 0.0 + slack for margin in (*now, now[0])]
-        return barriers * self.world.timing.looks + later
+        return barriers * self.world.timing.checks + later
 
     def kept(self, state: Any, goal: Any, command: Command, now: list[Any], share: float) -> Field:
         """Whether commands keep margins, but for a share of the slack."""

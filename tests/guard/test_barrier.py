@@ -80,7 +80,7 @@ class Ramming:
 def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     task = Dock()
     starts = scenarios(task, DEPUTY, seed=3, count=4)
-    timing = Timing(10.0, None, 6, looks=10)
+    timing = Timing(10.0, None, 6, checks=10)
     free = flying(DEPUTY, task, Ramming(), starts, timing)
     assert free.violated().all()
     kept = flying(DEPUTY, task, Ramming(), starts, timing, guard=BarrierProgram())
