@@ -5,20 +5,23 @@ from __future__ import annotations
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError
 from rans.guard.backup import FlownBackup
+from rans.guard.barrier import BarrierProgram, check_throttles
 from rans.scenario import scenario
 
-__all__ = ["FlownBackup", "safety_filter"]
+__all__ = ["BarrierProgram", "FlownBackup", "safety_filter"]
 
 
 def safety_filter(setup: Setup) -> Guard:
     """The safety filter for what flies in a setup, with its default settings.
+
+    Throttles get a `BarrierProgram`, on/off and pulsed thrusters a `FlownBackup`.
 
     >>> craft = rans.load_spacecraft("floating-platform")
     >>> safety_filter(Setup(craft, rans.load_task("avoid"))).name
     'flown backup'
 
     Raises:
-        ConfigError: the task has no constraints.
+        ConfigError: the task has no constraints, or throttles that no filter can brake with.
     """
     task = setup.task
     name = type(task).__name__
@@ -28,4 +31,7 @@ def safety_filter(setup: Setup) -> Guard:
             f"a safety filter keeps the constraints of a task, but {name} has none; fly a mission such as "
             "avoid or dock-port, or define constraints in a task of your own."
         )
+    if setup.craft.actuators.kind == "throttle":
+        check_throttles(setup.craft)
+        return BarrierProgram()
     return FlownBackup()

@@ -19,7 +19,7 @@ class Arrival(NamedTuple):
     state: Any
     goal: Any
     margins: tuple[dict[str, Field], ...]
-    """Margins at every look of the period."""
+    """Margins at every check of the period."""
 
     @property
     def least(self) -> Field:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rans.episode import Command, World
 from rans.guard.ahead import Ahead
 from rans.guard.coasting import Coasting, periods_of
-from rans.guard.manoeuvres import Manoeuvre, manoeuvres, pushing
+from rans.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
 from rans.guard.rows import (
     batched,
     copied,
@@ -35,7 +35,7 @@ class FlownBackup:
 
     A state is safe if the craft may coast from now on (`rans.guard.coasting.Coasting`), or if one of
     `rans.guard.manoeuvres.manoeuvres` brings it, within ``periods`` control periods and with every margin kept
-    at every look, to a state from which it may. A command passes if it keeps every margin at every look of its
+    at every check, to a state from which it may. A command passes if it keeps every margin at every check of its
     control period and leads to a safe state. So there is always a command that passes once a start is safe:
     to coast, or the next one of the manoeuvre by which the last command passed (a simplex filter with an
     implicit safe set; K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems,
@@ -70,25 +70,38 @@ class FlownBackup:
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """(N,) whether states of arrays or tensors (N,) are safe: whether the filter holds from there on."""
-        look = _Search.of(self, world)
-        return look.safe(state, goal, look.ways)
+        search = _Search.of(self, world)
+        return search.safe(state, goal, search.ways)
 
     def _filtered(
         self, world: World, state: Any, goal: Any, command: Command
     ) -> tuple[Command, Field]:
-        look = _Search.of(self, world)
+        search = _Search.of(self, world)
         size = count((state, command))
         command = tuple(x if getattr(x, "ndim", 0) else like(state, size, x) for x in command)
-        refused = where_true(~look.passes(state, goal, command, look.ways))
+        refused = where_true(~search.passes(state, goal, command, search.ways))
         changed = truths(state, size)
         if not len(refused):
             return command, changed
         given = tuple(copied(x) for x in command)
-        instead = look.instead(taken(state, refused), taken(goal, refused), taken(command, refused))
+        instead = search.instead(
+            taken(state, refused), taken(goal, refused), taken(command, refused)
+        )
         for x, new in zip(given, instead, strict=True):
             changed[refused] |= x[refused] != new
             x[refused] = new
         return given, changed
+
+
+class _Arrival(NamedTuple):
+    """What a control period leads to."""
+
+    state: Any
+    goal: Any
+    kept: Field
+    """Whether every margin was kept at every check."""
+    free: Field
+    """Whether it was, and the craft may coast from there."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +111,7 @@ class _Search:
     world: World
     ahead: Ahead
     coasting: Coasting
+    thrusters: Thrusters
     ways: tuple[Manoeuvre, ...]
     periods: int
     slack: float
@@ -107,12 +121,30 @@ class _Search:
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
         coasting = Coasting(world, guard.slack, periods_of(seconds, timing.control_period))
-        return cls(world, Ahead(world), coasting, manoeuvres(world), guard.periods, guard.slack)
+        ways = manoeuvres(world)
+        return cls(
+            world,
+            Ahead(world),
+            coasting,
+            Thrusters.of(world),
+            ways,
+            guard.periods,
+            guard.slack,
+        )
 
     def safe(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
         """Whether it may coast from these states, or leave them by one of some manoeuvres."""
         found = self.coasting.safe(state, goal)
         left = where_true(~found)
+        if len(left):
+            found[left] = self._escapes(*taken((state, goal), left), ways)
+        return found
+
+    def _escapes(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
+        """Whether one of some manoeuvres brings these states to where it may coast."""
+        size = count(state)
+        found = truths(state, size)
+        left = numbers(state, size)
         # Most are brought out of danger by the first manoeuvre; for the rest all others are flown at once.
         for some in (ways[:1], ways[1:]):
             if some and len(left):
@@ -131,35 +163,37 @@ class _Search:
         found = truths(state, len(again))
         rows = numbers(state, len(again))
         for _ in range(self.periods):
-            arrival = self.ahead.fly(state, goal, self.command(way, state, goal))
-            kept = where_true(arrival.least >= self.slack)
-            state = taken(arrival.state, kept)
-            goal = taken(arrival.goal, kept)
-            rows = rows[kept]
-            if not len(rows):
-                break
-            free = self.coasting.safe(state, goal)
-            found[rows[free]] = True
-            going = where_true(~free)
+            arrival = self._manoeuvred(way, state, goal)
+            found[rows[arrival.free]] = True
+            going = where_true(arrival.kept & ~arrival.free)
             if not len(going):
                 break
             rows = rows[going]
-            state = taken(state, going)
-            goal = taken(goal, going)
-            way = taken(way, kept[going])
+            way, state, goal = taken((way, arrival.state, arrival.goal), going)
         return found.reshape(len(ways), size)
 
     def command(self, way: Manoeuvre, state: Any, goal: Any) -> Command:
         """What a manoeuvre commands now."""
-        return pushing(self.world, state, way.push(self.world, state, goal))
+        return self.thrusters.pushing(state, way.push(self.world, state, goal))
+
+    def _manoeuvred(self, way: Manoeuvre, state: Any, goal: Any) -> _Arrival:
+        """What a control period of a manoeuvre leads to."""
+        return self.held(state, goal, self.command(way, state, goal))
+
+    def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
+        """What holding a command for a control period leads to."""
+        arrival = self.ahead.fly(state, goal, command)
+        kept = arrival.least >= self.slack
+        free = kept & self.coasting.safe(arrival.state, arrival.goal)
+        return _Arrival(arrival.state, arrival.goal, kept, free)
 
     def passes(self, state: Any, goal: Any, command: Command, ways: tuple[Manoeuvre, ...]) -> Field:
         """Whether commands keep every margin for a period, and lead to safe states."""
-        arrival = self.ahead.fly(state, goal, command)
-        found = arrival.least >= self.slack
-        rows = where_true(found)
-        if len(rows):
-            found[rows] = self.safe(taken(arrival.state, rows), taken(arrival.goal, rows), ways)
+        arrival = self.held(state, goal, command)
+        found = arrival.free
+        left = where_true(arrival.kept & ~arrival.free)
+        if len(left):
+            found[left] = self._escapes(*taken((arrival.state, arrival.goal), left), ways)
         return found
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:

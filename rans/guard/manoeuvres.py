@@ -5,14 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from rans.episode import World
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector, at_least, where
-from rans.model.spacecraft import Spacecraft
 
 _OPEN = 0.5
 """Score above which a thruster opens: within 60 degrees of the push. Of thrusters along the axes of a craft, or
@@ -60,21 +58,57 @@ def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
     return (*laws, *pushes)
 
 
-def pushing(world: World, state: Any, push: Any) -> tuple[Field, ...]:
-    """Command that pushes in a direction of W, a unit vector, while it slows down the spin.
+@dataclass(frozen=True)
+class Thrusters:
+    """What a craft's thrusters do, in B: plain numbers, which compilers take as constants."""
 
-    1 (or the most that is allowed) for each thruster that opens, 0 for the others; motors of wheels rest.
-    """
-    craft = world.craft
-    thrusters = _Thrusters(craft)
-    direction = _in_body(state.attitude, push)
-    opened = []
-    for k in range(len(craft.thrusters)):
-        score = _dot(direction.columns(), thrusters.directions[k])
-        score = score + thrusters.despin(state, k, world.timing.control_period)
-        opened.append(where(score > _OPEN, score * 0.0 + craft.commands[k].high, score * 0.0))
-    zero = opened[0] * 0.0
-    return (*opened, *(zero for _ in craft.wheels))
+    directions: tuple[tuple[float, ...], ...]
+    """Unit vector of the force of each."""
+    despins: tuple[tuple[float, ...], ...]
+    """Of each: the factors that make of an angular velocity, rad/s, the score for slowing it down."""
+    most: tuple[float, ...]
+    """Largest command of each."""
+    wheels: int
+    """Number of reaction wheels, whose motors rest."""
+
+    @classmethod
+    def of(cls, world: World) -> Thrusters:
+        """Those of a world's craft, for pulses of its control period."""
+        craft = world.craft
+        effects = np.array(craft.wrench_map)
+        forces = effects[:, : craft.dimension]
+        torques = effects[:, craft.dimension :]
+        inertia = np.array(craft.inertia)
+        if craft.dimension == 2:
+            turns = torques / inertia[2, 2]
+        else:
+            turns = torques @ np.linalg.inv(inertia).T
+        turns = turns * world.timing.control_period
+        squares = (turns * turns).sum(axis=1, keepdims=True)
+        despins = np.where(squares > 1e-12, -_DESPIN * turns / np.maximum(squares, 1e-12), 0.0)
+        lengths = np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-12)
+        return cls(
+            tuple(map(tuple, (forces / lengths).tolist())),
+            tuple(map(tuple, despins.tolist())),
+            tuple(one.high for one in craft.commands[: len(craft.thrusters)]),
+            len(craft.wheels),
+        )
+
+    def pushing(self, state: Any, push: Any) -> tuple[Field, ...]:
+        """Command that pushes in a direction of W, a unit vector, while it slows down the spin.
+
+        The most that is allowed for each thruster that opens, 0 for the others; motors of wheels rest.
+        """
+        direction = in_body(state.attitude, push).columns()
+        spin = state.spin()
+        opened = []
+        for along, despin, most in zip(self.directions, self.despins, self.most, strict=True):
+            slower = _dot(spin, despin)
+            slower = where(slower > _MOST_DESPIN, slower * 0.0 + _MOST_DESPIN, slower)
+            score = _dot(direction, along) + at_least(slower, -_MOST_DESPIN)
+            opened.append(where(score > _OPEN, score * 0.0 + most, score * 0.0))
+        zero = opened[0] * 0.0
+        return (*opened, *(zero for _ in range(self.wheels)))
 
 
 def slope_of_least(world: World, state: Any, goal: Any) -> Any:
@@ -96,39 +130,6 @@ def slope_of_least(world: World, state: Any, goal: Any) -> Any:
     return type(state.p)(*slopes)
 
 
-@dataclass(frozen=True)
-class _Thrusters:
-    """What a craft's thrusters do, in B."""
-
-    craft: Spacecraft
-
-    @cached_property
-    def directions(self) -> np.ndarray:
-        """(thrusters, d) unit vectors of their forces."""
-        forces = np.array(self.craft.wrench_map)[:, : self.craft.dimension]
-        return forces / np.maximum(np.linalg.norm(forces, axis=1), 1e-12)[:, None]
-
-    @cached_property
-    def turns(self) -> np.ndarray:
-        """(thrusters, 1 or 3) changes of the angular velocity for each second that they are open, rad/s^2."""
-        torques = np.array(self.craft.wrench_map)[:, self.craft.dimension :]
-        inertia = np.array(self.craft.inertia)
-        if self.craft.dimension == 2:
-            return torques / inertia[2, 2]
-        return torques @ np.linalg.inv(inertia).T
-
-    def despin(self, state: Any, k: int, period: float) -> Field:
-        """Score for what a pulse of a thruster takes off the spin."""
-        turn = self.turns[k] * period
-        square = float(turn @ turn)
-        spin = state.spin()
-        if square < 1e-12:
-            return spin[0] * 0.0
-        score = _dot(spin, turn * (-_DESPIN / square))
-        score = where(score > _MOST_DESPIN, score * 0.0 + _MOST_DESPIN, score)
-        return at_least(score, -_MOST_DESPIN)
-
-
 def _dot(fields: Any, numbers: Any) -> Field:
     total = fields[0] * 0.0
     for x, number in zip(fields, numbers, strict=True):
@@ -141,7 +142,7 @@ def _unit(v: Any) -> Any:
     return v.scale(1.0 / at_least(v.norm(), 1e-9))
 
 
-def _in_body(attitude: Any, v: Any) -> Any:
+def in_body(attitude: Any, v: Any) -> Any:
     """A vector of W in B."""
     if isinstance(attitude, Heading):
         assert isinstance(v, Vec2)

@@ -169,10 +169,12 @@ def test_engines_and_environments_fly_it() -> None:
 
 @pytest.mark.filterwarnings("ignore:LQR does not know the constraints:UserWarning")
 def test_metrics_tell_what_the_filter_did() -> None:
-    found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
+    with pytest.warns(UserWarning, match="does not know the constraints"):
+        found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
     assert found["failed"].value == 0.0
     assert 0.0 < found["interventions"].value < 100.0
-    free = rans.evaluate("lqr:avoid-2d", episodes=6)
+    with pytest.warns(UserWarning, match="does not know the constraints"):
+        free = rans.evaluate("lqr:avoid-2d", episodes=6)
     assert free["failed"].value > 0.0
     with pytest.raises(KeyError):
         _ = free["interventions"]

@@ -117,7 +117,7 @@ def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
             f"{run.controller.name} was made for its own setup; give its name instead, as in "
             f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r})."
         )
-    return LoadedRun(run.controller, *changed[:4])
+    return LoadedRun(run.controller, *changed)
 
 
 def agent_folder(spec: str) -> Path:

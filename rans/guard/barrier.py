@@ -1,0 +1,288 @@
+"""Safety filter of throttles: the nearest command that keeps every margin, by quadratic programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rans.episode import Command, World
+from rans.errors import ConfigError
+from rans.guard.ahead import Ahead
+from rans.guard.manoeuvres import in_body
+from rans.guard.quadratic import nearest
+from rans.guard.rows import (
+    batched,
+    columns,
+    copied,
+    count,
+    is_array,
+    like,
+    stacked,
+    taken,
+    truths,
+    where_true,
+)
+from rans.model.fields import Field, where
+from rans.model.spacecraft import Spacecraft
+
+_ROUNDS = 3
+"""Quadratic programs, each about the command that the last one gave."""
+_STEP = 0.05
+"""Share of a command's range over which slopes are taken: small beside it, large beside rounding."""
+_ROOM = 0.5
+"""Share of the slack that may be missing from what a program found."""
+_BLENDS = (0.25, 0.5, 0.75)
+"""Shares of braking that are tried where the programs' command keeps too little."""
+
+
+@dataclass(frozen=True)
+class BarrierProgram:
+    """Safety filter by quadratic programs, a `rans.episode.Guard`.
+
+    It gives the command nearest to the wanted one (least sum of squared differences) after which the margin h
+    of every constraint, at every check of the control period, is at least (1 - decay) h_now + decay * slack: a
+    discrete-time control barrier function (A. Agrawal and K. Sreenath, "Discrete Control Barrier Functions for
+    Safety-Critical Control of Discrete Systems", RSS, 2017), as in active-set invariance filters (T. Gurriet et
+    al., "Towards a Framework for Realizable Safety Critical Control through Active Set Invariance", ICCPS, 2018).
+    As commands now are felt by positions later, the margins must also keep the slack while the craft then
+    brakes, and it must be at rest against the goal within ``periods`` control periods. Margins are linearised
+    about the command by flying ahead, up to three times; what comes out is flown ahead too, and where it keeps
+    too little the command is mixed with braking, or is braking.
+
+    It knows the state as sensors tell it, and the craft as designed: of noise, late valves, faults and
+    disturbances it knows nothing.
+    """
+
+    decay: float = 1.0
+    """Share of a margin that a control period may use up."""
+    periods: int = 20
+    """Control periods in which the craft must be able to brake."""
+    slack: float = 0.002
+    """Least margin that is aimed at, in each margin's unit."""
+    name: str = "barrier program"
+    by_values: ClassVar[bool] = True
+
+    def admitted(
+        self, world: World, state: Any, goal: Any, command: Command
+    ) -> tuple[Command, Field]:
+        """See `rans.episode.Guard`."""
+        (state, goal, command), single = batched((state, goal, tuple(command)))
+        size = count((state, command))
+        command = tuple(x if is_array(x) else like(state, size, x) for x in command)
+        search = _Search.of(self, world)
+        now = search.margins_now(state, goal)
+        kept = search.kept(state, goal, command, now, 1.0)
+        refused = where_true(~kept)
+        changed = truths(state, size)
+        given = tuple(copied(x) for x in command)
+        if len(refused):
+            here = taken((state, goal, command), refused)
+            instead = search.instead(here[0], here[1], here[2], [x[refused] for x in now])
+            for x, new in zip(given, instead, strict=True):
+                changed[refused] |= x[refused] != new
+                x[refused] = new
+        if single:
+            return tuple(float(x[0]) for x in given), bool(changed[0])
+        return given, changed
+
+    def safe(self, world: World, state: Any, goal: Any) -> Field:
+        """(N,) whether braking keeps every margin from these states on."""
+        search = _Search.of(self, world)
+        kept = truths(state, count(state)) | True
+        for margin in (*search.braking(state, goal), *search.margins_now(state, goal)):
+            kept = kept & (margin >= self.slack)
+        return kept
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A filter at work in one world."""
+
+    guard: BarrierProgram
+    world: World
+    ahead: Ahead
+
+    @classmethod
+    def of(cls, guard: BarrierProgram, world: World) -> _Search:
+        return cls(guard, world, Ahead(world))
+
+    def margins_now(self, state: Any, goal: Any) -> list[Any]:
+        """Margins of the constraints, (N,) each."""
+        size = count(state)
+        margins = self.world.task.constraints(state, goal).values()
+        return [margin if is_array(margin) else like(state, size, margin) for margin in margins]
+
+    def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
+        """Every margin at every check of the command's period, then the least of each while it brakes."""
+        arrival = self.ahead.fly(state, goal, command)
+        found = [margin for margins in arrival.margins for margin in margins.values()]
+        return found + self.braking(arrival.state, arrival.goal)
+
+    def braking(self, state: Any, goal: Any) -> list[Any]:
+        """The least of each margin while the craft brakes, and what its speed is below rest then.
+
+        Rest is a speed that a control period of thrust takes off.
+        """
+        least: dict[str, Any] = {}
+        rest = self._rest()
+        for _ in range(self.guard.periods):
+            arrival = self.ahead.fly(state, goal, braking_command(self.world, state, goal))
+            for margins in arrival.margins:
+                for name, margin in margins.items():
+                    before = least.get(name, margin)
+                    least[name] = where(margin < before, margin, before)
+            state = arrival.state
+            goal = arrival.goal
+            if bool((_speed(state, goal) < 0.5 * rest).all()):
+                break
+        return [*least.values(), rest - _speed(state, goal)]
+
+    def _rest(self) -> float:
+        """Change of speed that a control period of the weakest thruster makes, m/s."""
+        craft = self.world.craft
+        force = min(thruster.force for thruster in craft.thrusters)
+        return force * self.world.timing.control_period / craft.mass
+
+    def aims(self, now: list[Any]) -> list[Any]:
+        """What `margins` must be at least, in their order."""
+        slack = self.guard.slack
+        decay = self.guard.decay
+        barriers = [margin * (1.0 - decay) + decay * slack for margin in now]
+        later = [margin * 0.0 + slack for margin in (*now, now[0])]
+        return barriers * self.world.timing.checks + later
+
+    def kept(self, state: Any, goal: Any, command: Command, now: list[Any], share: float) -> Field:
+        """Whether commands keep margins, but for a share of the slack."""
+        missing = self.guard.slack * (1.0 - share)
+        found = truths(state, count((state, command))) | True
+        for margin, aim in zip(self.margins(state, goal, command), self.aims(now), strict=True):
+            found = found & (margin >= aim - missing)
+        return found
+
+    def instead(self, state: Any, goal: Any, command: Command, now: list[Any]) -> Command:
+        """The nearest commands that keep the margins."""
+        ranges = self.world.craft.commands
+        size = count((state, command))
+        wanted = columns(list(command))
+        low = columns([like(command, 1, one.low) for one in ranges])[0]
+        high = columns([like(command, 1, one.high) for one in ranges])[0]
+        aims = columns(self.aims(now))
+        found = tuple(
+            where(x < one.low, one.low, where(x > one.high, one.high, x))
+            for x, one in zip(command, ranges, strict=True)
+        )
+        open_ = where_true(truths(state, size) | True)
+        for _ in range(_ROUNDS):
+            here, there, around = taken((state, goal, found), open_)
+            margins = columns(self.margins(here, there, around))
+            slopes = self._slopes(here, there, around, margins)
+            linear = aims[open_] - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
+            solved = nearest(wanted[open_], slopes, linear, low, high)
+            tried = tuple(solved[:, k] for k in range(len(ranges)))
+            for x, new in zip(found, tried, strict=True):
+                x[open_] = new
+            open_ = open_[~self.kept(here, there, tried, [x[open_] for x in now], _ROOM)]
+            if not len(open_):
+                return found
+
+        # What the programs could not keep is mixed with braking.
+        brake = braking_command(self.world, *taken((state, goal), open_))
+        tried = taken(found, open_)
+        for share in (*_BLENDS, 1.0):
+            mixed = tuple(x + (y - x) * share for x, y in zip(tried, brake, strict=True))
+            for x, new in zip(found, mixed, strict=True):
+                x[open_] = new
+            here, there = taken((state, goal), open_)
+            bad = where_true(~self.kept(here, there, mixed, [x[open_] for x in now], _ROOM))
+            if not len(bad):
+                break
+            open_ = open_[bad]
+            brake, tried = taken((brake, tried), bad)
+        return found
+
+    def _slopes(self, state: Any, goal: Any, command: Command, margins: Any) -> Any:
+        """(N, rows, commands) change of every margin with every command, by differences towards the middle."""
+        ranges = self.world.craft.commands
+        size = len(margins)
+        number = len(ranges)
+        again = stacked([where_true(truths(state, size) | True)] * number)
+        moved = [copied(x) for x in taken(tuple(command), again)]
+        steps = []
+        for k, one in enumerate(ranges):
+            step = _STEP * (one.high - one.low)
+            inwards = where(command[k] > 0.5 * (one.low + one.high), -step, step) + command[k] * 0.0
+            part = slice(k * size, (k + 1) * size)
+            moved[k][part] = moved[k][part] + inwards
+            steps.append(inwards)
+        there = columns(self.margins(taken(state, again), taken(goal, again), tuple(moved)))
+        changes = [
+            (there[k * size : (k + 1) * size] - margins) / steps[k][:, None] for k in range(number)
+        ]
+        return columns(changes)
+
+
+def braking_command(world: World, state: Any, goal: Any) -> Command:
+    """Throttles that bring a craft to rest against the goal, and its spin to zero, in a period if they can."""
+    craft = world.craft
+    period = world.timing.control_period
+    shares = _Shares(craft)
+    force = in_body(state.attitude, (goal.v - state.v).scale(craft.mass / period))
+    spin = state.spin()
+    inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])
+    torque = [
+        sum((x * float(-entry / period) for x, entry in zip(spin, row, strict=True)), spin[0] * 0.0)
+        for row in inertia
+    ]
+    wrench = (*force.columns(), *torque)
+    found = []
+    for one, row in zip(craft.commands, shares.matrix, strict=False):
+        share = sum((x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0)
+        share = where(share < one.low, share * 0.0 + one.low, share)
+        found.append(where(share > one.high, share * 0.0 + one.high, share))
+    zero = found[0] * 0.0
+    return (*found, *(zero for _ in craft.wheels))
+
+
+def _speed(state: Any, goal: Any) -> Field:
+    return (state.v - goal.v).norm()
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """Which thrusters give a wrench."""
+
+    craft: Spacecraft
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(thrusters, 3 or 6) shares of full force per unit of the wrench, of which the negative ones are none.
+
+        For thrusters in opposite pairs: the pseudo-inverse gives half to each of a pair, with opposite signs.
+        """
+        return 2.0 * np.linalg.pinv(np.array(self.craft.wrench_map).T)
+
+
+def check_throttles(craft: Spacecraft) -> None:
+    """Refuse a craft that the filter cannot brake.
+
+    Raises:
+        ConfigError: an engine is always lit, or thrusters are not in opposite pairs.
+    """
+    if any(one.low > 0.0 for one in craft.commands[: len(craft.thrusters)]):
+        raise ConfigError(
+            f"no safety filter knows how to brake {craft.name}: its engines cannot be shut."
+        )
+    effects = np.array(craft.wrench_map)
+    forces = effects[:, : craft.dimension]
+    alone = [
+        k
+        for k, effect in enumerate(effects)
+        if not np.isclose(effects, -effect, atol=1e-9).all(axis=1).any()
+    ]
+    if alone or np.linalg.matrix_rank(forces) < craft.dimension:
+        raise ConfigError(
+            f"the safety filter for throttles brakes with opposite pairs of thrusters in all directions, but "
+            f"{craft.name} has none for thrusters {', '.join(map(str, alone)) or 'of some direction'}."
+        )
