@@ -416,7 +416,7 @@ def _plain(value: Any) -> str:
 
 def listing(given: Listing) -> str:
     """A listing as a heading, a table and a note."""
-    note = f"{given.note}\n" if given.note else ""
+    note = f"\n{given.note}\n" if given.note else ""
     return f"**{given.title}**\n\n{table(given.columns, given.rows)}{note}"
 
 

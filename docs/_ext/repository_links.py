@@ -31,7 +31,7 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
         path, _, _ = target.partition("#")
         if not path or "://" in path:
             return link[0]
-        file = (page.parent / path).resolve()
+        file = (docs / path[1:] if path.startswith("/") else page.parent / path).resolve()
         up = "../" * (len(page.relative_to(docs).parts) - 1)
         if file in (docs.parent / "README.md", docs / "README.md"):
             return f"[{text}]({up}index.md)"
@@ -39,7 +39,7 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
             return f"[{text}]({up}learn/{file.stem}.rst)"
         if file.is_dir():
             return f"`{text.strip('`')}`"
-        if file.suffix == ".md" and file.is_relative_to(docs):
+        if file.suffix in (".md", ".rst") and file.is_relative_to(docs):
             return link[0]
         # relative to the docs, for `doctree-read` to download
         return f"{{repository-file}}`{text.strip('`')} <{path}>`"

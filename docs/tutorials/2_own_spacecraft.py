@@ -17,6 +17,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+
 import rans
 
 craft = rans.Spacecraft.planar(
@@ -66,6 +68,16 @@ for name in ("solved", "settling time", "impulse", "position error"):
     print(
         f"{name:>14}: {value.value:.3g} {value.unit} ({value.low:.3g} to {value.high:.3g})"
     )
+
+# %%
+# Sixteen flights, from their starts to the goal at the origin:
+flight = agent.fly(16)
+figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
+way = flight.states.p - flight.goals.p
+axes.plot(way.x, way.y, linewidth=1)
+axes.plot(0, 0, "k+", markersize=12)
+axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
+plt.show()
 
 # %%
 # Is the delay a problem? The same agent without it:
