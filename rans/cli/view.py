@@ -17,6 +17,7 @@ from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
+    from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
 
 
@@ -52,6 +53,9 @@ class View:
     """Write ten rendered frames of the first flight of all as one picture, and return."""
     video: Path | None = None
     """Write all flights, side by side, as a film (.mp4, or .gif for a page of text), and return."""
+    play: bool = False
+    """Fly the first contestant in real time with controls beside it: move the goal, kill or stick a thruster, add
+    delay and noise, let the next contestant command, pause, step, go back."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -78,6 +82,8 @@ class View:
         folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
         others = tuple(one for one in self.contestants if one not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard)
+        if self.play:
+            return self._play(runs)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
         flights += [flight for one in folders for flight in self._optima(Path(one))]
         if self.frames is not None:
@@ -89,6 +95,23 @@ class View:
             self._film(flights, self.video)
         if self.save is not None or self.frames is self.video is None:
             self._show(flights)
+        return 0
+
+    def _play(self, runs: list[LoadedRun]) -> int:
+        """Serve a flight with controls until Ctrl-C."""
+        from rich.live import Live
+        from rich.text import Text
+
+        from rans.show.scene.play import Playground
+        from rans.window import open_browser
+
+        with contextlib.suppress(KeyboardInterrupt), Live(Text(""), transient=True) as line:
+            playground = Playground(
+                runs, self.seed, self.episode, lambda text: line.update(Text(text))
+            )
+            line.console.print(f"Fly along at {playground.url} until Ctrl-C.", highlight=False)
+            open_browser(playground.url)
+            playground.run()
         return 0
 
     def _optima(self, folder: Path) -> list[Flight]:

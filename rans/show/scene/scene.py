@@ -100,10 +100,10 @@ class Motion:
             flight.controller,
             frozenset(flight.task.tolerances()),
             flight.times[:end],
-            _poses(states)[:end],
+            poses(states)[:end],
             columns(states.v)[:end],
             opening,
-            _poses(goal)[:end],
+            poses(goal)[:end],
             columns(goal.v)[:end],
             {name: errors[name][:end, episode] for name in flight.task.tolerances()},
             tuple(
@@ -305,7 +305,7 @@ def _stars(middle: np.ndarray, distance: float) -> Part:
     )
 
 
-def _poses(states: Any) -> list[RigidTransform]:
+def poses(states: Any) -> list[RigidTransform]:
     """Poses in W of planar or spatial states whose fields are arrays (K,)."""
     return [
         RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), p)

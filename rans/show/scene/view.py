@@ -32,14 +32,14 @@ _FRAMES_PER_SECOND = 1000.0
 _ROUNDS = 1000
 """The animation begins again so often."""
 
-_UPRIGHT = math.radians(40.0)
-_ASPECT = 1.6
+UPRIGHT = math.radians(40.0)
+ASPECT = 1.6
 """What the camera sees: from the lower to the upper edge; width over height (the page adapts it)."""
-_DIRECTION = {True: (0.25, -0.75, 0.75), False: (0.25, -0.8, 0.42)}
+DIRECTION = {True: (0.25, -0.75, 0.75), False: (0.25, -0.8, 0.42)}
 """Where it stands, seen from the flights: above where all fly in the plane."""
-_CAMERA = "/Cameras/default/rotated/<object>"
+CAMERA = "/Cameras/default/rotated/<object>"
 
-_STAGE: tuple[tuple[str, str, Any], ...] = (
+STAGE: tuple[tuple[str, str, Any], ...] = (
     ("/Grid", "visible", False),
     ("/Axes", "visible", False),
     # Lights that fall off with the distance would leave far tiles in the dark.
@@ -49,10 +49,10 @@ _STAGE: tuple[tuple[str, str, Any], ...] = (
     ),
     ("/Lights/AmbientLight/<object>", "intensity", 2.2),
     ("/Lights/FillLight/<object>", "intensity", 1.6),
-    (_CAMERA, "fov", math.degrees(_UPRIGHT)),
+    (CAMERA, "fov", math.degrees(UPRIGHT)),
 )
 """Properties of Meshcat's own objects."""
-_SKY = {
+SKY = {
     False: ([0.84, 0.88, 0.93], [0.97, 0.98, 0.99]),
     True: ([0.01, 0.015, 0.04], [0.03, 0.05, 0.10]),
 }
@@ -71,7 +71,7 @@ class View:
         logging.getLogger("drake").setLevel(logging.WARNING)  # it would announce a page of its own
         self._meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
         self._overlay = ""
-        for path, name, value in _STAGE:
+        for path, name, value in STAGE:
             self._meshcat.SetProperty(path, name, value)
 
     def show(self, flights: Sequence[Flight], title: str = "") -> list[str]:
@@ -103,7 +103,7 @@ class View:
         self._surround(all_points, space=not any(planar), steep=all(planar))
         self._animation.set_repetitions(_ROUNDS)
         self._meshcat.SetAnimation(self._animation)
-        self._overlay = overlay.html(flights, rows, paths, colours, title, _ASPECT)
+        self._overlay = overlay.html(flights, rows, paths, colours, title, ASPECT)
         return colours
 
     def html(self) -> str:
@@ -188,10 +188,10 @@ class View:
         low = points.min(axis=0)
         high = points.max(axis=0)
         self._put("/flights/ground", scene.ground_parts(low, high, space))
-        for end, colour in zip(("top", "bottom"), _SKY[space], strict=True):
+        for end, colour in zip(("top", "bottom"), SKY[space], strict=True):
             self._meshcat.SetProperty("/Background", f"{end}_color", colour)
         size = float(np.linalg.norm(high - low))
-        self._meshcat.SetProperty(_CAMERA, "near", 2e-3 * size)
-        self._meshcat.SetProperty(_CAMERA, "far", 3.0 * scene.STARS * size)
-        place, target = fit(points, _DIRECTION[steep], _UPRIGHT, _ASPECT)
+        self._meshcat.SetProperty(CAMERA, "near", 2e-3 * size)
+        self._meshcat.SetProperty(CAMERA, "far", 3.0 * scene.STARS * size)
+        place, target = fit(points, DIRECTION[steep], UPRIGHT, ASPECT)
         self._meshcat.SetCameraPose(place, target)
