@@ -118,8 +118,8 @@ def test_one_flight_has_one_craft_and_one_task() -> None:
 def press(playground: Playground, button: str) -> None:
     """As a browser tells it: a message of type button, in MessagePack."""
     message = b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(button)]) + button.encode()
-    inject: Any = playground.meshcat._InjectWebsocketMessage
-    inject(message)
+    window: Any = playground.meshcat
+    window._InjectWebsocketMessage(message)
 
 
 def test_buttons_and_sliders_do_what_they_say() -> None:
