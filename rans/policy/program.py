@@ -164,6 +164,10 @@ class Program:
         found.parameters = {name: x for name, x in self.parameters.items() if name in used}
         return found
 
+    def has(self, name: str) -> bool:
+        """Whether one of its steps makes this value."""
+        return any(name in step.outputs for step in self.steps)
+
     def needed(self, wanted: Iterable[str], known: Iterable[str] = ()) -> list[Step]:
         """The steps that these values need, once others are known.
 
