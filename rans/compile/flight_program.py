@@ -51,6 +51,25 @@ class RecalledRow(NamedTuple):
     lookups: tuple[Lookup, ...]
 
 
+class PolicyInFlight(NamedTuple):
+    """What a policy does in every step of a flight."""
+
+    carried: tuple[Carried, ...]
+    """Of its filters, or of its recurrent core."""
+    history: tuple[Carried, ...]
+    stages: tuple[Stage, ...]
+    """Its layers, in order."""
+    commands: tuple[Symbol, ...]
+    lookups: tuple[Lookup, ...]
+    """Of them."""
+    row: RecalledRow | None
+    """One row of the history, for executors that loop over its rows: the last inputs of the first layer."""
+    newest: tuple[Symbol, ...]
+    """The row that the history is continued with."""
+    view: Symbol
+    """From which side it sees the spacecraft, int."""
+
+
 @dataclass(frozen=True)
 class FlightProgram:
     """What a flight computes from the seed's words "low" and "high" and the scenario's "number".
@@ -60,20 +79,8 @@ class FlightProgram:
     """
 
     carried: tuple[Carried, ...]
-    """Of the episode, its verdict, and a policy's filters or recurrent core."""
-    history: tuple[Carried, ...]
-    """Of the policy's."""
-    stages: tuple[Stage, ...]
-    """The policy's layers, in order."""
-    commands: tuple[Symbol, ...]
-    lookups: tuple[Lookup, ...]
-    """Of them."""
-    row: RecalledRow | None
-    """One row of the history, for executors that loop over its rows; the last inputs of the first layer."""
-    newest: tuple[Symbol, ...]
-    """The row that the history is continued with."""
-    view: Symbol
-    """From which side of the spacecraft the policy sees it, int."""
+    """Of the episode and its verdict, and `PolicyInFlight.carried`."""
+    policy: PolicyInFlight
     going: Symbol
     """Whether the flight is not over, of `rans.verdict.FlightAccumulator`, over what is carried."""
     failure: Symbol
@@ -111,34 +118,27 @@ def trace_flight(
     kinds = dict[int, Kind]()
     while True:
         # What begins as a number is carried only if some step changes it.
-        inputs = [
+        begins = [
             _carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))
         ]
-        now, verdict = unflatten(begun, inputs)
+        now, verdict = unflatten(begun, begins)
         outcome = step(world, now, tuple(of_outputs(world.craft, commands)), draws)
         after = leaves((outcome.episode, verdict.after(world, outcome)))
         known = len(kinds)
-        for place, (new, old) in enumerate(zip(map(Symbol.constant, after), inputs, strict=True)):
+        for place, (new, old) in enumerate(zip(map(Symbol.constant, after), begins, strict=True)):
             if not isinstance(old, Symbol) and new is not Symbol.constant(old):
                 kinds[place] = new.kind
         if len(kinds) == known:
             break
     carried = tuple(
         Carried(symbol, Symbol.constant(old), Symbol.constant(new))
-        for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
+        for symbol, old, new in zip(begins, leaves(begun), after, strict=True)
         if isinstance(symbol, Symbol)
     )
-    policy = _PolicyInFlight.traced(given, world.observe(now, draws), commands, tables)
-    carried += policy.carried
+    policy = _policy_in_flight(given, world.observe(now, draws), commands, tables)
     return FlightProgram(
-        carried,
-        policy.history,
-        policy.stages,
-        policy.commands,
-        policy.lookups,
-        policy.row,
-        policy.newest,
-        policy.view,
+        (*carried, *policy.carried),
+        policy,
         verdict.running,
         Symbol.constant(verdict.failure()),
         verdict.settles,
@@ -155,83 +155,66 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-class _PolicyInFlight(NamedTuple):
-    """See `FlightProgram`."""
+def _policy_in_flight(
+    given: Architecture,
+    observation: Sequence[Field],
+    commands: Sequence[Symbol],
+    tables: Mapping[str, np.ndarray] | None,
+) -> PolicyInFlight:
+    """A policy that observes these fields; its commands have these names afterwards."""
+    program = policy_program(given)
+    lookups = list[Lookup]()
 
-    carried: tuple[Carried, ...]
-    history: tuple[Carried, ...]
-    stages: tuple[Stage, ...]
-    commands: tuple[Symbol, ...]
-    lookups: tuple[Lookup, ...]
-    row: RecalledRow | None
-    newest: tuple[Symbol, ...]
-    view: Symbol
+    def looked_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
+        found = inputs(f"{name}_of", table.shape[1])
+        lookups.append(Lookup(f"places_{len(lookups)}", tuple(found), tuple(source), table))
+        return found
 
-    @classmethod
-    def traced(
-        cls,
-        given: Architecture,
-        observation: Sequence[Field],
-        commands: Sequence[Symbol],
-        tables: Mapping[str, np.ndarray] | None,
-    ) -> _PolicyInFlight:
-        """Of a policy that observes these fields, and of what its commands are called afterwards."""
-        program = policy_program(given)
-        lookups = list[Lookup]()
+    gather = looked_up if tables is None else None
+    known: dict[str, Sequence[Any]] = {"observation": observation}
+    for name in ("mean", "scale", "zoom"):
+        if tables is not None and name in program.parameters:
+            known[name] = tables[name].tolist()
+    sizes = (
+        {"memory": given.units}
+        if given.units
+        else {"history": given.rows, "filters": given.filtering}
+    )
+    memory = {name: inputs(name, size) for name, size in sizes.items() if size}
+    known |= memory
 
-        def looked_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
-            found = inputs(f"{name}_of", table.shape[1])
-            lookups.append(Lookup(f"places_{len(lookups)}", tuple(found), tuple(source), table))
-            return found
+    # What it answers.
+    asked = [name for name in ("command", "view") if program.has(name)]
+    after = ["memory_out"] if memory else []
+    found, stages = symbols(program, known, asked + (after if given.units else []), gather)
+    of_commands = tuple(lookups)
 
-        gather = looked_up if tables is None else None
-        known: dict[str, Sequence[Any]] = {"observation": observation}
-        known |= {
-            name: (tables or {})[name].ravel().tolist()
-            for name in program.parameters
-            if tables and name in ("mean", "scale", "zoom")
-        }
-        sizes = {"history": given.rows, "filters": given.filtering}
-        if given.units:
-            sizes = {"memory": given.units}
-        memory = {name: inputs(name, size) for name, size in sizes.items() if size}
-        known |= memory
-        view = ["view"] if any("view" in step.outputs for step in program.steps) else []
-
-        # What the policy answers, and what it remembers of that; a history is moved on by whoever keeps it in a
-        # table.
-        asked = ["command", *view, *(["memory_out"] if given.units else [])]
-        found, stages = symbols(program, known, asked, gather)
-        of_commands = tuple(lookups)
+    # What it remembers of that; a recurrent core has said so already.
+    if not given.units:
+        newest = ["newest"] if given.recalled else []
         answered = known | {"command": commands}
-        after: Sequence[Symbol] = found.get("memory_out", ())
-        newest: Sequence[Symbol] = ()
-        if memory and not given.units:
-            after = symbols(program, answered, ["memory_out"], gather)[0]["memory_out"]
-        if given.recalled:
-            newest = symbols(program, answered, ["newest"], gather)[0]["newest"]
-        names = [symbol for part in memory.values() for symbol in part]
-        moved = tuple(
-            Carried(symbol, Symbol.constant(0.0), new)
-            for symbol, new in zip(names, after, strict=True)
-        )
+        found |= symbols(program, answered, after + newest, gather)[0]
+    names = [symbol for part in memory.values() for symbol in part]
+    remembered = tuple(
+        Carried(symbol, Symbol.constant(0.0), new)
+        for symbol, new in zip(names, found.get("memory_out", ()), strict=True)
+    )
 
-        # One row of the history by itself.
-        row = None
-        if given.recalled and gather is not None:
-            one = policy_program(replace(given, history=1, averages=()))
-            then = inputs("then", given.row)
-            recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
-            row = RecalledRow(
-                tuple(then), tuple(recalled["recalled"]), tuple(lookups[len(of_commands) :])
-            )
-        return cls(
-            moved[given.rows :] if not given.units else moved,
-            moved[: given.rows] if not given.units else (),
-            stages,
-            tuple(found["command"]),
-            of_commands,
-            row,
-            tuple(newest),
-            found["view"][0] if view else Symbol.constant(0),
-        )
+    # One row of the history by itself.
+    row = None
+    if given.recalled and gather is not None:
+        one = policy_program(replace(given, history=1, averages=()))
+        then = inputs("then", given.row)
+        recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
+        own = tuple(lookups[len(of_commands) :])
+        row = RecalledRow(tuple(then), tuple(recalled["recalled"]), own)
+    return PolicyInFlight(
+        remembered[given.rows :],
+        remembered[: given.rows],
+        stages,
+        tuple(found["command"]),
+        of_commands,
+        row,
+        tuple(found.get("newest", ())),
+        found["view"][0] if "view" in found else Symbol.constant(0),
+    )

@@ -54,7 +54,7 @@ def compiled_preprocessor(
 def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
     """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
     policy = policy_program(given)
-    views = ["view"] * any("view" in step.outputs for step in policy.steps)
+    views = ["view"] if policy.has("view") else []
 
     def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         found, _ = symbols(policy, {"observation": columns}, ["body"])

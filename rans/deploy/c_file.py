@@ -238,7 +238,7 @@ class _Printer:
 
     def lines(self) -> list[str]:
         """Everything from the observation and the memory to the command and the memory after."""
-        for step in _needed(self._program, self._given):
+        for step in self._program.steps:
             self._print(step)
         self._copy("command", "command", self._given.thrusters)
         if self._given.memory:
@@ -310,6 +310,15 @@ class _Printer:
                 self._concat(name, [self._value(one) for one in step.inputs])
             case "Gemm":
                 self._gemm(name, *(self._value(one) for one in step.inputs))
+            case "Transpose":
+                (value,) = (self._value(one) for one in step.inputs)
+                first, rows, columns = value.shape
+                result = self._result(name, (first, columns, rows), value.kind)
+                self._set(result, f"{value.text}[i % {rows} * {columns} + i / {rows}]")
+            case "ReduceMax" | "ReduceSum":
+                self._reduced(step)
+            case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
+                self._products(name, *(self._value(one) for one in step.inputs))
             case "MatMul":
                 a, b = (self._value(one) for one in step.inputs)
                 inner, columns = b.shape
@@ -390,6 +399,9 @@ class _Printer:
 
     def _gemm(self, name: str, x: _Value, weight: _Value, bias: _Value) -> None:
         outputs, inputs = weight.shape
+        if x.shape[0] > 1:
+            self._rows_through(name, x, weight, bias)
+            return
         result = self._result(name, (1, outputs))
         left = f"{x.text}[k]" if x.is_array else x.text
         target = f"{result.text}[i]"
@@ -411,6 +423,53 @@ class _Printer:
             "}",
         ]
 
+    def _rows_through(self, name: str, x: _Value, weight: _Value, bias: _Value) -> None:
+        """A layer of several rows."""
+        outputs, inputs = weight.shape
+        rows = x.shape[0]
+        result = self._result(name, (rows, outputs))
+        row = f"{weight.text}[i * {inputs} + k]" if weight.is_array else weight.text
+        begin = f"{bias.text}[i]" if bias.is_array else bias.text
+        self._lines += [
+            f"for (int row = 0; row < {rows}; ++row) {{",
+            f"    for (int i = 0; i < {outputs}; ++i) {{",
+            f"        float sum = {begin};",
+            f"        for (int k = 0; k < {inputs}; ++k) {{ sum += {row} * {x.text}[row * {inputs} + k]; }}",
+            f"        {result.text}[row * {outputs} + i] = sum;",
+            "    }",
+            "}",
+        ]
+
+    def _products(self, name: str, a: _Value, b: _Value) -> None:
+        """A product of two matrices of one spacecraft."""
+        first, rows, inner = a.shape
+        columns = b.shape[-1]
+        result = self._result(name, (first, rows, columns))
+        self._lines += [
+            f"for (int i = 0; i < {rows * columns}; ++i) {{",
+            "    float sum = 0.0F;",
+            f"    for (int k = 0; k < {inner}; ++k) {{",
+            f"        sum += {a.text}[i / {columns} * {inner} + k] * {b.text}[k * {columns} + i % {columns}];",
+            "    }",
+            f"    {result.text}[i] = sum;",
+            "}",
+        ]
+
+    def _reduced(self, step: Step) -> None:
+        """The largest number of each row, or their sum."""
+        value = self._value(step.inputs[0])
+        width = value.shape[-1]
+        result = self._result(step.outputs[0], (*value.shape[:-1], 1))
+        entry = f"{value.text}[i * {width} + k]"
+        text = f"fmaxf(found, {entry})" if step.operation == "ReduceMax" else f"found + {entry}"
+        self._lines += [
+            f"for (int i = 0; i < {result.size}; ++i) {{",
+            f"    float found = {value.text}[i * {width}];",
+            f"    for (int k = 1; k < {width}; ++k) {{ found = {text}; }}",
+            f"    {result.text}[i] = found;",
+            "}",
+        ]
+
     def _argmax(self, name: str, value: _Value) -> None:
         result = _Value("v_" + re.sub(r"\W", "_", name), (1,), "int")
         self._known[name] = result
@@ -420,17 +479,6 @@ class _Printer:
             f"    if ({value.text}[i] > {value.text}[{result.text}]) {{ {result.text} = i; }}",
             "}",
         ]
-
-
-def _needed(program: Program, given: Architecture) -> list[Step]:
-    """The steps without which a command or the memory after it would differ."""
-    wanted = {"command", *(["memory_out"] if given.memory else [])}
-    kept = []
-    for step in reversed(program.steps):
-        if wanted.intersection(step.outputs):
-            wanted.update(step.inputs)
-            kept.append(step)
-    return kept[::-1]
 
 
 def _table(name: str) -> str:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from rans.model.fields import exp
+from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbones import Backbone, product
 
 if TYPE_CHECKING:
     from rans.policy.architecture import Architecture
     from rans.policy.network import Network
+    from rans.policy.program import Program
 
 _TOKEN = 8
 """Numbers of `rans.policy.backbones.effector_tokens`."""
@@ -28,6 +32,7 @@ class EffectorAttention(Backbone):
     """
 
     has_tokens = True
+    is_traced = True
 
     def rows(self, given: Architecture) -> int:
         """See `Backbone`: of one effector."""
@@ -67,3 +72,33 @@ class EffectorAttention(Backbone):
         weight, bias = given.last.folded(*network.layer("action_net"))
         outputs = product(state.flatten(-3, -2), weight, bias).unflatten(-2, (-1, count))
         return outputs.mT.flatten(-2)
+
+    def traced(self, program: Program, given: Architecture, features: str) -> str:
+        """See `Backbone`."""
+        width = given.features
+        count = len(given.tokens)
+        formula = ACTIVATIONS[given.activation].formula
+        tokens = program.constant(given.tokens, "tokens")
+        embedded = program.dense(tokens, "token", width, _TOKEN)
+        state = program.each(
+            lambda x, token: formula(x + token), program.shaped(features, 1, width), embedded
+        )
+        # Each effector attends to all of them.
+        query, key, value = (
+            program.dense(state, name, width, width, rows=count)
+            for name in ("query", "key", "value")
+        )
+        scores = program.apply("MatMul", query, program.apply("Transpose", key, perm=(0, 2, 1)))
+        scores = program.each(lambda x: x * (1.0 / math.sqrt(width)), scores)
+        most = program.apply("ReduceMax", scores, axes=(-1,), keepdims=1)
+        odds = program.each(lambda x, largest: exp(x - largest), scores, most)
+        last = program.constant([-1], dtype=np.int64)
+        total = program.apply("ReduceSum", odds, last, keepdims=1)
+        share = program.apply("Div", odds, total)
+        mixed = program.apply("MatMul", share, value)
+        mixed = program.dense(mixed, "mixed", width, width, given.activation, rows=count)
+        state = program.apply("Add", state, mixed)
+        # The same last layer for every effector; outputs of one meaning stand together.
+        outputs = program.dense(state, "head", given.last.outputs, width, rows=count)
+        turned = program.apply("Transpose", outputs, perm=(0, 2, 1))
+        return program.shaped(turned, given.outputs)

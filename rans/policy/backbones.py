@@ -2,8 +2,8 @@
 
 Every policy has a trunk of dense layers, and a recurrent core if it has one, which make features of what is
 observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
-`rans.policy.architecture.BACKBONES`. Executors that do not state it (`rans.policy.capabilities`) leave such a
-policy to torch.
+`rans.policy.architecture.BACKBONES`. Torch computes it; if it is also traced, files have it. Executors that do not
+state it (`rans.policy.capabilities`) leave such a policy to torch.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rans.model.spacecraft import Spacecraft
 if TYPE_CHECKING:
     from rans.policy.architecture import Architecture
     from rans.policy.network import Network
+    from rans.policy.program import Program
 
 
 class Backbone(ABC):
@@ -27,6 +28,9 @@ class Backbone(ABC):
 
     has_tokens: bool = False
     """Whether it is given `effector_tokens`."""
+
+    is_traced: bool = False
+    """Whether `traced` writes it down; without, torch alone computes it."""
 
     @abstractmethod
     def rows(self, given: Architecture) -> int:
@@ -40,9 +44,18 @@ class Backbone(ABC):
     def outputs(self, network: Network, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
+    def traced(self, program: Program, given: Architecture, features: str) -> str:
+        """The same as `outputs` in a program: a row (N, outputs n) of a row of features.
+
+        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
+        """
+        raise NotImplementedError
+
 
 class Dense(Backbone):
     """The last layer on the features."""
+
+    is_traced = True
 
     def rows(self, given: Architecture) -> int:
         """See `Backbone`."""
@@ -52,6 +65,10 @@ class Dense(Backbone):
         """See `Backbone`."""
         weight, bias = network.architecture.last.folded(*network.layer("action_net"))
         return product(features, weight, bias)
+
+    def traced(self, program: Program, given: Architecture, features: str) -> str:
+        """See `Backbone`."""
+        return program.dense(features, "head", given.outputs, given.features)
 
 
 def effector_tokens(craft: Spacecraft) -> tuple[tuple[float, ...], ...]:

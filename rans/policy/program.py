@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class Step:
     operation: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    attributes: Mapping[str, int | str] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Program:
@@ -86,7 +87,7 @@ class Program:
         self.parameters[name] = shape
         return name
 
-    def apply(self, operation: str, *inputs: str, name: str = "", **attributes: int | str) -> str:
+    def apply(self, operation: str, *inputs: str, name: str = "", **attributes: Any) -> str:
         """The value of an operation; a name is for readers, and for executors that ask for this row."""
         output = name or f"x{len(self.steps)}"
         self.steps.append(Step(operation, inputs, (output,), attributes))
@@ -116,11 +117,26 @@ class Program:
         """Values side by side along the last axis; empty names are nothing."""
         return self.apply("Concat", *filter(None, values), name=name, axis=-1)
 
-    def dense(self, value: str, layer: str, units: int, width: int, activation: str = "") -> str:
-        """A layer of that name, (N, width) to (N, units), and its activation."""
+    def shaped(self, value: str, *shape: int) -> str:
+        """The same numbers as (N, *shape)."""
+        return self.apply("Reshape", value, self.constant((-1, *shape), dtype=np.int64))
+
+    def dense(
+        self,
+        value: str,
+        layer: str,
+        units: int,
+        width: int,
+        activation: str = "",
+        rows: int = 0,
+    ) -> str:
+        """A layer of that name and its activation, (N, width) to (N, units); or (N, rows, width) each."""
         weight = self.parameter(f"{layer}.weight", units, width)
         bias = self.parameter(f"{layer}.bias", units)
-        return self.apply("Dense", value, weight, bias, units=units, activation=activation)
+        if rows:
+            value = self.shaped(value, width)
+        result = self.apply("Dense", value, weight, bias, units=units, activation=activation)
+        return self.shaped(result, rows, units) if rows else result
 
     def each(self, formula: Callable[..., Field], *rows: str) -> str:
         """What a formula on fields makes of every number of rows, which are broadcast against each other."""
@@ -163,6 +179,10 @@ class Program:
         found.constants = {name: x for name, x in self.constants.items() if name in used}
         found.parameters = {name: x for name, x in self.parameters.items() if name in used}
         return found
+
+    def has(self, name: str) -> bool:
+        """Whether one of its steps makes this value."""
+        return any(name in step.outputs for step in self.steps)
 
     def needed(self, wanted: Iterable[str], known: Iterable[str] = ()) -> list[Step]:
         """The steps that these values need, once others are known.

@@ -211,7 +211,7 @@ def _result(step: Step, given: Sequence[Any], dense: Dense, gather: Gather | Non
         return _each(_EACH[operation], [np.asarray(x, object) for x in given])
     axis = int(step.attributes.get("axis", -1))
     match operation:
-        case "Dense":
+        case "Dense" if given[0].ndim == 1:
             return _row(dense(step, [*given[0].flat]))
         case "Split":
             return np.split(given[0], np.cumsum(given[1])[:-1], axis=-1)
@@ -220,9 +220,9 @@ def _result(step: Step, given: Sequence[Any], dense: Dense, gather: Gather | Non
         case "Reshape" if isinstance(given[0], _Index):
             table, choice = given[0]
             return _Index(table.reshape(len(table), *given[1][1:]), choice)
-        case "Reshape":
+        case "Reshape" if given[0].size == np.prod(given[1][1:]):
             return given[0].reshape(given[1][1:])
-        case "MatMul":
+        case "MatMul" if given[0].ndim == 1 and given[1].dtype.kind == "f":
             row, table = given
             return _row(
                 sum((x * float(c) for x, c in zip(row, column, strict=True)), start=0.0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
 from rans.policy.formulas import averaged, gated, magnified, normalised
 from rans.policy.network import Network
@@ -20,7 +20,10 @@ from rans.policy.program import Program, inputs
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
-TRACED = Capabilities(recurrent=True)
+TRACED = Capabilities(
+    backbones=tuple(name for name, backbone in BACKBONES.items() if backbone.is_traced),
+    recurrent=True,
+)
 """What can be traced, and so what any executor but torch can have."""
 
 
@@ -93,8 +96,7 @@ def _commands(
     if given.units:
         x = _core(program, given, x)
     outputs = program.split(
-        program.dense(x, "head", given.outputs, given.features),
-        [given.thrusters] * given.last.outputs,
+        BACKBONES[given.backbone].traced(program, given, x), [given.thrusters] * given.last.outputs
     )
     placed = [
         program.apply("Identity", one, name=f"placed_{k}")
@@ -112,7 +114,7 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
     found = {
         name.removeprefix(EXTRACTOR): x
         for name, x in tensors.items()
-        if name.startswith((f"{EXTRACTOR}trunk.", f"{EXTRACTOR}core."))
+        if name.startswith(EXTRACTOR) and not name.startswith(f"{EXTRACTOR}critic.")
     }
     for gate in ("ih", "hh"):
         for kind in ("weight", "bias"):
@@ -121,8 +123,7 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
     found["head.weight"], found["head.bias"] = given.last.folded(
         tensors["action_net.weight"], tensors["action_net.bias"]
     )
-    found["mean"] = tensors[f"{EXTRACTOR}mean"]
-    found["scale"] = torch.rsqrt(tensors[f"{EXTRACTOR}variance"] + 1e-6)
+    found["scale"] = torch.rsqrt(found["variance"] + 1e-6)
     found["zoom"] = found["scale"] * given.zoom
     return {name: x.numpy() for name, x in found.items()}
 
@@ -196,7 +197,7 @@ class _View:
         )
         told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
         if rows:
-            told = _shaped(program, told, 1, size * size + 1)
+            told = program.shaped(told, 1, size * size + 1)
         *turn, hand = inputs("turn", size * size + 1)
         columns = inputs("column", layout.width)
 
@@ -211,19 +212,14 @@ class _View:
         """Commands (N, rows, thrusters) as the view shows them."""
         back = np.argsort(self.views.place, axis=1)
         table = program.constant(np.tile(back, (1, rows)), "places_back", np.int64)
-        index = _shaped(
-            program, program.apply("Gather", table, self.which, axis=0), rows, back.shape[1]
-        )
+        index = program.apply("Gather", table, self.which, axis=0)
+        index = program.shaped(index, rows, back.shape[1])
         return program.apply("GatherElements", value, index, axis=2)
-
-
-def _shaped(program: Program, value: str, *shape: int) -> str:
-    return program.apply("Reshape", value, program.constant((-1, *shape), dtype=np.int64))
 
 
 def _recalled(program: Program, given: Architecture, view: _View | None, history: str) -> str:
     """What is remembered, (N, m), from the same side and with the columns normalised."""
-    rows = _shaped(program, history, given.recalled, given.row)
+    rows = program.shaped(history, given.recalled, given.row)
     then, told = program.split(rows, (given.answered, given.thrusters))
     if view is not None:
         then = then and view.columns(program, given.columns, then, rows=True)
@@ -231,7 +227,7 @@ def _recalled(program: Program, given: Architecture, view: _View | None, history
     if then:
         then = program.each(lambda x, m, s: normalised(x, m, s, given.clip), then, "mean", "scale")
     row = program.joined(then, told)
-    return program.apply("Identity", _shaped(program, row, given.rows), name="recalled")
+    return program.apply("Identity", program.shaped(row, given.rows), name="recalled")
 
 
 def _remembered(

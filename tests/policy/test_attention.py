@@ -15,8 +15,10 @@ from rans.errors import ConfigError
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
+from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
-from rans.policy.backbones import effector_tokens
+from rans.policy.architecture import BACKBONES
+from rans.policy.backbones import Dense, effector_tokens
 from rans.policy.network import Network
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup
@@ -64,9 +66,32 @@ def test_members_compute_what_each_computes_alone() -> None:
 
 def test_executors_that_do_not_know_it_leave_it_to_torch() -> None:
     network = attending(PLATFORM)
-    with pytest.raises(ConfigError, match="the backbone 'attention'"):
-        agent_program(network)
     assert Flights(network, setup(PLATFORM)).fly(0, 20, 1).ways == {"stepping, cpu"}
+
+
+class Doubled(Dense):
+    """A backbone that torch alone computes."""
+
+    is_traced = False
+
+    def outputs(self, network: Network, features: torch.Tensor) -> torch.Tensor:
+        return 2.0 * super().outputs(network, features)
+
+
+def test_a_backbone_of_a_stranger_is_flown_by_torch_and_refused_by_files(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What it commands is its own, not that of the layers that it resembles."""
+    monkeypatch.setitem(BACKBONES, "doubled", Doubled())
+    throttled = replace(PLATFORM, actuators=Throttle())
+    network = policy(throttled, backbone="doubled", sided=False)
+    usual = Network(replace(network.architecture, backbone="dense"), network.tensors)
+    with pytest.raises(ConfigError, match="the backbone 'doubled'"):
+        agent_program(network)
+    found, other = (Flights(one, setup(throttled)).fly(0, 20, 1) for one in (network, usual))
+    assert (found.ways, other.ways) == ({"stepping, cpu"}, {"CPU, float32"})
+    # Machine code and torch agree to 1e-5 where they fly the same.
+    assert found.sums["impulse"].mean != pytest.approx(other.sums["impulse"].mean, rel=0.01)
 
 
 def test_one_iteration_reaches_every_weight_of_every_layout() -> None:

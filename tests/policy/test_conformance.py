@@ -13,7 +13,6 @@ import pytest
 import torch
 
 from rans.deploy.export import Form, write_agent
-from rans.errors import ConfigError
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
@@ -55,13 +54,17 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
         PLATFORM,
         {"sided": False, "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
     ),
+    "attention from several sides, gated throttles": (
+        THROTTLED,
+        {"head": "gated", "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
+    ),
 }
-TORCH_ALONE = ("attention",)
-"""Those that nobody else states: their flights are torch's, and files refuse them."""
+ROWS_ALONE = ("attention", "attention from several sides, gated throttles")
+"""Those that only files have, which print rows: executors of single numbers leave their flights to torch."""
 STEPS = 4
 COUNT = 200
 each_policy = pytest.mark.parametrize("kind", POLICIES)
-each_printed = pytest.mark.parametrize("kind", [x for x in POLICIES if x not in TORCH_ALONE])
+each_of_numbers = pytest.mark.parametrize("kind", [x for x in POLICIES if x not in ROWS_ALONE])
 
 
 @cache
@@ -114,7 +117,7 @@ def test_torch_in_single_precision(kind: str) -> None:
     agree(torch.stack(found), expected)
 
 
-@each_printed
+@each_of_numbers
 def test_the_traced_program_on_fields(kind: str) -> None:
     """The program that all other executors are printed from, run by NumPy."""
     network, rows, expected = known(kind)
@@ -139,18 +142,13 @@ def test_the_traced_program_on_fields(kind: str) -> None:
     agree(np.stack(found), expected)
 
 
-@pytest.mark.parametrize("kind", TORCH_ALONE)
-@pytest.mark.parametrize("form", ["onnx", "numpy", "c"])
-def test_files_refuse_what_they_cannot_have(kind: str, form: Form, tmp_path: Path) -> None:
-    network, _, _ = known(kind)
-    with pytest.raises(ConfigError, match=kind):
-        write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("form", ["onnx", "numpy"])
-@each_printed
+@pytest.mark.parametrize(
+    ("kind", "form"),
+    [(kind, form) for kind in POLICIES for form in ("onnx", "numpy")]
+    + [(kind, "c") for kind in ("attention", "another preprocessor", "gated throttles, history")],
+)
 def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
+    """C takes its compiler a second each; other kinds are in ``tests/deploy/test_forms.py``."""
     network, rows, expected = known(kind)
     write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
     answer = ANSWERS[form](tmp_path)
@@ -169,7 +167,7 @@ def test_flights_as_machine_code(kind: str) -> None:
     given = setup(POLICIES[kind][0])
     ours, theirs = (Flights(network, given, generated=generated) for generated in (True, False))
     found, expected = (one.fly(1000, COUNT, 2**40 + 5) for one in (ours, theirs))
-    assert found.ways == {"stepping, cpu" if kind in TORCH_ALONE else "CPU, float32"}
+    assert found.ways == {"stepping, cpu" if kind in ROWS_ALONE else "CPU, float32"}
     # Sums of float32 in another order: of 200 flights two may be judged otherwise.
     assert abs(found.unsolved - expected.unsolved) <= 2
     for name, sums in expected.sums.items():

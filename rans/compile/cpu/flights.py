@@ -37,30 +37,30 @@ class CpuFlights:
         self._program = program
         self._own = threading.local()
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
-        everything = (*program.carried, *program.history)
+        everything = (*program.carried, *program.policy.history)
         carried = [one.symbol for one in everything]
         self._moved = [one for one in everything if one.after is not one.symbol]
         self._carried = set(carried)
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._begin = CompiledProgram(words, [one.begin for one in everything])
-        outputs = [symbol for stage in program.stages for symbol in stage.outputs]
+        outputs = [symbol for stage in program.policy.stages for symbol in stage.outputs]
         self._step = CompiledProgram(
             [*words, *carried, *self._told, *outputs],
-            *(stage.inputs for stage in program.stages),
-            program.commands,
+            *(stage.inputs for stage in program.policy.stages),
+            program.policy.commands,
             [one.after for one in self._moved],
         )
         self._verdict = CompiledProgram(
             carried, [program.failure, program.settles, program.settled, *program.totals]
         )
-        self._layers = [CpuLayers(stage, tables) for stage in program.stages]
+        self._layers = [CpuLayers(stage, tables) for stage in program.policy.stages]
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict, *memories = self._memory(count)
-        stages = list(zip(self._program.stages, self._layers, memories, strict=True))
+        stages = list(zip(self._program.policy.stages, self._layers, memories, strict=True))
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             begin.give((*seed_words(seed), numbers))

@@ -79,8 +79,9 @@ def activation_source(name: str) -> Iterator[str]:
 
 def _tables(program: FlightProgram) -> Iterator[str]:
     """Where the numbers of lookups are, by the side of the spacecraft."""
-    of_row = () if program.row is None else program.row.lookups
-    for lookup in (*program.lookups, *of_row):
+    policy = program.policy
+    of_row = () if policy.row is None else policy.row.lookups
+    for lookup in (*policy.lookups, *of_row):
         yield f"__device__ const unsigned char {lookup.name}[][{lookup.table.shape[1]}] = {{"
         yield from (f"  {{{', '.join(map(str, row))}}}," for row in lookup.table.tolist())
         yield "};"
@@ -162,7 +163,7 @@ class _Writer(Lines):
 
     def _step(self) -> Iterator[str]:
         program = self._program
-        yield from self.values([program.view])
+        yield from self.values([program.policy.view])
         yield from self._shown()
         yield "__syncwarp();"
         yield from self._network()
@@ -180,11 +181,11 @@ class _Writer(Lines):
     def _shown(self) -> Iterator[str]:
         """The first layer's inputs, so many at once as lie in one piece of memory; then the history's rows."""
         given = self._given
-        (stage,) = self._program.stages
+        (stage,) = self._program.policy.stages
         alone = stage.inputs[: given.inputs - given.rows]
         for first in range(0, len(alone), _TOGETHER):
             yield from self._show(alone[first : first + _TOGETHER], str(first))
-        if (row := self._program.row) is None:
+        if (row := self._program.policy.row) is None:
             return
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
         yield f"  const int at = row * {given.row};"
@@ -207,7 +208,7 @@ class _Writer(Lines):
         self, lookups: Iterable[Lookup], sources: Sequence[Symbol], text: str
     ) -> Iterator[str]:
         """Numbers from where they are among sources, which lie in memory as the text says of a place."""
-        view = self.operand(self._program.view)
+        view = self.operand(self._program.policy.view)
         for lookup in lookups:
             first = next(i for i, source in enumerate(sources) if source is lookup.source[0])
             for i, symbol in enumerate(lookup.found):
@@ -251,15 +252,15 @@ class _Writer(Lines):
 
     def _commands(self) -> Iterator[str]:
         """The likeliest ones, of thrusters as the craft has them."""
-        program = self._program
-        (stage,) = program.stages
+        policy = self._program.policy
+        (stage,) = policy.stages
         place = f"outputs[lane() * {self._design.stride_out} + {{}}]"
         self.names |= {symbol: place.format(i) for i, symbol in enumerate(stage.outputs)}
-        yield from self._looked_up(program.lookups, stage.outputs, place)
-        yield from self.values(program.commands)
+        yield from self._looked_up(policy.lookups, stage.outputs, place)
+        yield from self.values(policy.commands)
         yield from (
             f"const real command_{i} = {self.operand(command)};"
-            for i, command in enumerate(program.commands)
+            for i, command in enumerate(policy.commands)
         )
 
     def _remember(self) -> Iterator[str]:
@@ -268,8 +269,8 @@ class _Writer(Lines):
         width = given.row
         if not given.recalled:
             return
-        yield from self.values(self._program.newest)
-        yield f"const real newest[] = {{{', '.join(map(self.operand, self._program.newest))}}};"
+        yield from self.values(self._program.policy.newest)
+        yield f"const real newest[] = {{{', '.join(map(self.operand, self._program.policy.newest))}}};"
         old, new = (Symbol.input(name) for name in ("average", "latest"))
         for row, kept in enumerate(given.averages):
             lines = Lines()
