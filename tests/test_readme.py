@@ -269,7 +269,7 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     # Thruster 0 pushes along x at y = 0.2 m: a torque of -0.2 N m, wherever along x the centre is.
     assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)
     keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
-    several = {"thrusters": "thruster", "solids": "solid", "wheels": "wheel"}  # a table each
+    several = {"thrusters": "thruster", "solids": "solid", "wheels": "wheel", "further_effectors": "effector"}  # a table each
     assert keys == {several.get(field.name, field.name) for field in dataclasses.fields(Spacecraft)}
 
 
