@@ -242,7 +242,7 @@ def pulse_rounded_down(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def gravity_carried_by_every_push(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(UniformGravity, "straight", False)
+    monkeypatch.setattr(UniformGravity, "in_straight_lines", False)
 
 
 @pytest.mark.parametrize(
