@@ -80,7 +80,9 @@ def _draw_certified(axes: Axes, comparison: Comparison) -> None:
         [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
         for horizon in comparison.horizons()
     ]
-    axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
+    axes.axvspan(
+        1e-3, least, color=GREY, alpha=0.15, linewidth=0, label="provably impossible (medians)"
+    )
     axes.axvline(least, color=INK, linewidth=1.2, label="certified least time to arrive")
     lower, upper = np.transpose(others)
     shown = np.isfinite(lower)

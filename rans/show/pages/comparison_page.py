@@ -16,7 +16,8 @@ from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures.front_figure import front_figure
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
+from rans.show.pages.race import Race, Track, race
 from rans.show.pages.report import comparison_section
 from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
@@ -51,7 +52,12 @@ def page(comparison: Comparison, command: str = "") -> Page:
     """Whatever the comparison holds, failures on top, and the command that made it."""
     sections = [_summary(comparison)]
     contest = comparison.contest
+    hero = ""
+    tiles: list[Tile] = []
     if comparison.entries:
+        hero, tiles = _headline(comparison)
+        if (replay := _race(comparison)) is not None:
+            sections.insert(0, Section("Replay", race=replay))
         errors = Picture.of(
             figures.final_error_curves(comparison.entries),
             "Distribution of final errors over all starts.",
@@ -96,6 +102,107 @@ def page(comparison: Comparison, command: str = "") -> Page:
                 "environment": environment(),
             }
         ),
+        hero=hero,
+        tiles=tiles,
+    )
+
+
+def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
+    """The first contestant's result in a sentence, and in tiles beside the quickest of the others."""
+    board = tables.scoreboard(comparison)
+    first, *others = comparison.entries
+    own = board[first.name]
+    settled = own["settled, %"]
+    settling = own["settling time, s"]
+    thrust = own["thrust-time of the episode, N s"]
+    rival = min(
+        (entry.name for entry in others),
+        key=lambda name: board[name]["settling time, s"].value,
+        default=None,
+    )
+    parts = [
+        f"{first.name} settles from {settled.value:.4g} % of {counted(len(first.settling), 'start')} "
+        f"({settled.low:.3g} to {settled.high:.3g} %)"
+    ]
+    if np.isfinite(settling.value):
+        parts.append(f"after {settling.value:.3g} s with {thrust.value:.3g} N s")
+    hero = ", ".join(parts)
+    if rival is not None:
+        theirs = board[rival]
+        hero += (
+            f"; the quickest of the others, {rival}, takes "
+            f"{theirs['settling time, s'].text().partition(' ')[0]} s with "
+            f"{theirs['thrust-time of the episode, N s'].value:.3g} N s"
+        )
+    tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
+    measured = tables.gaps(comparison)
+    if measured:
+        event, ratios = next(iter(measured.items()))
+        over = float(np.median(ratios[first.name])) if ratios[first.name].size else np.inf
+        starts = counted(len(comparison.certified_starts()), "start")
+        tiles.append(Tile(f"over the certified least {event}", f"{over:.3g} x", f"of {starts}"))
+    return f"{hero}.", tiles
+
+
+_TILES = {
+    "settled, %": "settled",
+    "settling time, s": "settling time",
+    "thrust-time of the episode, N s": "impulse of the episode",
+    "duty, %": "duty cycle",
+    "position error, cm": "position error",
+    "attitude error, deg": "attitude error",
+    "velocity error, cm/s": "velocity error",
+    "spin error, deg/s": "spin error",
+}
+"""Scores that are tiles, and what these call them."""
+
+
+def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None) -> Tile:
+    unit = key.partition(", ")[2]
+    value = own[key]
+    interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if np.isfinite(value.high) else ""
+    beside = f"{rival} {others[key].text().partition(' ')[0]} {unit}" if rival else ""
+    return Tile(
+        _TILES[key],
+        f"{value.text().partition(' ')[0]} {unit}",
+        "; ".join(filter(None, (interval, beside))),
+    )
+
+
+_GALLERY = 5
+"""Worst starts of the first contestant in the replay."""
+_RACERS = 4
+"""Contestants in the replay, the certified controls besides."""
+
+
+def _race(comparison: Comparison) -> Race | None:
+    """The median start of the first contestant and its slowest ones; None for tasks without a place."""
+    contest = comparison.contest
+    first = comparison.entries[0]
+    if "position" not in first.errors:
+        return None
+    certified = comparison.certified_starts()
+    middle = sorted(certified or range(contest.episodes), key=lambda k: first.arrival[k])
+    slowest = sorted(range(contest.episodes), key=lambda k: -first.arrival[k])
+    chosen = dict.fromkeys((middle[(len(middle) - 1) // 2], *slowest[:_GALLERY]))
+
+    def label(k: int) -> str:
+        when = f"{first.arrival[k]:.1f} s" if np.isfinite(first.arrival[k]) else "never there"
+        return f"start {k}: {when}"
+
+    def tracks(k: int) -> Iterator[Track]:
+        for entry in comparison.entries[:_RACERS]:
+            yield Track(entry.name, entry.flight, k, float(entry.arrival[k]))
+        for name, flight, episode in _flights(comparison, k):
+            if name == "least time found":
+                yield Track("certified optimum", flight, episode, float(flight.times[-1]))
+
+    return race(
+        contest.craft,
+        [(label(k), [*tracks(k)]) for k in chosen],
+        f"The median start of {first.name}, then its slowest. Strips have a row a thruster, filled while it "
+        "is open; the clock is common to all. Untick a name to hide it."
+        + ("" if contest.craft.dimension == 2 else " Drag to turn the view."),
     )
 
 

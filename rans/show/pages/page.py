@@ -18,6 +18,8 @@ from rans.files import write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rans.show.pages.race import Race
+
 
 @dataclass(frozen=True)
 class Table:
@@ -68,6 +70,16 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Tile:
+    """A number that matters first, at the top of the page."""
+
+    label: str
+    value: str
+    note: str = ""
+    """In small letters below: its interval, or what it is compared with."""
+
+
+@dataclass(frozen=True)
 class Section:
     """A heading with a paragraph, tables and pictures."""
 
@@ -83,6 +95,8 @@ class Section:
     """File beside the page that says more."""
     folded: bool = False
     """Whether readers have to ask for it."""
+    race: Race | None = None
+    """A replay."""
 
 
 @dataclass(frozen=True)
@@ -95,12 +109,25 @@ class Page:
     """How it was made: command, revision, versions, hardware, seeds."""
     conclusion: str = ""
     """The verdict in one sentence, where that is more than whether everything has passed."""
+    hero: str = ""
+    """The result in one sentence, above everything else."""
+    tiles: Sequence[Tile] = ()
 
     @property
     def findings(self) -> list[Finding]:
         """The findings of all sections, failures first."""
         order = {False: 0, True: 1, None: 2}
         return sorted((f for s in self.sections for f in s.findings), key=lambda f: order[f.passed])
+
+    @property
+    def checks(self) -> list[Finding]:
+        """Findings that have passed or failed."""
+        return [finding for finding in self.findings if finding.passed is not None]
+
+    @property
+    def notes(self) -> list[Finding]:
+        """Findings of which nothing is to pass."""
+        return [finding for finding in self.findings if finding.passed is None]
 
     @property
     def passed(self) -> bool | None:

@@ -11,11 +11,22 @@ from typing import Any
 
 from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import inside, number, read_json, read_json_lines, read_text
 from rans.show.figures.figures import learning_curve
 from rans.show.pages.assure_counts import counts, is_over, verdict
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, header, named, show
+from rans.show.pages.page import (
+    Finding,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Tile,
+    header,
+    named,
+    show,
+)
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
@@ -61,7 +72,37 @@ def report_from_run(run: Path) -> Page:
         raise ConfigError(f"{run} holds no results to report; is it a run folder?")
     made = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
     sections += filter(None, [_read(run / "config.json", _configuration)])
-    return Page(f"RANS: {run.resolve().name}", sections, made)
+    measured = [one for file in evaluations for one in _read(file, _measured) or ()]
+    hero, tiles = headline(measured[0]) if measured else ("", [])
+    return Page(f"RANS: {run.resolve().name}", sections, made, hero=hero, tiles=tiles)
+
+
+def headline(measured: Metrics) -> tuple[str, list[Tile]]:
+    """The result of an evaluation in a sentence and in tiles, with the intervals."""
+    values = {row.name: row for row in measured.rows}
+    tiles = [
+        Tile(
+            name,
+            f"{figure(values[name].value)} {values[name].unit}".strip(),
+            f"{figure(values[name].low)} to {figure(values[name].high)}",
+        )
+        for name in (*_KEY_METRICS, "impulse")
+        if name in values
+    ]
+    solved = values["solved"]
+    hero = (
+        f"{measured.controller} solves {figure(solved.value, '.4g')} % of {measured.episodes:,} episodes "
+        f"({figure(solved.low)} to {figure(solved.high)} %)"
+    )
+    if "settling time" in values and math.isfinite(values["settling time"].value):
+        hero += f" and settles in {figure(values['settling time'].value)} s"
+    if "impulse" in values:
+        hero += f", with {figure(values['impulse'].value)} N s"
+    return f"{hero}.", tiles
+
+
+def _measured(found: Any) -> list[Metrics]:
+    return [*_find_metrics(found)]
 
 
 def _read(file: Path, build: Callable[[Any], Any]) -> Any:

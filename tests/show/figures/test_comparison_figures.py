@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.patches import Patch
 
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.contest import Contestant
@@ -47,6 +48,7 @@ def points(axes: Axes) -> dict[str, list[list[float]]]:
     return {
         name: np.asarray(getattr(drawn, "lines", [drawn])[0].get_xydata()).tolist()
         for drawn, name in zip(*axes.get_legend_handles_labels(), strict=True)
+        if not isinstance(drawn, Patch)
     }
 
 
@@ -65,6 +67,10 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert drawn["best on/off controls found, replayed"] == [
         pytest.approx([h, 4.0 / h + 2.0]) for h in HORIZONS
     ]
+    (impossible,) = (patch for patch in axes.patches if "impossible" in patch.get_label())
+    assert impossible.get_extents().x1 == pytest.approx(
+        axes.transData.transform((0.5, 1.0))[0], rel=1e-9
+    )
     # there after 1 and 2 s, both with 1 N s; the third start, from where it never gets there, has no bound
     assert drawn["agent"] == [[1.5, 1.0]]
     assert (axes.get_xlabel(), axes.get_ylabel()) == (

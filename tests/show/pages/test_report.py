@@ -146,12 +146,11 @@ def test_report_from_run_holds_everything(run: Path) -> None:
         assert text in page.text
     assert page.tags.count("img") == 4  # two panels of the learning curve, two of the flight
     assert (
-        page.tags.count("details") == 2
-    )  # validation and configuration are there for those who ask
+        page.tags.count("details") == 3
+    )  # notes, validation and configuration are there for those who ask
     made = page.text.index("How it was made")
-    assert (
-        page.text.index("FAIL") < page.text.index("2.45 cm") < page.text.index("tolerance") < made
-    )
+    table = page.text.index("2.45 cm", page.text.index("FAIL"))  # also a tile above
+    assert table < page.text.index("tolerance") < made
 
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
@@ -206,10 +205,21 @@ def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
 
 def test_failures_come_first(run: Path) -> None:
     text = Read(report_from_run(run).html()).text
-    marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
-    assert text[3] == "Something has failed."
+    text = text[text.index("Something has failed.") :][:20]
+    marks = [mark for mark in text if mark in ("pass", "FAIL", "note")]
     assert marks == ["FAIL", "FAIL", "note", "note", "note"]
-    assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
+    assert "rollout: 0.002 m, tolerance 1e-09." in text
+
+
+def test_the_result_of_the_evaluation_is_above_everything(run: Path) -> None:
+    """One of two episodes is solved, as `two_episodes` flies them; Wilson's interval of that."""
+    page = report_from_run(run)
+    assert "solves 50 % of 2 episodes (9.45 to 90.5 %)" in page.hero
+    assert [(tile.value, tile.note) for tile in page.tiles if tile.label == "solved"] == [
+        ("50 %", "9.45 to 90.5")
+    ]
+    (run / "evaluation.json").unlink()
+    assert (report_from_run(run).hero, report_from_run(run).tiles) == ("", [])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,131 @@
+"""A replay inside a page: contestants fly from the same start, above their thrusters, at the same time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.flight import Flight
+from rans.model.dynamics import State
+from rans.model.fields import Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.show.figures.panels import series_style
+
+FRAMES = 300
+"""Most instants of a flight in a page; longer flights skip some."""
+
+
+class Track(NamedTuple):
+    """One contestant's flight."""
+
+    name: str
+    flight: Flight
+    episode: int
+    """Number of the episode within the flight."""
+    arrival: float
+    """First time in the goal set, s; infinite if never."""
+
+
+@dataclass(frozen=True)
+class Race:
+    """What the page's script replays: see `race`."""
+
+    data: Mapping[str, Any]
+    caption: str
+
+
+def race(
+    craft: Spacecraft, starts: Iterable[tuple[str, Sequence[Track]]], caption: str = ""
+) -> Race:
+    """Flights by start, as plain values for a page.
+
+    Args:
+        craft: what flies; its thrusters are drawn.
+        starts: of each a label, and the flights that begin there.
+        caption: what readers see.
+
+    Returns:
+        Positions in W (m), two axes of B in W, and commands as digits from 0 (shut) to 9 (open). Numbers have
+        three decimals.
+    """
+    planar = craft.dimension == 2
+    largest = max(thruster.force for thruster in craft.thrusters)
+    centre = np.array(craft.centre_of_mass)
+    found = [_start(label, tracks, craft) for label, tracks in starts]
+    return Race(
+        {
+            "planar": planar,
+            "radius": craft.radius,
+            "thrusters": [
+                {
+                    "at": _rounded(np.array(thruster.position) - centre),
+                    "along": _rounded(np.array(thruster.direction) * (thruster.force / largest)),
+                }
+                for thruster in craft.thrusters
+            ],
+            "starts": found,
+        },
+        caption,
+    )
+
+
+def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, Any]:
+    first = tracks[0]
+    period = first.flight.timing.control_period
+    steps = max(len(track.flight.commands) for track in tracks)
+    stride = math.ceil(steps / FRAMES)
+    goals = _motion(first.flight.goals, first.episode, stride)
+    if all(row == goals["p"][0] for row in goals["p"]):
+        goals = {name: rows[:1] for name, rows in goals.items()}
+    aims = first.flight.task.errors(first.flight.states, first.flight.goals)
+    return {
+        "label": label,
+        "period": stride * period,
+        "goal": goals,
+        "turned": "attitude" in aims,
+        "tracks": [
+            {
+                "name": track.name,
+                "colour": series_style(k)[0],
+                "arrival": track.arrival if math.isfinite(track.arrival) else None,
+                "u": _levels(track, stride, len(craft.thrusters)),
+                **_motion(track.flight.states, track.episode, stride),
+            }
+            for k, track in enumerate(tracks)
+        ],
+    }
+
+
+def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[float]]]:
+    """Positions, and the first two axes of B, at every kept instant."""
+
+    def one(field: Any) -> np.ndarray:
+        values = np.asarray(field, dtype=float)
+        return (values[:, episode] if values.ndim > 1 else values)[::stride]
+
+    attitude: Any = states.attitude
+    planar = isinstance(states.p, Vec2)
+    axes = (
+        (Vec2(1.0, 0.0), Vec2(0.0, 1.0)) if planar else (Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0))
+    )
+    position = np.stack([one(x) for x in states.p.columns()], axis=1)
+    turned = [np.stack([one(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes]
+    return {
+        "p": [_rounded(row) for row in position],
+        "e": [_rounded(row) for row in np.concatenate(turned, axis=1)],
+    }
+
+
+def _levels(track: Track, stride: int, thrusters: int) -> list[str]:
+    """A text a kept control period: a digit a thruster, its mean command in ninths."""
+    commands = np.asarray(track.flight.commands)[:, track.episode, :thrusters]
+    parts = (commands[k : k + stride].mean(axis=0) for k in range(0, len(commands), stride))
+    return ["".join(str(round(9.0 * min(max(x, 0.0), 1.0))) for x in part) for part in parts]
+
+
+def _rounded(numbers: Iterable[float]) -> list[float]:
+    return [round(float(x), 3) + 0.0 for x in numbers]

@@ -1,0 +1,74 @@
+"""What a page's replay is given, worked by hand."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import rans
+from rans.flight import Flight, fly
+from rans.scenario import scenarios
+from rans.show.pages.page import Page, Section
+from rans.show.pages.race import FRAMES, Race, Track, race
+from tests.support.random_flights import Random
+
+PLATFORM = rans.load_spacecraft("floating-platform")
+
+
+def flown(craft: rans.Spacecraft, steps: int) -> Flight:
+    task = rans.GoToPose()
+    starts = scenarios(task, craft, seed=5, count=2)
+    return fly(craft, task, Random(craft), starts, rans.Timing(episode_steps=steps))
+
+
+def test_positions_axes_and_commands_are_the_flights() -> None:
+    flight = flown(PLATFORM, 6)
+    (start,) = race(PLATFORM, [("worst", [Track("a", flight, 1, 0.8)])]).data["starts"]
+    (track,) = start["tracks"]
+    np.testing.assert_allclose(
+        track["p"], np.stack([flight.states.p.x[:, 1], flight.states.p.y[:, 1]], 1), atol=5e-4
+    )
+    c = np.cos(flight.states.attitude.angle[:, 1])
+    s = np.sin(flight.states.attitude.angle[:, 1])
+    np.testing.assert_allclose(track["e"], np.stack([c, s, -s, c], 1), atol=5e-4)
+    assert [[int(x) for x in text] for text in track["u"]] == (9 * flight.commands[:, 1]).astype(
+        int
+    ).tolist()
+    assert (start["label"], start["period"], start["turned"]) == ("worst", 0.2, True)
+    # a goal that stands still is given once
+    assert len(start["goal"]["p"]) == 1
+
+
+def test_axes_in_space_are_perpendicular_and_of_length_one() -> None:
+    craft = rans.load_spacecraft("free-flyer")
+    (start,) = race(craft, [("x", [Track("a", flown(craft, 4), 0, np.inf)])]).data["starts"]
+    (track,) = start["tracks"]
+    x, y = np.split(np.array(track["e"]), 2, axis=1)
+    np.testing.assert_allclose((x * x).sum(1), 1.0, atol=3e-3)
+    np.testing.assert_allclose((x * y).sum(1), 0.0, atol=3e-3)
+    assert track["arrival"] is None
+
+
+def test_long_flights_skip_instants_and_keep_mean_commands() -> None:
+    flight = flown(PLATFORM, 2 * FRAMES - 1)
+    (start,) = race(PLATFORM, [("x", [Track("a", flight, 0, 1.0)])]).data["starts"]
+    (track,) = start["tracks"]
+    assert (len(track["p"]), len(track["u"]), start["period"]) == (FRAMES, FRAMES, 0.4)
+    mean = flight.commands[:2, 0].mean(axis=0)
+    assert [int(x) for x in track["u"][0]] == [round(9 * x) for x in mean]
+
+
+@pytest.mark.parametrize("replay", [None, Race({"starts": ["</script><b>"]}, "two & one")])
+def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(
+    replay: Race | None,
+) -> None:
+    html = Page("x", [Section("s", race=replay)]).html()
+    assert html.count("<script") == (2 if replay else 0)
+    assert "<b>" not in html
+    if replay:
+        text = re.search(r'<script type="application/json">(.*?)</script>', html)
+        assert text
+        assert json.loads(text[1]) == replay.data
