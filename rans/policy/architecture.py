@@ -20,7 +20,7 @@ from rans.policy.backbones import Backbone, Dense
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
-from rans.policy.preprocessors import PREPROCESSORS
+from rans.policy.preprocess import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
@@ -46,7 +46,7 @@ class Architecture:
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
     see as a metre (decision 008). 0: no second look."""
     preprocessor: str = "body"
-    """Key of `rans.policy.preprocessors.PREPROCESSORS`: which columns the network is given."""
+    """Key of `rans.policy.preprocess.PREPROCESSORS`: which columns the network is given."""
     symmetries: Symmetries | None = None
     """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
     (decision 009)."""

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from rans.model.fields import Field, tanh
 from rans.policy.architecture import Architecture
-from rans.policy.formulas import gated
 from rans.policy.preprocess import MakePreprocessor
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Layout
@@ -132,3 +132,36 @@ def recurrent(
         state = gated(reset, update, fresh, old_reset, old_update, old, state)
         states.append(state)
     return torch.stack(states, dim=-3)
+
+
+# Formulas on fields, of which the traced program has the same (`rans.policy.traced`).
+
+
+def averaged(average: Field, newest: Field, kept: Field) -> Field:
+    """An exponential moving average that keeps this share of itself."""
+    return newest + kept * (average - newest)
+
+
+def gated(
+    reset: Field,
+    update: Field,
+    fresh: Field,
+    old_reset: Field,
+    old_update: Field,
+    old: Field,
+    state: Field,
+) -> Field:
+    """The next state of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
+
+    The first three are what a layer makes of its input, the next three what one makes of the state.
+    """
+    share = sigmoid(update + old_update)
+    new = tanh(fresh + sigmoid(reset + old_reset) * old)
+    return new + share * (state - new)
+
+
+def sigmoid(x: Field) -> Field:
+    """The logistic function."""
+    if type(x).__module__.partition(".")[0] == "torch":
+        return torch.sigmoid(x)
+    return tanh(x * 0.5) * 0.5 + 0.5

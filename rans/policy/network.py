@@ -11,10 +11,14 @@ from torch import Tensor
 
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.backbones import product
-from rans.policy.formulas import magnified, normalised
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import PolicyState, Remembering, by_row, recurrent, viewed
-from rans.policy.preprocess import MakePreprocessor, TorchPreprocessor
+from rans.policy.preprocess import (
+    MakePreprocessor,
+    TorchPreprocessor,
+    magnified,
+    normalised,
+)
 
 Pooled = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """Variance and mean of several processes' values, from those of one."""

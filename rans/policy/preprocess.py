@@ -1,15 +1,82 @@
-"""What a network sees of observations: columns in the body frame, from one side, as filters have them."""
+"""What a network sees of observations: columns of a preprocessor, from one side, as filters have them, normalised.
+
+A preprocessor is one class here and its name in `PREPROCESSORS`. Its columns are a formula on fields, which torch,
+machine code, CUDA kernels and exported files all compute; so are `normalised` and `magnified`.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rans.policy.architecture import Architecture
+from rans.model.fields import Field, tanh, within
 from rans.policy.symmetry import Symmetries
+from rans.tasks.observation_terms import Columns, Layout
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
+
+
+class Preprocessor(ABC):
+    """Makes columns of observations."""
+
+    views_and_filters: bool = False
+    """Whether its columns are those of the body frame, which symmetries and filters are for."""
+
+    @abstractmethod
+    def layout(self, observed: Layout) -> Layout:
+        """What its columns are, of observations of this layout."""
+
+    @abstractmethod
+    def columns(self, observed: Layout, row: Columns) -> list[Field]:
+        """Its columns, of those of an observation."""
+
+
+class BodyFrame(Preprocessor):
+    """Vectors in the frame of the spacecraft, in which its own attitude is the same always (decision 004)."""
+
+    views_and_filters = True
+
+    def layout(self, observed: Layout) -> Layout:
+        """See `Preprocessor`."""
+        return observed.body
+
+    def columns(self, observed: Layout, row: Columns) -> list[Field]:
+        """See `Preprocessor`."""
+        return observed.in_body(row)
+
+
+class WorldFrame(Preprocessor):
+    """Columns as they are observed: vectors in the world frame, beside the attitude."""
+
+    def layout(self, observed: Layout) -> Layout:
+        """See `Preprocessor`."""
+        return observed
+
+    def columns(self, observed: Layout, row: Columns) -> list[Field]:
+        """See `Preprocessor`."""
+        return list(row)
+
+
+PREPROCESSORS: dict[str, Preprocessor] = {"body": BodyFrame(), "world": WorldFrame()}
+"""By their names in settings and agents' files."""
+
+
+def normalised(x: Field, mean: Field, scale: Field, clip: float) -> Field:
+    """A column with zero mean and unit variance over those seen in training, clipped.
+
+    The scale is one over the standard deviation.
+    """
+    return within((x - mean) * scale, -clip, clip)
+
+
+def magnified(x: Field, zoom: Field) -> Field:
+    """A column magnified and squashed: steepest at zero, where the goal is of every column that is no cosine."""
+    return tanh(x * zoom)
 
 
 class ColumnExecutor(ABC):
@@ -37,7 +104,7 @@ class ColumnExecutor(ABC):
         return None
 
 
-MakePreprocessor = Callable[[Architecture, Symmetries | None, Tensor], ColumnExecutor]
+MakePreprocessor = Callable[["Architecture", Symmetries | None, Tensor], ColumnExecutor]
 """Makes one for an architecture, its symmetries in tensors, and networks with tensors like the last."""
 
 

@@ -1,7 +1,7 @@
 """The one traced program of a policy, from which everything but torch's forward is printed.
 
 It says what `rans.policy.network.Network.deterministic_action` says. Formulas of single numbers are those of
-`rans.policy.formulas`, of activations, heads, layouts and filters; here is how they are put together.
+torch's forward: of preprocessing, memory, activations, heads and filters; here is how they are put together.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import torch
 
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
-from rans.policy.formulas import averaged, gated, magnified, normalised
+from rans.policy.memory import averaged, gated
 from rans.policy.network import Network
+from rans.policy.preprocess import magnified, normalised
 from rans.policy.program import Program, inputs
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
@@ -30,12 +31,11 @@ TRACED = Capabilities(
 def policy_program(given: Architecture, command: str = "command") -> Program:
     """What policies of an architecture answer to an observation (N, width) and a memory (N, m).
 
-    Rows that executors may ask for, each if there is one: "body", columns as
-    the preprocessor makes them; "history" and "filters", the two
-    parts of the memory, which is the state of a recurrent core otherwise; "view", the side of the spacecraft that
-    has the goal ahead; "seen", columns and what filters tell, from that side; "shown", what the trunk is given;
-    "filters_after", "newest", what the history is continued with, "memory_out"; and the commands, numbers from 0 to
-    1 (N, commands), by the name ``command``.
+    Rows that executors may ask for, each if there is one: "body", columns as the preprocessor makes them; "history"
+    and "filters", the two parts of the memory, which is the state of a recurrent core otherwise; "view", the side of
+    the spacecraft that has the goal ahead; "seen", columns and what filters tell, from that side; "shown", what the
+    trunk is given; "newest", what the history is continued with; "filters_after" and "memory_out"; and the commands,
+    numbers from 0 to 1 (N, commands), by the name ``command``.
 
     What no program can have (`TRACED`) ends it at "shown" (`Program.lacks`).
 

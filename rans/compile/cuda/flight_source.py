@@ -14,7 +14,7 @@ from rans.compile.cuda.source import Lines, indented
 from rans.compile.flight_program import FlightProgram, Lookup
 from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
-from rans.policy.formulas import averaged
+from rans.policy.memory import averaged
 from rans.policy.program import inputs
 
 _TOGETHER = 16

@@ -29,7 +29,7 @@ from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
-from rans.policy.preprocessors import PREPROCESSORS
+from rans.policy.preprocess import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.structure import structure
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
