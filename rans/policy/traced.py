@@ -31,11 +31,11 @@ TRACED = Capabilities(
 def policy_program(given: Architecture, command: str = "command") -> Program:
     """What policies of an architecture answer to an observation (N, width) and a memory (N, m).
 
-    Rows that executors may ask for, each if there is one: "body", columns as the preprocessor makes them; "history"
-    and "filters", the two parts of the memory, which is the state of a recurrent core otherwise; "view", the side of
-    the spacecraft that has the goal ahead; "seen", columns and what filters tell, from that side; "shown", what the
-    trunk is given; "newest", what the history is continued with; "filters_after" and "memory_out"; and the commands,
-    numbers from 0 to 1 (N, commands), by the name ``command``.
+    Rows that executors may ask for, each if there is one: "body", columns as the preprocessor makes them;
+    "history" and "filters", the two parts of the memory, which is the state of a recurrent core otherwise; "view",
+    the side of the spacecraft that has the goal ahead; "seen", columns and what filters tell, from that side;
+    "shown", what the trunk is given; "newest", what the history is continued with; "filters_after" and
+    "memory_out"; and the commands, numbers from 0 to 1 (N, commands), by the name ``command``.
 
     What no program can have (`TRACED`) ends it at "shown" (`Program.lacks`).
 
