@@ -15,8 +15,9 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3
+from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.visiting import Visiting
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import Inspect
@@ -158,6 +159,26 @@ def test_drake_and_the_engine_see_the_same_points() -> None:
         engine.step(torch.zeros(4, 6))
     found = task.unseen(engine.goal)
     assert np.allclose(np.asarray(found)[:3], ours[-1], atol=1e-6)
+
+
+def test_visiting_flies_towards_what_is_lit_and_unseen() -> None:
+    """At rest 40 m from the target along x, with the sun along y, it must go round towards y."""
+    task = Inspect()
+    pilot = Visiting(DEPUTY, task)
+    pilot.reset(1)
+    one = np.ones(1)
+
+    def many(x: float) -> np.ndarray:
+        return x * one
+
+    state = map_leaves(many, at(40.0, 0.0, 0.0))
+    there = map_leaves(many, goal(task, math.pi / 2))
+    command = pilot.act(state, there, np.zeros((1, 1)))[0]
+    assert command[2] > 0.0  # thrusters are +x, -x, +y, -y, +z, -z
+    assert command[3] == 0.0
+    assert command[4:].max() < 0.05 * command[2]
+    with pytest.raises(ConfigError, match="GoToPose has none"):
+        Visiting("floating-platform", "go-to-pose")
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
