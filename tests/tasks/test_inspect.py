@@ -182,6 +182,7 @@ def test_visiting_flies_towards_what_is_lit_and_unseen() -> None:
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
+    wrong: dict[str, Any]
     for wrong, said in (
         ({"points": 201}, "points must be a whole number"),
         ({"keep_out": 9.0}, "inside the target"),

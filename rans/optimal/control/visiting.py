@@ -60,12 +60,13 @@ class Visiting:
         least: float = 0.05,
     ) -> None:
         self.craft = load_spacecraft(craft)
-        self.task = load_task(task)
-        if not isinstance(self.task, Inspect):
+        found = load_task(task)
+        if not isinstance(found, Inspect):
             raise ConfigError(
-                f"visiting flies round inspected targets, and {type(self.task).__name__} has none: fly guidance, "
+                f"visiting flies round inspected targets, and {type(found).__name__} has none: fly guidance, "
                 "LQR or MPC."
             )
+        self.task: Inspect = found
         self._timing = self.task.timing if timing is None else timing
         self._distance = distance
         self._speed = speed
