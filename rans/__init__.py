@@ -66,6 +66,7 @@ from rans.tasks import (
     GoToPosePriced,
     GoToPosition,
     Hold,
+    Inspect,
     Land,
     MultiTask,
     Rendezvous,
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
     from rans.optimal.control.observer import ObserverMPC
     from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
+    from rans.optimal.control.visiting import Visiting
 
     __version__: str
 
@@ -118,6 +120,7 @@ _LAZY = {
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
     "VelocityToGain": "rans.optimal.control.guidance",
+    "Visiting": "rans.optimal.control.visiting",
 }
 """Where the names are whose modules take long to load."""
 
@@ -163,6 +166,7 @@ __all__ = [
     "TrackTwist",
     "TrackVelocityHeading",
     "Hold",
+    "Inspect",
     "MultiTask",
     "Rendezvous",
     "load_task",
@@ -183,6 +187,7 @@ __all__ = [
     "ObserverMPC",
     "MPPI",
     "VelocityToGain",
+    "Visiting",
     "Lookahead",
     "ArrivalCost",
     "Pilot",

@@ -48,14 +48,14 @@ API = {
     ),
     "Tasks": (
         "TASKS GoToPosition GoToPose GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "
-        "MultiTask Avoid DockPort Dock Hold Rendezvous Land load_task"
+        "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land load_task"
     ),
     "Domain randomization": (
         "Conditions BodyConditions ThrusterConditions FaultConditions DisturbanceConditions "
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain Lookahead "
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain Visiting Lookahead "
         "ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",

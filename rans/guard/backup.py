@@ -137,7 +137,7 @@ class _Search:
         found = self.coasting.safe(state, goal)
         left = where_true(~found)
         if len(left):
-            found[left] = self._escapes(*taken((state, goal), left), ways)
+            found[left] = self._escapes(taken(state, left), taken(goal, left), ways)
         return found
 
     def _escapes(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
@@ -193,7 +193,7 @@ class _Search:
         found = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
         if len(left):
-            found[left] = self._escapes(*taken((arrival.state, arrival.goal), left), ways)
+            found[left] = self._escapes(taken(arrival.state, left), taken(arrival.goal, left), ways)
         return found
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:

@@ -19,6 +19,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.hold import Hold
+from rans.tasks.inspect import Inspect
 from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rendezvous import Rendezvous
@@ -96,6 +97,7 @@ TASKS = Registry(
         "hold": "rans.tasks:Hold",
         "rendezvous": "rans.tasks:Rendezvous",
         "land": "rans.tasks:Land",
+        "inspect": "rans.tasks:Inspect",
     },
     _checked,
 )
@@ -159,6 +161,7 @@ __all__ = [
     "GoToPosition",
     "Land",
     "Hold",
+    "Inspect",
     "MultiTask",
     "Rendezvous",
     "SingleTask",

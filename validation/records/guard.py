@@ -214,6 +214,8 @@ def flown(
     changed = flying = impulse = zero
     settled = zero
     steps = task.timing.episode_steps
+    k = 0
+    ends = task.done(now.state, now.goal) is not None
     begun = time.perf_counter()
     for k in range(steps):
         outcome = step(world, now, act(now.state, now.goal, world.observe(now, draws)), draws)
@@ -237,7 +239,7 @@ def flown(
         if bool(ended.all()):
             break
     seconds = time.perf_counter() - begun
-    if outcome.done is None:
+    if not ends:
         won = ~ended & (settled <= 0.8 * steps)
         after = settled
     else:

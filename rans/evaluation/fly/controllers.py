@@ -60,6 +60,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
         "mppi": "rans.optimal.control.sampling:MPPI",
         "guidance": "rans.optimal.control.guidance:VelocityToGain",
+        "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,
 )

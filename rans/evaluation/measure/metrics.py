@@ -25,6 +25,7 @@ DISPLAY = {
     "attitude": (math.degrees(1.0), "deg"),
     "velocity": (100.0, "cm/s"),
     "spin": (math.degrees(1.0), "deg/s"),
+    "unseen": (100.0, "%"),
 }
 """Factor from the SI unit and the unit in which people read an error."""
 
@@ -33,6 +34,7 @@ _TIME_WITHIN = {
     "attitude": ("OT", (5, 2, 1)),
     "velocity": ("VT", (10, 5, 2, 1)),
     "spin": ("ST", (20, 10, 5, 2, 1)),
+    "unseen": ("UT", (50, 20, 10, 5)),
 }
 """Name and bounds, in the units of `DISPLAY`, of the time within. PT and OT are the original system's
 (2023), VT10, VT5 and VT2 its VE1, VE05 and VE02 (2024); ST continues them."""
@@ -42,11 +44,18 @@ _REACH = {
     "attitude": (0.087, "5 deg", "2.5 deg", "37 deg"),
     "velocity": (0.15, "15 cm/s", "7.5 cm/s", "113 cm/s"),
     "spin": (0.3, "0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
+    "unseen": (0.05, "5 %", "2.5 %", "38 %"),
 }
 """The original system's success threshold (2023), SI; and it, its half and 7.5 times it in words."""
 _STAY = 7.5
 
-_HELD = {"position": (5, 2, 1), "attitude": (3, 2, 1), "velocity": (10, 5, 2), "spin": (20, 10, 5)}
+_HELD = {
+    "position": (5, 2, 1),
+    "attitude": (3, 2, 1),
+    "velocity": (10, 5, 2),
+    "spin": (20, 10, 5),
+    "unseen": (20, 10, 5),
+}
 """Bounds of three grades of holding a goal, in the units of `DISPLAY`."""
 
 _TRANSIENT = 5.0

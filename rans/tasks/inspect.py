@@ -1,0 +1,257 @@
+"""Inspect a target on a circular orbit: see nearly all points of its surface in sunlight, from a safe distance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from operator import add
+from typing import Any, ClassVar
+
+from rans.errors import ConfigError
+from rans.model.drift import ClohessyWiltshire, Drift
+from rans.model.dynamics import State
+from rans.model.fields import Field, Vec3, Vector, at_least, cos, sin, sqrt, where
+from rans.model.random import Random
+from rans.model.timing import Timing
+from rans.tasks.base import SingleTask
+from rans.tasks.observation_terms import (
+    Dimension,
+    Information,
+    InformationInW,
+    ObservationTerm,
+    Scalar,
+    VectorInW,
+)
+from rans.tasks.rewards import Transition, is_used
+from rans.tasks.shapes import Ball, Shape
+
+WORD = 20
+"""Points that one number of an episode's memory says of, a bit each: single precision holds 24 bits exactly."""
+
+
+@dataclass(frozen=True)
+class Inspect(SingleTask):
+    """See the points of a target's surface in sunlight, from a safe distance.
+
+    >>> rans.load_task("inspect").tolerances()
+    {'unseen': 0.05}
+
+    W is the target's Hill frame: x radial outwards, y along the track, z across; the target is at its origin and
+    does not turn in it. Points lie on a sphere around it, evenly as on a Fibonacci lattice. The craft's camera
+    always points at the target. A point has been seen once, at a check, the craft was within the view cone of
+    the point and the sun within its light cone. Both are cones around the point's normal; with the default
+    angles a point is seen where the craft is above its horizon and the sun is.
+
+    The sun lies in the orbit's plane and turns at -n in W. Episodes draw its first angle. Won: all but 5 % of the
+    points have been seen. Limit: the craft's centre is never nearer to the target than `keep_out`.
+
+    Start: 50 to 100 m away in a uniform direction, without rotation, with a velocity in a uniform direction of up
+    to 0.8 of 2 n r. An episode lasts two orbits' worth of 20 s periods, checked every 10 s.
+
+    The goal is the target's centre. Its ``notes`` are the sun's angle, the number of points seen, and the points,
+    a bit each in numbers of `WORD` bits: a hundred points take five numbers instead of a hundred.
+
+    Observed task data: way to the target and sun's direction (W), share of points not seen, mean direction of
+    these points and of those of them that are lit (W), and the margin of the keep-out ball.
+
+    Numbers: Inspection-v0 of the benchmark of the Air Force Research Laboratory (safe-autonomy-sims 6d71f7e):
+    100 points on a sphere of 10 m, sun at -n, starts and speeds, 800 m; crash radius 15 m as its code has it
+    (its page says 10 m); an agent's success there is 95 % of the points' weight. Its control period is 10 s.
+    """
+
+    mean_motion: float = 0.001027
+    """n of the target's orbit, rad/s."""
+    points: int = 100
+    """Number of points."""
+    surface_distance: float = 10.0
+    """Radius of the sphere of points, m."""
+    view_degrees: float = 90.0
+    """Largest angle at a point between its normal and the craft, degrees."""
+    light_degrees: float = 90.0
+    """Largest angle at a point between its normal and the sun, degrees."""
+    keep_out: float = 15.0
+    """Least distance from the target's centre, m."""
+    spawn_distance: tuple[float, float] = (50.0, 100.0)
+    """Range of the start's distance from the target, m."""
+    start_speed: tuple[float, float] = (0.0, 0.8)
+    """Range of the start's speed as a share of 2 n times the distance."""
+    unseen_tolerance: float = 0.05
+    """Share of points not seen at which the mission is won."""
+    unseen_weight: float = 1.0
+    """Reward lost per control period, times the share of points not seen."""
+    impulse_weight: float = 0.05
+    """Reward lost per newton-second of the thrusters."""
+    done_weight: float = 5.0
+    violation_weight: float = 50.0
+    fail_distance: float = 800.0
+    """An episode fails farther than this from the target, m."""
+    thrust_weight: float = 0.0
+    """Reward lost per step and open thruster: impulse is priced instead."""
+
+    symmetric = False
+    flag = 11
+    dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
+    spacecraft: ClassVar[str | None] = "afrl-deputy"
+    timing: ClassVar[Timing] = Timing(control_period=20.0, episode_steps=612, checks=2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if type(self.points) is not int or not 1 <= self.points <= 200:
+            raise ConfigError(f"points must be a whole number from 1 to 200, got {self.points!r}.")
+        for name in ("view_degrees", "light_degrees"):
+            angle = getattr(self, name)
+            if isinstance(angle, int | float) and angle > 90.0:
+                raise ConfigError(
+                    f"{name} must be at most 90 degrees, got {angle:g}: a point sees nothing below its horizon."
+                )
+        if isinstance(self.keep_out, int | float) and self.keep_out <= self.surface_distance:
+            raise ConfigError(
+                f"keep_out must exceed surface_distance, {self.surface_distance:g} m, got {self.keep_out:g} m: "
+                "the craft would be inside the target."
+            )
+
+    @property
+    def drift(self) -> Drift:
+        """The equations of Clohessy and Wiltshire."""
+        return ClohessyWiltshire(self.mean_motion)
+
+    @cached_property
+    def normals(self) -> tuple[tuple[float, float, float], ...]:
+        """Unit vectors to the points in W: heights in even steps, turned by the golden angle each."""
+        golden = math.pi * (3.0 - math.sqrt(5.0))
+        found = []
+        for k in range(self.points):
+            height = 1.0 - (2 * k + 1) / self.points
+            across = math.sqrt(1.0 - height * height)
+            found.append((across * math.cos(golden * k), across * math.sin(golden * k), height))
+        return tuple(found)
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start around the target, and the sun's angle; nothing has been seen."""
+        distance = random.uniform(*self.spawn_distance)
+        speed = distance * random.uniform(*self.start_speed) * (2.0 * self.mean_motion)
+        place = random.direction().scale(distance)
+        velocity = random.direction().scale(speed)
+        start = replace(random.moving(velocity, random.no_rotation()), p=place)
+        goal = random.at_rest(random.origin(), random.no_rotation())
+        sun = random.uniform(-math.pi, math.pi)
+        words = -(-self.points // WORD)
+        return start, replace(goal, notes=(sun, *(sun * 0.0,) * (1 + words)))
+
+    def later(self, goal: State, time: Field) -> State:
+        """The sun turns."""
+        sun, *rest = goal.notes
+        return replace(goal, notes=(sun - time * self.mean_motion, *rest))
+
+    def remember(self, goal: State, state: State) -> State:
+        """Points that are seen now, and those that were seen before."""
+        sun, _, *words = goal.notes
+        now = self.visible(goal, state)
+        counted: Field = 0.0
+        remembered = []
+        for word, known in zip(words, self._known(goal), strict=True):
+            kept = word * 0.0
+            for bit, before in enumerate(known):
+                seen = before | now[len(remembered) * WORD + bit]
+                kept = where(seen, kept + float(2**bit), kept)
+                counted = counted + where(seen, kept * 0.0 + 1.0, kept * 0.0)
+            remembered.append(kept)
+        return replace(goal, notes=(sun, counted, *remembered))
+
+    def visible(self, goal: State, state: State) -> list[Field]:
+        """Whether each point is in the craft's view and in light at an instant."""
+        radius = self.surface_distance
+        p = state.p
+        square = p.dot(p) + radius * radius
+        sun = self.sun(goal)
+        view = math.cos(math.radians(self.view_degrees))
+        light = math.cos(math.radians(self.light_degrees))
+        found = []
+        for normal in self.normals:
+            along = _dot(p, normal)
+            way = sqrt(at_least(square - along * (2.0 * radius), 0.0))
+            found.append((along - radius > way * view) & (_dot(sun, normal) > light))
+        return found
+
+    def sun(self, goal: State) -> Vec3:
+        """Unit vector towards the sun in W."""
+        angle = goal.notes[0]
+        return Vec3(cos(angle), sin(angle), angle * 0.0)
+
+    def unseen(self, goal: State) -> Field:
+        """Share of the points that have not been seen."""
+        return (float(self.points) - goal.notes[1]) * (1.0 / self.points)
+
+    def _known(self, goal: State) -> list[list[Field]]:
+        """Whether each point has been seen, by the numbers that hold it."""
+        found: list[list[Field]] = []
+        for k, word in enumerate(goal.notes[2:]):
+            bits = min(WORD, self.points - k * WORD)
+            rest = word
+            known: list[Field] = []
+            for bit in reversed(range(bits)):
+                is_set = rest > 2.0**bit - 0.5
+                rest = where(is_set, rest - 2.0**bit, rest)
+                known.append(is_set)
+            found.append(known[::-1])
+        return found
+
+    def scenery(self, goal: State) -> tuple[Shape, ...]:
+        """The keep-out ball around the target."""
+        return (Ball(goal.p, goal.v, self.keep_out),)
+
+    def constraints(self, state: State, goal: State) -> dict[str, Field]:
+        """Distance from the keep-out ball, m."""
+        return {"keep-out": self.scenery(goal)[0].gap(state.p)}
+
+    def done(self, state: State, goal: State) -> Field:
+        """Enough points have been seen."""
+        return self.reached(state, goal)
+
+    def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
+        """Way to the target, the sun, and where points are that have not been seen."""
+        sun = self.sun(goal)
+        unlit, lit = self.directions(goal)
+        return (
+            VectorInW("d", "m", goal.p - state.p),
+            InformationInW("sun ", "-", sun),
+            Scalar("unseen", "-", self.unseen(goal)),
+            InformationInW("unseen ", "-", unlit),
+            InformationInW("unseen lit ", "-", lit),
+            *(Information("keep-out gap", "m", shape.gap(state.p)) for shape in self.scenery(goal)),
+        )
+
+    def directions(self, goal: State) -> tuple[Vec3, Vec3]:
+        """Sums of the normals of the points not seen, and of those of them in light, over the number of points."""
+        known = reduce(add, self._known(goal))
+        sun = self.sun(goal)
+        light = math.cos(math.radians(self.light_degrees))
+        zero = goal.notes[1] * 0.0
+        sums = [[zero, zero, zero], [zero, zero, zero]]
+        for normal, seen in zip(self.normals, known, strict=True):
+            share = where(seen, zero, zero + 1.0 / self.points)
+            lit = where(_dot(sun, normal) > light, share, zero)
+            for total, weight in zip(sums, (share, lit), strict=True):
+                for axis in range(3):
+                    total[axis] = total[axis] + weight * normal[axis]
+        return Vec3(*sums[0]), Vec3(*sums[1])
+
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        """Share of the points that have not been seen."""
+        return {"unseen": self.unseen(goal)}
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """What has not been seen costs in every period, and so does thrust."""
+        terms = {"unseen": self.unseen(transition.goal) * -self.unseen_weight}
+        if is_used(self.impulse_weight):
+            terms["impulse"] = transition.impulse * -self.impulse_weight
+        return terms | self.prices(transition)
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Too far away."""
+        return (state.p - goal.p).norm() > self.fail_distance
+
+
+def _dot(v: Vector, numbers: tuple[float, ...]) -> Field:
+    return reduce(add, (x * number for x, number in zip(v.columns(), numbers, strict=True)))
