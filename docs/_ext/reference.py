@@ -55,7 +55,7 @@ API = {
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain Lookahead "
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance Lookahead "
         "ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",
