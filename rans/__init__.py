@@ -89,6 +89,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight, fly
+    from rans.optimal.control.convex_guidance import ConvexGuidance
     from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
@@ -119,6 +120,7 @@ _LAZY = {
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
+    "ConvexGuidance": "rans.optimal.control.convex_guidance",
     "VelocityToGain": "rans.optimal.control.guidance",
     "Visiting": "rans.optimal.control.visiting",
 }
@@ -171,6 +173,7 @@ __all__ = [
     "Rendezvous",
     "load_task",
     "Conditions",
+    "ConvexGuidance",
     "BodyConditions",
     "ThrusterConditions",
     "FaultConditions",

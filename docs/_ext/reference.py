@@ -55,7 +55,7 @@ API = {
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain Visiting Lookahead "
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance Visiting Lookahead "
         "ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",

@@ -62,8 +62,8 @@ def train(
         conditions: domain randomization, disturbances, faults and sensors; None: everything nominal, or the
             agent's.
         ppo: settings of the training; None: those known to work.
-        algorithm: "ppo", or "gradient": down the gradient of the return through the motion, for throttled
-            thrusters (docs/training.md); None: PPO, or the agent's.
+        algorithm: "ppo"; "gradient": down the gradient of the return through the motion, for throttled
+            thrusters; or "imitation" of an expert (docs/training.md). None: PPO, or the agent's.
         quality: how long: "quick" (until it is solved), "good" (minutes on two cores) or "best" (a GPU, or
             long); also with your own spacecraft and conditions. None: quick, or a recipe's own length.
         plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
@@ -80,6 +80,7 @@ def train(
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
+    from rans.evaluation.fly.controllers import expert_of
     from rans.fast.learn.loggers import check, loggers
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
@@ -104,7 +105,7 @@ def train(
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     kept = RunFolder(folder)
-    trainer = Trainer([config], craft, kept)
+    trainer = Trainer([config], craft, kept, expert=expert_of(config, craft))
     kept.begin(config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else "")
     others = loggers(log, config, folder)
     with watched_training(config.total_timesteps, progress) as show:

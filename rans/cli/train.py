@@ -69,9 +69,9 @@ class Train:
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
-    algorithm: Literal["ppo", "gradient"] | None = None
-    """What learns: ppo, or the gradient of the return through the motion, for throttled thrusters
-    (docs/training.md); by default ppo."""
+    algorithm: Literal["ppo", "gradient", "imitation"] | None = None
+    """What learns: ppo; gradient, of the return through the motion, for throttled thrusters; or imitation of an
+    expert, `--set imitation.expert=NAME` (docs/training.md). By default ppo."""
     quality: Literal["quick", "good", "best"] | None = None
     """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less
     impulse and error) or best (a GPU, or long); also with your own spacecraft and conditions. By default
@@ -91,6 +91,7 @@ class Train:
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
+        from rans.evaluation.fly.controllers import expert_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder, run_path
         from rans.fast.learn.trainer import Trainer
@@ -107,13 +108,17 @@ class Train:
             run = RunFolder(self.resume)
             config = run.config()
             config = replace(config, plain=self.plain or config.plain)
-            trainer = Trainer([config], run.spacecraft(), run, join(config.device))
+            craft = run.spacecraft()
+            trainer = Trainer(
+                [config], craft, run, join(config.device), expert=expert_of(config, craft)
+            )
             trainer.resume()
             return trainer
         config = self.resolved()
         world = join(config.device)
         run = RunFolder(world.from_first(self.output or run_path(config)))
-        trainer = Trainer([config], load_spacecraft(config.spacecraft), run, world)
+        craft = load_spacecraft(config.spacecraft)
+        trainer = Trainer([config], craft, run, world, expert=expert_of(config, craft))
         if world.is_first:
             run.begin(config, command_line())
         return trainer

@@ -46,8 +46,9 @@ class OrbitalMission(SingleTask):
     Astrodynamics", 1999, chapter 11). The goal's ``notes`` are the time left until the deadline and until the
     planned arrival, s, and 1 once the mission is won.
 
-    The policy observes the way to the goal, the velocity to gain, the velocity of arrival with it, both times, and
-    the margins of every shape in `scenery`.
+    The policy observes the way to the goal, the velocity to gain, the velocity of arrival with it, by how much the
+    coast to the planned arrival misses the goal (squashed to ten tolerances), both times, and the margins of every
+    shape in `scenery`.
 
     Rewards are in velocity that thrust has wasted: every newton-second costs, and what it takes off the
     velocity to gain is paid back. An impulse to the goal at the start of an episode earns zero.
@@ -155,17 +156,20 @@ class OrbitalMission(SingleTask):
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Way to go, velocity to gain and of arrival, times left, and what is observed of every limit."""
+        """Way to go, velocity to gain and of arrival, miss, times left, and what is observed of every limit."""
         deadline, arrival, _ = goal.notes
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
+        missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
         # Just before an arrival that misses it the velocity to gain has no bound.
+        nearby = 0.1 / self.position_tolerance
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
             VectorInW("d", "m", goal.p - state.p),
             VectorInW("gain_", "m/s", gain.scale(scale)),
             InformationInW("arrival_v_", "m/s", at_goal.scale(scale)),
+            InformationInW("miss_", "m", missed.scale(1.0 / (1.0 + missed.norm() * nearby))),
             Information("time left", "s", deadline),
             Information("time to arrival", "s", arrival),
             *(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cloudpickle
 import numpy as np
@@ -22,6 +22,9 @@ from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed
 from rans.tasks import Task, observation_width
+
+if TYPE_CHECKING:
+    from rans.fast.learn.config import TrainConfig
 
 Maker = Callable[..., Controller]
 """Function or class that makes a controller of spacecraft, task and timing, and of tuned settings by keyword."""
@@ -60,6 +63,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
         "mppi": "rans.optimal.control.sampling:MPPI",
         "guidance": "rans.optimal.control.guidance:VelocityToGain",
+        "convex": "rans.optimal.control.convex_guidance:ConvexGuidance",
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,
@@ -82,6 +86,19 @@ def controller(name: str, setup: Setup) -> Controller:
     return (
         maker(*setup[:3]) if name in CONTROLLERS.built_in else CheckedController(name, setup, maker)
     )
+
+
+def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:
+    """Whom a training imitates; None where it learns in another way.
+
+    Raises:
+        ConfigError: there is no such controller, or it cannot fly this craft or task.
+    """
+    if config.algorithm != "imitation":
+        return None
+    maker = CONTROLLERS[config.imitation.expert]
+    as_expert: Maker = getattr(maker, "as_expert", maker)
+    return as_expert(craft, config.settings, config.timing)
 
 
 class CheckedController:

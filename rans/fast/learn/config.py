@@ -296,7 +296,7 @@ class Failures:
         _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
 
 
-Algorithm = Literal["ppo", "gradient"]
+Algorithm = Literal["ppo", "gradient", "imitation"]
 
 
 @dataclass(frozen=True)
@@ -325,6 +325,22 @@ class GradientSettings:
             "bound",
         )
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
+
+
+@dataclass(frozen=True)
+class ImitationSettings:
+    """What only the learner from an expert has, besides `PPOSettings`; ConfigError where out of range."""
+
+    expert: str = "convex"
+    """Controller that is imitated: a name (docs/comparison.md), or MODULE:NAME of your own."""
+    updates: int = 400
+    """Steps down the gradient in an iteration, each on a minibatch of all labels so far."""
+    roll_in: float = 0.6
+    """Most that the agent flies of an episode before the expert flies on, as a share of an episode's length."""
+
+    def __post_init__(self) -> None:
+        _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
+        _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "roll_in")
 
 
 @dataclass(frozen=True)
@@ -359,9 +375,15 @@ class TrainConfig:
     """Whether torch's compiler makes a GPU's kernels before training begins, or never; null: once so much is
     left to train that it pays for the 5 to 35 s that it takes."""
     algorithm: Algorithm = "ppo"
-    """What learns: proximal policy optimisation, or the gradient of the return through the motion."""
+    """What learns: proximal policy optimisation, the gradient of the return through the motion, or imitation of
+    an expert."""
     gradient: GradientSettings = field(default_factory=GradientSettings)
     """What the gradient through the motion has besides."""
+    imitation: ImitationSettings = field(default_factory=ImitationSettings)
+    """What imitation of an expert has besides."""
+    begin_from: str | None = None
+    """Run folder, or pretrained:NAME, of an agent whose weights training begins with, of the same network; null:
+    with weights that have learnt nothing. What its inputs are normalised by stays as it is."""
     plain: bool = False
     """Whether everything is computed as it is written: torch's operations one by one, no generated program or
     kernel, autograd's gradients. A breakpoint in a task then stops (docs/plain.md); many times slower."""

@@ -7,11 +7,19 @@ from typing import Any
 
 import torch
 
-from rans.fast.agent_files.agent import SavedPolicy
+from rans.errors import ConfigError
+from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learner import Learner
+from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
+from rans.policy.architecture import EXTRACTOR
+from rans.policy.network import Network
+from rans.pretrained import pretrained_folder
+
+_SETTLED = 1e12
+"""Observations that statistics count as made of, so that none of a training changes them."""
 
 
 def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:
@@ -58,3 +66,41 @@ def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
         for memory, name in zip(adam.moments, ("exp_avg", "exp_avg_sq"), strict=True):
             memory[place].copy_(kept[name])
         adam.steps.copy_(kept["step"])
+
+
+@torch.no_grad()
+def begin_from(network: Network, agent: str) -> None:
+    """Give every member the weights of an agent, whose statistics of observations stay from now on.
+
+    Args:
+        network: changed in place.
+        agent: run folder, or pretrained:NAME.
+
+    Raises:
+        ConfigError: there is no such agent, or it is another network.
+    """
+    kind, _, name = agent.partition(":")
+    folder = pretrained_folder(name) if kind == "pretrained" else Path(agent)
+    run = RunFolder(folder)
+    if not run.agent_file.exists():
+        raise ConfigError(
+            f"begin_from is {agent!r}, which holds no agent: name a run folder, or pretrained:NAME."
+        )
+    saved = read_policy(run.agent_file).network
+    theirs = saved.architecture
+    ours = network.architecture
+    if theirs.layout != ours.layout or set(saved.tensors) != set(network.tensors):
+        raise ConfigError(
+            f"begin_from is {agent!r}, whose network observes or commands something else than this training's; the "
+            "usual cause is another task, spacecraft, head or memory."
+        )
+    statistics = [EXTRACTOR + one for one in ours.statistics()]
+    for key, tensor in network.tensors.items():
+        given = saved.tensors[key]
+        if given.shape != tensor.shape[-given.dim() or len(tensor.shape) :]:
+            raise ConfigError(
+                f"begin_from is {agent!r}, whose {key} has the shape {tuple(given.shape)} and not that of this "
+                "training; the usual cause is other ppo.layers."
+            )
+        tensor.copy_(given.expand_as(tensor))
+    network.tensors[statistics[-1]].fill_(_SETTLED)

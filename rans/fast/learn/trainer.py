@@ -20,12 +20,15 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.failures import FailedStarts
 from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.graph import as_written, calls_until_recorded
+from rans.fast.learn.imitation import ImitationLearner
+from rans.fast.learn.learner import Making
 from rans.fast.learn.member import Member, begin, statistics
-from rans.fast.learn.policy_file import write_learner
+from rans.fast.learn.policy_file import begin_from, write_learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
+from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 
 _COMPILING = 30.0
@@ -54,7 +57,7 @@ class Trainer:
     Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
     settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
     first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
-    whose weights become infinite are left alone.
+    whose weights become infinite are left alone. The algorithm "imitation" learns from the ``expert``.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class Trainer:
         run: RunFolder,
         processes: Processes = ALONE,
         goes_on: bool = False,
+        expert: Controller | None = None,
     ) -> None:
         self.members, self.config = [Member(config) for config in configs], (first := configs[0])
         check_device(first.device)
@@ -98,11 +102,13 @@ class Trainer:
             remember=first.ppo.privileged_critic or first.failures.share > 0.0,
             plain=plain,
         )
-        make = (
-            partial(GradientLearner, own=first.gradient) if first.algorithm == "gradient" else None
-        )
         settings = [config.ppo for config in configs]
-        self.learner = begin(self.engine, settings, seeds, plain, make)
+        # The network of an imitation is computed by torch, beside an engine that is compiled.
+        by_torch = plain or first.algorithm == "imitation"
+        making = _making(first, expert)
+        self.learner = begin(self.engine, settings, seeds, by_torch, making)
+        if first.begin_from is not None and not run.has_checkpoint:
+            begin_from(self.learner.network, first.begin_from)
         self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(
             self.learner.network,
@@ -375,6 +381,23 @@ class Trainer:
                 f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
                 "usual cause is a config.json edited after training began."
             ) from error
+
+
+def _making(config: TrainConfig, expert: Controller | None) -> Making | None:
+    """What makes the config's learner; None: PPO.
+
+    Raises:
+        ConfigError: it should imitate an expert, and none was given.
+    """
+    if config.algorithm == "gradient":
+        return partial(GradientLearner, own=config.gradient)
+    if config.algorithm == "imitation":
+        if expert is None:
+            raise ConfigError(
+                "the algorithm 'imitation' needs an expert: use `rans train` or rans.train."
+            )
+        return partial(ImitationLearner, own=config.imitation, expert=expert)
+    return None
 
 
 def check_device(device: str) -> None:

@@ -56,6 +56,8 @@ class Meeting:
     """m/s"""
     limits: tuple[Shape, ...] = ()
     """Kept at every check but the first instant."""
+    every: int = 1
+    """Flights thrust in every so many-th control period only, which makes their programs smaller."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: OrbitalMission, goal: Any) -> Meeting:
@@ -129,6 +131,11 @@ class Meeting:
         """States (L, 2 d) after so many checks without thrust, of a state (2 d,) at the start."""
         free, offset, _ = self._tables
         return free[checks] @ start + offset[checks]
+
+    def transition(self, checks: int | np.ndarray) -> np.ndarray:
+        """(2 d, 2 d), or (L, 2 d, 2 d): what a difference of states becomes in so many checks without thrust."""
+        free, _, _ = self._tables
+        return free[checks]
 
     def effect(self, check: int, periods: int) -> np.ndarray:
         """(2 d, periods m): what the commands of the first periods have done by a check."""
@@ -220,11 +227,14 @@ def least_impulse(
 
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.ndarray:
     """States (check + 1, 2 d) of a transfer at every check from the start to the meeting."""
-    count = len(transfer.commands)
-    flat = transfer.commands.ravel()
-    free = meeting.free(start, np.arange(transfer.check + 1))
-    pushed = [meeting.effect(k, count) @ flat for k in range(transfer.check + 1)]
-    return free + np.array(pushed)
+    states = meeting.free(start, np.arange(transfer.check + 1))
+    _, _, effect = meeting._tables
+    # What every command does from the check at which it begins.
+    for period, command in enumerate(transfer.commands):
+        first = period * meeting.timing.checks
+        if command.any():
+            states[first:] += effect[: transfer.check + 1 - first] @ command
+    return states
 
 
 def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.ndarray | None:
@@ -254,6 +264,7 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
     balls[size + 2 :, size : 2 * size] = -np.eye(size)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    settings.max_threads = 1
     solver = clarabel.DefaultSolver(
         sparse.csc_matrix((2 * size + 2, 2 * size + 2)),
         objective,
@@ -401,6 +412,15 @@ def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
     )
 
 
+def least_margins(limits: Sequence[Shape], states: np.ndarray) -> np.ndarray:
+    """(N,) the least margin of any limit at any of the L states (N, L, 2 d) of N flights."""
+    least = np.full(len(states), np.inf)
+    for limit in limits:
+        gaps = _gap(limit, states.reshape(-1, states.shape[-1])).reshape(states.shape[:2])
+        least = np.minimum(least, gaps.min(axis=1))
+    return least
+
+
 def _gap(limit: Shape, states: np.ndarray) -> np.ndarray:
     size = states.shape[1] // 2
     vector: Any = Vec2 if size == 2 else Vec3
@@ -480,7 +500,10 @@ class _Rows:
         self.check = check
         self.periods = meeting.periods(check)
         self._start = start
-        count = self.periods * meeting.forces.shape[1]
+        thrusters = meeting.forces.shape[1]
+        used = np.arange(self.periods) % meeting.every == 0
+        self._used = np.repeat(used, thrusters)
+        count = int(self._used.sum())
         unit = np.eye(count)
         # Commands within [0, 1].
         self._matrix = [-unit, unit]
@@ -491,7 +514,7 @@ class _Rows:
         """Be within both balls at the meeting."""
         meeting = self.meeting
         size = len(meeting.place)
-        effect = meeting.effect(self.check, self.periods)
+        effect = meeting.effect(self.check, self.periods)[:, self._used]
         free = meeting.free(self._start, np.array([self.check]))[0]
         free[:size] -= meeting.place
         for part, radius in (
@@ -502,7 +525,7 @@ class _Rows:
 
     def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
         """Keep a limit at a check."""
-        effect = self.meeting.effect(check, self.periods)
+        effect = self.meeting.effect(check, self.periods)[:, self._used]
         free = self.meeting.free(self._start, np.array([check]))[0]
         cone = _cone(limit, reference)
         self._append(
@@ -526,10 +549,11 @@ class _Rows:
 
         clarabel = _clarabel()
 
-        price = np.tile(self.meeting.price, self.periods)
+        price = np.tile(self.meeting.price, self.periods)[self._used]
         count = len(price)
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.max_threads = 1
         cones = [clarabel.NonnegativeConeT(2 * count)]
         cones += [clarabel.SecondOrderConeT(rows) for rows in self._cones]
         matrix = sparse.csc_matrix(np.vstack(self._matrix))
@@ -554,11 +578,13 @@ class _Rows:
         dual = np.array(found.z)[2 * count :]
         # The arrival's two cones come first; their first rows are the radii.
         multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
-        commands = np.clip(np.array(found.x), 0.0, 1.0).reshape(self.periods, -1)
+        flat = np.zeros(len(self._used))
+        flat[self._used] = np.clip(np.array(found.x), 0.0, 1.0)
+        commands = flat.reshape(self.periods, -1)
         return Transfer(
             self.check,
             commands,
-            float(price @ commands.ravel()),
+            float(price @ flat[self._used]),
             multiplier,
             abs(found.obj_val - found.obj_val_dual),
             max(found.r_prim, found.r_dual),

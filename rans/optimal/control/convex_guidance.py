@@ -1,0 +1,264 @@
+"""Guidance by convex programs: plan the least impulse within a mission's limits, fly it, plan again when off it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rans.errors import ConfigError, SolverFailed, is_finite
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.regulator import ModelBased
+from rans.optimal.convex.impulses import Impulses
+from rans.optimal.convex.rendezvous import (
+    Meeting,
+    Transfer,
+    least_impulse,
+    least_margins,
+    rendezvous,
+    trajectory,
+    within_limits,
+)
+from rans.tasks.base import Task
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+
+_OFF = 0.1
+"""Share of the tolerances by which a plan's arrival may be missed before it is made anew."""
+_CHECKED = 40
+"""Checks of a closed-form transfer at which its limits are checked."""
+_EVERY = 4
+"""Of an expert's control periods those with thrust, where its transfers need a conic program: every fourth."""
+_LATER = (0.7, 0.8, 0.9, 1.0)
+"""Shares of the time left at which arrivals are tried where none was possible at the planned one."""
+
+
+@dataclass
+class _Plan:
+    """What one episode is about to do."""
+
+    commands: np.ndarray
+    """(periods, m) still to come."""
+    states: np.ndarray
+    """(checks + 1, 2 d) expected at every check from now on."""
+
+
+class ConvexGuidance(ModelBased):
+    """Flies the transfer of least impulse that keeps a mission's limits, planned by a conic program.
+
+    >>> rans.ConvexGuidance("afrl-deputy", "dock")
+    <convex: Dock for afrl-deputy>
+
+    At first, and whenever an episode is so far off its plan that the arrival would be missed by a tenth of the
+    tolerances, the program of `rans.optimal.convex.rendezvous` is solved from the state as it is. Between, the
+    planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
+
+    Args:
+        craft: by name, TOML file or as such; one whose thrusters do not turn it.
+        task: a mission on an orbit, by name or as such.
+        timing: control period, and length of the episode.
+        search: whether the best of all arrivals up to the deadline is looked for, by branch and bound, instead of
+            the arrival that the task plans, which is several times faster.
+        reserve: share of limits and tolerances that plans leave, so that small errors break none.
+
+    Raises:
+        ConfigError: the task is no mission on an orbit, thrusters turn the craft, or the reserve is not at least
+            0 and below 0.5.
+    """
+
+    name = "convex"
+    slow = True
+    heeds_constraints: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        search: bool = True,
+        reserve: float = 0.005,
+    ) -> None:
+        super().__init__(craft, task, timing)
+        if not isinstance(self._task, OrbitalMission):
+            raise ConfigError(
+                f"convex guidance flies missions on an orbit, and {type(self._task).__name__} is none."
+            )
+        if not (is_finite(reserve) and 0.0 <= reserve < 0.5):
+            raise ConfigError(f"reserve must be at least 0 and below 0.5, got {reserve!r}.")
+        self._search = search
+        # Speeds of arrival are no equations of the closed form.
+        self._closed_form = not search and not self._task.brakes
+        self._reserve = reserve
+        self._later = _LATER
+        self._every = 1
+        self._meeting: Meeting | None = None
+        self._impulses: Impulses | None = None
+        self._plans: list[_Plan | None] = []
+        self.failures = 0
+        """Times that no transfer was found; the craft then coasts."""
+
+    @classmethod
+    def as_expert(cls, craft: Spacecraft, task: Task, timing: Timing) -> ConvexGuidance:
+        """Whom agents imitate: it flies to the arrival that agents observe, and leaves them room for errors."""
+        expert = cls(craft, task, timing, search=False, reserve=0.03)
+        expert._later = (1.0,)
+        expert._every = _EVERY
+        return expert
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; plans are forgotten."""
+        self._plans = [None] * count
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
+        here = np.stack(
+            [np.asarray(x, float) for x in (*leaves(state.p), *leaves(state.v))], axis=1
+        )
+        deadline, arrival, won = (
+            np.broadcast_to(np.asarray(x, float), len(here)) for x in goal.notes
+        )
+        if len(self._plans) != len(here):
+            self.reset(len(here))
+        if self._meeting is None:
+            self._meeting = self._cautious(goal)
+            self._impulses = Impulses(self._meeting)
+        commands = np.zeros((len(here), len(self._craft.commands)))
+        for k, plan in enumerate(self._plans):
+            if plan is not None and self._is_off(self._meeting, plan, here[k]):
+                self._plans[k] = None
+        lost = np.array([plan is None for plan in self._plans])
+        open_ = np.flatnonzero(lost & (won < 0.5))
+        if self._closed_form:
+            open_ = self._fired(self._meeting, here, arrival, open_, commands)
+        for k in open_:
+            self._plans[k] = self._planned(self._meeting, here[k], deadline[k], arrival[k])
+        for k, plan in enumerate(self._plans):
+            if plan is not None and won[k] < 0.5:
+                commands[k] = plan.commands[0]
+                self._plans[k] = self._one_period_later(plan)
+        return commands
+
+    def _fired(
+        self,
+        meeting: Meeting,
+        here: np.ndarray,
+        arrival: np.ndarray,
+        rows: np.ndarray,
+        commands: np.ndarray,
+    ) -> np.ndarray:
+        """Rows that closed-form transfers do not serve; the commands (N, m) of the others are written."""
+        assert self._impulses is not None
+        left = []
+        # Whole periods, no later than planned: that may be the deadline.
+        periods = np.floor(arrival[rows] / self._timing.control_period + 1e-6).astype(int)
+        for count in np.unique(periods):
+            ours = rows[periods == count]
+            if count < 1:
+                left.append(ours)
+                continue
+            states = here[ours]
+            firings = self._impulses.firings(states, int(count))
+            kept = (firings.share <= 1.0).all(axis=1)
+            last = int(count) * self._timing.checks
+            checks = np.unique(np.linspace(1, last, min(last, _CHECKED)).astype(int))
+            flown = self._impulses.flown(states, firings, checks)
+            # Nobody can do better than to go on where a limit is broken already.
+            broken = least_margins(meeting.limits, states[:, None]) < 0.0
+            kept &= broken | (least_margins(meeting.limits, flown) >= 0.0)
+            commands[ours[kept]] = firings.now(commands.shape[1])[kept]
+            left.append(ours[~kept])
+        return np.concatenate(left) if left else rows
+
+    def _cautious(self, goal: Any) -> Meeting:
+        """The mission's meeting, with its tolerances and limits a little tighter."""
+        one = replace(
+            goal,
+            p=type(goal.p)(*(np.ravel(x)[:1] for x in leaves(goal.p))),
+            v=type(goal.v)(*(np.ravel(x)[:1] for x in leaves(goal.v))),
+        )
+        meeting = Meeting.of(self._craft, self._task, one)  # type: ignore[arg-type]
+        kept = 1.0 - self._reserve
+        return replace(
+            meeting,
+            timing=self._timing,
+            every=self._every,
+            position_tolerance=meeting.position_tolerance * kept,
+            velocity_tolerance=meeting.velocity_tolerance * kept,
+            limits=tuple(_tightened(limit, self._reserve) for limit in meeting.limits),
+        )
+
+    def _is_off(self, meeting: Meeting, plan: _Plan, here: np.ndarray) -> bool:
+        """Whether a plan that is flown on would miss its arrival."""
+        size = len(meeting.place)
+        free = meeting.transition(len(plan.states) - 1)
+        missed = free @ (here - plan.states[0])
+        return bool(
+            np.linalg.norm(missed[:size]) > _OFF * meeting.position_tolerance
+            or np.linalg.norm(missed[size:]) > _OFF * meeting.velocity_tolerance
+        )
+
+    def _planned(
+        self, meeting: Meeting, here: np.ndarray, left: float, arrival: float
+    ) -> _Plan | None:
+        """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival."""
+        last = math.floor(left / meeting.interval + 1e-6)
+        if last < 1:
+            return None
+        try:
+            transfer = (
+                self._searched(meeting, here, left)
+                if self._search
+                else self._direct(meeting, here, last, arrival)
+            )
+        except SolverFailed:
+            transfer = None
+        if transfer is None:
+            self.failures += 1
+            return None
+        return _Plan(transfer.commands, trajectory(meeting, here, transfer))
+
+    @staticmethod
+    def _searched(meeting: Meeting, here: np.ndarray, left: float) -> Transfer:
+        """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
+        answer = rendezvous(meeting, here, left)
+        return answer.free if answer.transfer is None else answer.transfer
+
+    def _direct(
+        self, meeting: Meeting, here: np.ndarray, last: int, arrival: float
+    ) -> Transfer | None:
+        """The transfer to the planned arrival, or where it keeps no limits to the first of later ones that does."""
+        planned = round(arrival / meeting.interval)
+        checks = [planned, *(max(1, round(share * last)) for share in self._later)]
+        unlimited: Transfer | None = None
+        for check in dict.fromkeys(check for check in checks if 1 <= check <= last):
+            free = least_impulse(meeting, here, check)
+            if free is None:
+                continue
+            kept = within_limits(meeting, here, free)
+            if kept is not None:
+                return kept
+            unlimited = unlimited or free
+        return unlimited
+
+    def _one_period_later(self, plan: _Plan | None) -> _Plan | None:
+        """What is left of a plan once its first command has been given."""
+        checks = self._timing.checks
+        if plan is None or len(plan.states) <= checks + 1 or len(plan.commands) < 2:
+            return None
+        return _Plan(plan.commands[1:], plan.states[checks:])
+
+
+def _tightened(limit: Shape, reserve: float) -> Shape:
+    """A limit that leaves a share of the one given."""
+    if isinstance(limit, SpeedLimit):
+        return replace(limit, base=limit.base * (1.0 - reserve))
+    if isinstance(limit, Ball):
+        return replace(limit, radius=limit.radius * (1.0 + reserve))
+    if isinstance(limit, Cone):
+        return replace(limit, half_angle=limit.half_angle * (1.0 - reserve))
+    return limit

@@ -1,0 +1,271 @@
+"""What a mission's agents and opponents are worth: ``python -m validation.records.missions MISSION``.
+
+MISSION is one of dock, hold, rendezvous, land, avoid, dock-port. All contestants fly from the same held-out starts.
+Of missions on an orbit and of landings, proven bounds of the first of these starts stand beside them, ratio by
+ratio. With ``--docs docs`` the command writes docs/validation/mission-MISSION.json and the table of
+docs/missions/MISSION.md.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+import tyro
+
+from rans.errors import SolverFailed
+from rans.evaluation.compare.landings import descent_of
+from rans.evaluation.compare.transfers import bounds
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.metrics import impulses, solved
+from rans.files import environment, write_json
+from rans.flight import Controller, Flight, fly
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.convex_guidance import ConvexGuidance
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.lqr import LQR
+from rans.optimal.convex.landing import Lander, best_landing
+from rans.pretrained import pretrained_names
+from rans.reference.flight import fly_in_drake
+from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.tasks import TASKS, Task
+from rans.tasks.land import Land
+from rans.tasks.orbital import OrbitalMission
+from rans.terminal import Terminal
+from validation.command import ended
+from validation.markdown import Table
+
+Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
+
+_DEADLINES = {
+    "dock": (600.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0),
+    "hold": (600.0, 1000.0, 1900.0),
+    "rendezvous": (4000.0, 5000.0, 7000.0, 10000.0),
+}
+"""By which missions on an orbit are to be won, s."""
+_HEADINGS = ("", "who", "starts", "won, %", "limit broken, %", "over the bound", "worst", "spent")
+_VARIED: dict[str, dict[str, dict[str, Any]]] = {
+    "avoid": {
+        "as drawn": {},
+        "standing still": {"zone_speed": (0.0, 0.0)},
+        "all at 0.04 m/s": {"zone_speed": (0.04, 0.04)},
+    },
+    "dock-port": {
+        "rates as drawn": {},
+        "at rest": {"port_rate": (0.0, 0.0)},
+        **{f"{rate} degrees/s": {"port_rate": (float(rate), float(rate))} for rate in (1, 2, 3)},
+    },
+    "land": {"": {}},
+}
+"""Settings of the task by what the table calls them."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one contestant is worth under one condition."""
+
+    condition: str
+    who: str
+    starts: int
+    won: float
+    """Share."""
+    violated: float
+    """Share that broke a limit before the end."""
+    ratio: float
+    """Mean of what was spent over the bound of the same start, of those that won; NaN: no bound is known."""
+    worst: float
+    """The largest of these ratios."""
+    spent: float
+    """Mean of those that won: N s, of landings kg."""
+
+    def cells(self, unit: str) -> list[str]:
+        """As text."""
+        known = np.isfinite(self.ratio)
+        return [
+            self.condition,
+            self.who,
+            f"{self.starts:,}",
+            f"{100.0 * self.won:.1f}",
+            f"{100.0 * self.violated:.1f}",
+            f"{self.ratio:.3f}" if known else "-",
+            f"{self.worst:.3f}" if known else "-",
+            f"{self.spent:.3g} {unit}" if np.isfinite(self.spent) else "-",
+        ]
+
+
+@dataclass(frozen=True)
+class Missions:
+    """Fly everybody, write the evidence, and print the table."""
+
+    mission: Annotated[Mission, tyro.conf.Positional]
+    """Which mission."""
+    agents: tuple[str, ...] = ()
+    """Run folders or pretrained:NAME that fly too, beside those that come with RANS."""
+    episodes: int = 1024
+    """Held-out starts of agents and of guidance that needs no program."""
+    bounded: int = 32
+    """The first of them, whose bounds are found and which convex guidance and LQR fly."""
+    drake: int = 0
+    """The first of them that agents fly in Drake too."""
+    seed: int = EVALUATION_SEED
+    """Of the starts."""
+    docs: Path | None = None
+    """Folder of the documents whose table and evidence are written; by default nothing is."""
+
+    def run(self) -> int:
+        """Print and write."""
+        rows = [*(self._orbital() if self.mission in _DEADLINES else self._others())]
+        unit = "kg" if self.mission == "land" else "N s"
+        cells = [row.cells(unit) for row in rows]
+        Terminal().show(f"{self.mission}, seed {self.seed}", _HEADINGS, cells)
+        if self.docs is not None:
+            evidence = {
+                "mission": self.mission,
+                "seed": self.seed,
+                "bounded": self.bounded,
+                "environment": environment(),
+                "rows": [vars(row) for row in rows],
+            }
+            name = f"mission-{self.mission}.json"
+            write_json(self.docs / "validation" / name, evidence)
+            Table(
+                f"missions/{self.mission}.md",
+                f"python -m validation.records.missions {self.mission} --docs docs",
+                _HEADINGS,
+                cells,
+                f"The values are in [{name}](../validation/{name}).",
+            ).write(self.docs)
+        return 0
+
+    def _specs(self) -> list[str]:
+        """Agents of this mission that come with RANS, and those that are named."""
+        ours = [name for name in pretrained_names() if _mission_of(name) == self.mission]
+        return [*(f"pretrained:{name}" for name in ours), *self.agents]
+
+    def _orbital(self) -> Iterator[Row]:
+        """Missions on an orbit: every deadline, everybody."""
+        mission = TASKS[self.mission]().for_evaluation()
+        assert isinstance(mission, OrbitalMission)
+        assert mission.spacecraft is not None
+        craft = load_spacecraft(mission.spacecraft)
+        agents = {spec: contestant(spec).controller for spec in self._specs()}
+        for deadline in _DEADLINES[self.mission]:
+            task = replace(mission, deadline=(deadline, deadline))
+            condition = f"{deadline:,.0f} s"
+            starts = scenarios(task, craft, self.seed, self.episodes)
+            few = scenarios(task, craft, self.seed, self.bounded)
+            lower = np.full(self.episodes, np.nan)
+            lower[: self.bounded] = [answer.lower for answer in bounds(craft, task, few, deadline)]
+            with warnings.catch_warnings():
+                # That they do not know the limits is what the table shows.
+                warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+                for who, agent in agents.items():
+                    yield from self._flown(condition, who, craft, task, agent, starts, lower)
+                makers: dict[str, tuple[Callable[[], Controller], Scenario]] = {
+                    "guidance": (
+                        lambda task=task: VelocityToGain(craft, task, task.timing),
+                        starts,
+                    ),
+                    "convex guidance": (
+                        lambda task=task: ConvexGuidance(craft, task, task.timing),
+                        few,
+                    ),
+                    "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
+                }
+                for who, (made, flown) in makers.items():
+                    flight = fly(craft, task, made(), flown, task.timing)
+                    yield _row(condition, who, flight, impulses(flight), lower)
+
+    def _flown(
+        self,
+        condition: str,
+        who: str,
+        craft: Spacecraft,
+        task: Task,
+        agent: Controller,
+        starts: Scenario,
+        lower: np.ndarray,
+    ) -> Iterator[Row]:
+        """An agent in our engine, and in Drake where that is asked for."""
+        flight = fly(craft, task, agent, starts, task.timing)
+        yield _row(condition, who, flight, _spent(flight), lower)
+        if self.drake:
+            few = scenarios(task, craft, self.seed, self.drake)
+            flight = fly_in_drake(craft, task, agent, few, task.timing)
+            yield _row(condition, f"{who}, in Drake", flight, _spent(flight), lower)
+
+    def _others(self) -> Iterator[Row]:
+        """Missions without a deadline: every variant of the task, every agent."""
+        known: np.ndarray | None = None
+        for spec in self._specs():
+            run = contestant(spec)
+            controller, craft, timing = run.controller, run.craft, run.timing
+            task = run.task.for_evaluation()
+            lower = np.full(self.episodes, np.nan)
+            if isinstance(task, Land):
+                known = self._least_propellant(craft, task) if known is None else known
+                lower[: self.bounded] = known
+            for condition, settings in _VARIED[self.mission].items():
+                varied: Any = replace(cast(Any, task), **settings)
+                starts = scenarios(varied, craft, self.seed, self.episodes)
+                flight = fly(craft, varied, controller, starts, timing)
+                yield _row(condition, spec, flight, _spent(flight), lower)
+                if self.drake:
+                    few = scenarios(varied, craft, self.seed, self.drake)
+                    flight = fly_in_drake(craft, varied, controller, few, timing)
+                    yield _row(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+
+    def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
+        """Propellant below which nothing lands, kg, from each of the first starts."""
+        lander = Lander.of(craft)
+        period = task.timing.control_period
+        found = []
+        for one in each(scenarios(task, craft, self.seed, self.bounded)):
+            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
+            best = best_landing(lander, descent_of(task), start, period, "bound")
+            if best is None:
+                raise SolverFailed("a start of the evaluation has no landing.")
+            found.append(best.propellant)
+        return np.array(found)
+
+
+def _mission_of(name: str) -> str:
+    """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
+    return name.partition("-2d")[0].partition("-3d")[0]
+
+
+def _spent(flight: Flight) -> np.ndarray:
+    """(N,) propellant, kg, of craft that have some and lose it; else impulse, N s."""
+    if not flight.craft.propellant:
+        return impulses(flight)
+    left = np.asarray(flight.states.stores[0])
+    lengths = flight.lengths
+    assert lengths is not None
+    return left[0] - left[lengths, np.arange(left.shape[1])]
+
+
+def _row(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray) -> Row:
+    """A flight's row, beside the bounds that are known of its starts."""
+    violated = flight.violated()
+    won = solved(flight) & ~violated
+    ratios = (spent / lower[: len(spent)])[won]
+    ratios = ratios[np.isfinite(ratios)]
+    return Row(
+        condition,
+        who,
+        len(won),
+        float(won.mean()),
+        float(violated.mean()),
+        float(ratios.mean()) if len(ratios) else float("nan"),
+        float(ratios.max()) if len(ratios) else float("nan"),
+        float(spent[won].mean()) if won.any() else float("nan"),
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("missions", lambda: tyro.cli(Missions).run()))
