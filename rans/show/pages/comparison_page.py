@@ -193,9 +193,17 @@ def _race(comparison: Comparison) -> Race | None:
     def tracks(k: int) -> Iterator[Track]:
         for entry in comparison.entries[:_RACERS]:
             yield Track(entry.name, entry.flight, k, float(entry.arrival[k]))
+        proven = any(
+            bound.start == k
+            and (bound.kind, bound.horizon) == ("arrival", None)
+            and bound.lower is not None
+            and bound.upper <= bound.lower + 1e-9
+            for bound in comparison.certified
+        )
         for name, flight, episode in _flights(comparison, k):
             if name == "least time found":
-                yield Track("certified optimum", flight, episode, float(flight.times[-1]))
+                called = "certified optimum" if proven else name
+                yield Track(called, flight, episode, float(flight.times[-1]))
 
     return race(
         contest.craft,
