@@ -25,7 +25,7 @@ import rans
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
 from rans.evaluation.measure.metrics import samples
-from rans.fast.learn.config import Failures, GradientSettings, PPOSettings
+from rans.fast.learn.config import Failures, GradientSettings, ImitationSettings, PPOSettings
 from rans.fast.learn.recipes import by_gradient, training
 from rans.flight import fly
 from rans.model.fields import Vec2, map_leaves
@@ -313,7 +313,12 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
 
 
 def test_the_training_page_has_the_settings_with_their_defaults() -> None:
-    of = {"ppo": PPOSettings(), "failures": Failures(), "gradient": GradientSettings()}
+    of = {
+        "ppo": PPOSettings(),
+        "failures": Failures(),
+        "gradient": GradientSettings(),
+        "imitation": ImitationSettings(),
+    }
     page = ROOT / "docs" / "training.md"
     listed = [*rows(page, "setting"), *rows(page, "setting", 1)]
     for key, default, _ in [*listed, *rows(ROOT / "docs" / "memory.md", "setting")]:

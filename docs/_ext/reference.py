@@ -20,7 +20,13 @@ from rans.cli.help import EXAMPLES, GROUPS, GUIDES
 from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.fast.learn.config import Failures, GradientSettings, PPOSettings, TrainConfig
+from rans.fast.learn.config import (
+    Failures,
+    GradientSettings,
+    ImitationSettings,
+    PPOSettings,
+    TrainConfig,
+)
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
@@ -55,8 +61,8 @@ API = {
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance Visiting Lookahead "
-        "ArrivalCost Pilot pretrained_names"
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance Visiting "
+        "Lookahead ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",
     "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
@@ -247,6 +253,7 @@ def settings_page() -> str:
         ("Training", "", TrainConfig),
         ("PPO", "ppo.", PPOSettings),
         ("Gradient learner", "gradient.", GradientSettings),
+        ("Imitation learner", "imitation.", ImitationSettings),
         ("Resampling of failures", "failures.", Failures),
         ("Time", "timing.", Timing),
     ]
