@@ -313,16 +313,17 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
 
 
 def test_the_training_page_has_the_settings_with_their_defaults() -> None:
-    of = {
+    of: dict[str, Any] = {
+        "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
         "failures": Failures(),
         "gradient": GradientSettings(),
         "imitation": ImitationSettings(),
     }
     page = ROOT / "docs" / "training.md"
-    listed = [*rows(page, "setting"), *rows(page, "setting", 1)]
+    listed = [row for place in range(3) for row in rows(page, "setting", place)]
     for key, default, _ in [*listed, *rows(ROOT / "docs" / "memory.md", "setting")]:
-        room, name = key.strip("`").split(".")
+        room, _, name = key.strip("`").rpartition(".")
         value = getattr(of[room], name)
         assert json.loads(default.strip("`")) == (
             list(value) if isinstance(value, tuple) else value
