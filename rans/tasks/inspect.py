@@ -23,8 +23,23 @@ from rans.tasks.observation_terms import (
     Scalar,
     VectorInW,
 )
+from rans.tasks.quantities import Quantity, declare
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape
+
+declare(
+    Quantity(
+        "unseen",
+        "-",
+        "%",
+        100.0,
+        ("UT", (50, 20, 10, 5)),
+        0.05,
+        ("5 %", "2.5 %", "38 %"),
+        (20, 10, 5),
+        0.005,
+    )
+)
 
 WORD = 20
 """Points that one number of an episode's memory says of, a bit each: single precision holds 24 bits exactly."""

@@ -19,7 +19,6 @@ from pydrake.math import RigidTransform
 
 from rans.drawing import columns
 from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.model.fields import map_leaves
 from rans.show.scene import craft, scene
 from rans.show.scene.camera import fit
@@ -322,7 +321,7 @@ class Playground:
         flight = self.flight
         parts = [f"{flight.controller.name}, {flight.time:.1f} s"]
         for name, error in flight.errors().items():
-            scale, unit = DISPLAY.get(name, (1.0, ""))
+            scale, unit = QUANTITIES[name].display
             parts.append(f"{name} {scale * error:.1f} {unit}".strip())
         if flight.dead:
             parts.append("dead " + " ".join(map(str, sorted(flight.dead))))
