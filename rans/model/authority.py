@@ -80,5 +80,5 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
             )
             ways.append(max(0.0, -best.fun * scale[index]) if best.success else 0.0)
         acceleration = min(ways) / inertia[index]
-        found.append(Authority(axis, unit, *ways, acceleration, acceleration_unit))
+        found.append(Authority(axis, unit, ways[0], ways[1], acceleration, acceleration_unit))
     return tuple(found)
