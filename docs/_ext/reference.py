@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 API = {
     "Agents and commands": (
-        "train sweep tune load_agent Agent evaluate compare stress assure follow faults validate "
+        "train sweep tune load_agent Agent evaluate compare stress assure follow faults init_spacecraft validate "
         "benchmark view report export optimal_trajectory OptimalTrajectory certify state"
     ),
     "Spacecraft": (

@@ -5,6 +5,7 @@ progress on a terminal and in a notebook.
 """
 
 from rans.api.agent import Agent, load_agent
+from rans.api.drafting import init_spacecraft
 from rans.api.judging import assure, benchmark, compare, evaluate, faults, follow, stress, validate
 from rans.api.limits import certify, optimal_trajectory, state
 from rans.api.pages import export, report, view
@@ -20,6 +21,7 @@ __all__ = [
     "export",
     "faults",
     "follow",
+    "init_spacecraft",
     "load_agent",
     "optimal_trajectory",
     "report",

@@ -37,6 +37,7 @@ COMMANDS = (
     "validate",
     "benchmark",
     "faults",
+    "init",
     "tune",
     "list",
 )
@@ -135,13 +136,13 @@ def _run(arguments: list[str]) -> int:
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:
-    """Of an option that is given again only the last counts; of `--set` each does."""
+    """Of an option that is given again only the last counts; of `--set` and of parts of a spacecraft each does."""
     given: set[str] = set()
     for word in arguments:
         name = word.partition("=")[0].replace("_", "-")
         if name in given:
             _show_warning(f"{brief(name)} is given twice; what stands last counts.")
-        if name.startswith("--") and name not in ("--", "--set", "--help"):
+        if name.startswith("--") and name not in ("--", "--set", "--thruster", "--wheel", "--help"):
             given.add(name)
 
 

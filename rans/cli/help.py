@@ -23,7 +23,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Show": ("view", "report"),
     "Limits": ("optimal", "faults"),
     "Deploy": ("export", "fly", "twin", "replay"),
-    "Check": ("validate", "benchmark", "list"),
+    "Check": ("init", "validate", "benchmark", "list"),
 }
 """Commands by what they are for; those that are in none follow under "More"."""
 
@@ -81,6 +81,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "fly": ("rans fly pretrained:go-to-pose-2d --goal 0 0 0",),
     "twin": ("rans twin floating-platform",),
+    "init": (
+        "rans init mine.toml",
+        "rans init mine.toml --from atmos --mass 16 --batch",
+        'rans init mine.toml --dimension 2 --mass 12 --size 0.4,0.4 --thruster "-0.2,0.1;1,0;1.5" --batch',
+    ),
     "validate": ("rans validate --spacecraft mine.toml --quick",),
     "benchmark": ("rans benchmark --quick",),
     "list": (
@@ -107,6 +112,7 @@ GUIDES = {
     "export": "export",
     "fly": "robots",
     "twin": "robots",
+    "init": "spacecraft",
     "validate": "verification",
     "benchmark": "speed",
     "list": "terminal",

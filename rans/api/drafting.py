@@ -1,0 +1,233 @@
+"""A new spacecraft file, from numbers or from a spacecraft that comes with RANS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rans.errors import ConfigError, brief
+from rans.model.actuators import Wheel
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_draft import (
+    actuators_of,
+    box_inertia,
+    commented,
+    thruster_of,
+    wheel_of,
+)
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
+
+if TYPE_CHECKING:
+    from rans.model.authority import Authority
+
+AUTHORITY_COLUMNS = ("axis", "forwards", "backwards", "acceleration")
+"""Headings of `Draft.authority_rows`."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A spacecraft and the commented TOML text that describes it."""
+
+    spacecraft: Spacecraft
+    text: str
+
+    def __repr__(self) -> str:
+        return f"<Draft of {self.spacecraft!r}>"
+
+    def _repr_html_(self) -> str:
+        from rans.show.pages.notebook import listed
+
+        return listed(
+            f"{self.spacecraft.name}: largest force and torque",
+            AUTHORITY_COLUMNS,
+            self.authority_rows(),
+        )
+
+    def authorities(self) -> tuple[Authority, ...]:
+        """The largest force and torque along each axis, see `rans.model.authority.authorities`."""
+        from rans.model.authority import authorities
+
+        return authorities(self.spacecraft)
+
+    def authority_rows(self) -> list[tuple[str, str, str, str]]:
+        """Axis, largest force or torque each way, and the acceleration that the smaller one gives."""
+        return authority_rows(self.authorities())
+
+    def bearable(self) -> tuple[int, ...]:
+        """Thrusters each of which may be dead while every force and torque stays possible."""
+        from rans.randomization.faults import fault_sets
+
+        if len(self.spacecraft.thrusters) < 2:
+            return ()
+        found = fault_sets(self.spacecraft, 1, "dead")
+        return tuple(one.thrusters[0] for one in found if one.recoverable)
+
+    def write(
+        self, file: str | Path, picture: str | Path | None = None, *, overwrite: bool = False
+    ) -> None:
+        """Write the file and, if asked for, a drawing of the thrusters (.svg, .png or .pdf).
+
+        Raises:
+            ConfigError: the file's name does not end in .toml, one of both exists and may not be overwritten,
+                or the disk refused.
+        """
+        from rans.files import write_text
+
+        check_target(Path(file), overwrite)
+        if picture is not None:
+            from rans.drawing import check_picture
+
+            check_picture(Path(picture))
+            check_free(Path(picture), overwrite)
+        write_text(Path(file), self.text)
+        if picture is not None:
+            from rans.drawing import draw_layout, save_picture
+
+            save_picture(draw_layout(self.spacecraft), Path(picture))
+
+
+def init_spacecraft(
+    name: str,
+    *,
+    base: str | Path | Spacecraft | None = None,
+    dimension: int | None = None,
+    mass: float | None = None,
+    inertia: float | Sequence[float] | None = None,
+    size: Sequence[float] | None = None,
+    centre_of_mass: Sequence[float] | None = None,
+    thrusters: Sequence[str | Thruster] = (),
+    wheels: Sequence[str | Wheel] = (),
+    actuators: str | None = None,
+    counts: int | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    radius: float | None = None,
+    thrust_sharing: str | None = None,
+) -> Draft:
+    """A spacecraft's commented file, as `rans init` writes it.
+
+    >>> draft = rans.init_spacecraft("mine", base="atmos", mass=16.0)
+    >>> draft.spacecraft, draft.bearable()
+    (<Spacecraft mine: 16 kg in the plane, thrusters 8 x 1.5 N>, (0, 1, 2, 3, 4, 5, 6, 7))
+
+    Args:
+        name: of the spacecraft.
+        base: a spacecraft whose numbers hold where none is given; None: all that a file needs must be given.
+        dimension: 2 moves in the plane, 3 in space.
+        mass: kg.
+        inertia: about the centre of mass, kg m^2: one moment, or in space three along the axes of G.
+        size: x, y and in space z of a uniform box, m, from which the inertia follows where none is given.
+        centre_of_mass: in G, m.
+        thrusters: each a `Thruster` or "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5".
+        wheels: each a `Wheel` or "AXIS; TORQUE; MOMENTUM; INERTIA".
+        actuators: "on-off", "pulsed" or "throttle".
+        counts: of pulsed actuators: steps of a control period.
+        least: shortest pulse in counts, or least level of a throttle.
+        most: largest level of a throttle.
+        radius: for drawings, m.
+        thrust_sharing: "none" or "split", see `Spacecraft`.
+
+    Raises:
+        ConfigError: something is missing, wrong or not physical.
+    """
+    given: dict[str, Any] = {"name": name}
+    start = None if base is None else load_spacecraft(base)
+    if dimension is not None and dimension not in (2, 3):
+        raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
+    if start is not None and dimension not in (None, start.dimension):
+        raise ConfigError(
+            f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out base."
+        )
+    flat = start.dimension if start is not None else dimension
+    if start is None:
+        lacking = {
+            "dimension": dimension is None,
+            "mass": mass is None,
+            "inertia or size": inertia is None and size is None,
+            "at least one thruster": not thrusters,
+        }
+        missing = [what for what, lacks in lacking.items() if lacks]
+        if missing:
+            raise ConfigError(
+                f"a spacecraft needs {', '.join(missing)}; or name a base to begin from."
+            )
+    assert flat is not None
+    if mass is not None:
+        given["mass"] = float(mass)
+    heavy = given.get("mass", start.mass if start is not None else 0.0)
+    if inertia is not None:
+        given["inertia"] = _tensor(inertia, flat)
+    elif size is not None:
+        sides = _checked(size, "size", (flat,))
+        given["inertia"] = box_inertia(heavy, sides)
+    if centre_of_mass is not None:
+        x, y, *z = _checked(centre_of_mass, "centre_of_mass", (2, 3) if flat == 2 else (3,))
+        given["centre_of_mass"] = (x, y, z[0] if z else 0.0)
+    if thrusters:
+        given["thrusters"] = tuple(
+            thruster_of(one, flat) if isinstance(one, str) else one for one in thrusters
+        )
+    if wheels:
+        given["wheels"] = tuple(wheel_of(one) if isinstance(one, str) else one for one in wheels)
+    if actuators is not None or counts is not None or least is not None or most is not None:
+        usual = "on-off" if start is None else start.actuators.kind
+        given["actuators"] = actuators_of(actuators or usual, counts, least, most)
+    if radius is not None:
+        given["radius"] = float(radius)
+    if thrust_sharing is not None:
+        given["thrust_sharing"] = thrust_sharing
+    craft = Spacecraft(dimension=flat, **given) if start is None else replace(start, **given)
+    origin = (
+        "Written by rans init." if start is None else f"Written by rans init, from {start.name}."
+    )
+    text = commented(craft, origin)
+    return Draft(parse_spacecraft(text, name), text)
+
+
+def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
+    """See `Draft.authority_rows`."""
+    return [
+        (
+            one.axis,
+            f"{one.forwards:.3g} {one.unit}",
+            f"{one.backwards:.3g} {one.unit}",
+            f"{one.acceleration:.3g} {one.acceleration_unit}",
+        )
+        for one in found
+    ]
+
+
+def check_target(file: Path, overwrite: bool) -> None:
+    """Refuse (`ConfigError`) what is no spacecraft file's name, or exists."""
+    if file.suffix != ".toml":
+        raise ConfigError(f"a spacecraft's file must end in .toml, got {str(file)!r}.")
+    check_free(file, overwrite)
+
+
+def check_free(file: Path, overwrite: bool) -> None:
+    """Refuse (`ConfigError`) a file that exists, unless it may be overwritten."""
+    if file.exists() and not overwrite:
+        raise ConfigError(f"{file} exists: name another file, or allow to overwrite it.")
+
+
+def _tensor(
+    inertia: float | Sequence[float], dimension: int
+) -> tuple[tuple[float, float, float], ...]:
+    """One moment for every axis, or in space three."""
+    if isinstance(inertia, int | float):
+        moments = (float(inertia),) * 3
+    else:
+        counts = (1,) if dimension == 2 else (1, 3)
+        found = _checked(inertia, "inertia", counts)
+        moments = found * 3 if len(found) == 1 else found
+    x, y, z = moments
+    return ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z))
+
+
+def _checked(values: Sequence[float], what: str, counts: Sequence[int]) -> tuple[float, ...]:
+    if len(values) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise ConfigError(f"{what} must be {wanted} numbers, got {brief(tuple(values))}.")
+    return tuple(map(float, values))

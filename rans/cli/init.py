@@ -1,0 +1,270 @@
+"""``rans init``: a commented file of your own spacecraft, from what a data sheet says."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from rans.errors import ConfigError
+from rans.terminal import Terminal
+
+if TYPE_CHECKING:
+    from rans.api.drafting import Draft
+    from rans.model.spacecraft import Spacecraft
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Init:
+    """Write a spacecraft's TOML file: asks for what options do not say, draws the thrusters, and prints authority.
+
+    Authority is the largest force along each axis and torque about it while every other one is zero. Ctrl-C
+    writes nothing.
+    """
+
+    file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
+    """The file to write."""
+    base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
+    """Begin from this spacecraft, by name or TOML file: its numbers stand where you give none."""
+    name: str | None = None
+    """What tables call it; by default the file's name."""
+    dimension: int | None = None
+    """2: x, y and heading; 3: position and attitude."""
+    mass: float | None = None
+    """kg."""
+    inertia: str | None = None
+    """About the centre of mass, kg m^2: one number, or in space three, such as 0.2,0.3,0.25."""
+    size: str | None = None
+    """Sides of a uniform box, m, such as 0.1,0.1,0.33 (in the plane two numbers), instead of --inertia."""
+    centre_of_mass: str | None = None
+    """In the frame in which thrusters are measured, m; by default its origin."""
+    thruster: Annotated[
+        UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
+    ] = ()
+    """One thruster, again for each: "0.2,0.1;1,0;1.5" is at x 0.2 m and y 0.1 m and pushes along x with 1.5 N."""
+    wheel: Annotated[
+        UseAppendAction[tuple[str, ...]], arg(metavar="AXIS;TORQUE;MOMENTUM;INERTIA")
+    ] = ()
+    """One reaction wheel, again for each: "0,0,1;0.1;0.7;0.001" in N m, N m s and kg m^2."""
+    actuators: str | None = None
+    """on-off, pulsed or throttle; by default on-off."""
+    counts: int | None = None
+    """Of pulsed actuators: steps into which valves divide a control period."""
+    least: float | None = None
+    """Shortest pulse in counts, or least level of a throttle as a share of full force."""
+    most: float | None = None
+    """Largest level of a throttle as a share of full force."""
+    radius: float | None = None
+    """Outer radius for drawings, m."""
+    thrust_sharing: str | None = None
+    """none or split: whether open thrusters share one thruster's worth of supply."""
+    picture: Path | None = None
+    """The drawing (.svg, .png or .pdf); by default beside the file, with the ending .svg."""
+    batch: bool = False
+    """Ask nothing: what is missing is an error. So it is where the input is no terminal."""
+    overwrite: bool = False
+    """Write over files that exist."""
+
+    def run(self) -> int:
+        """Ask, check, write and draw; 0."""
+        from rans.api.drafting import check_free, check_target
+
+        picture = self.picture or self.file.with_suffix(".svg")
+        check_target(self.file, self.overwrite)
+        check_free(picture, self.overwrite)
+        asks = not self.batch and sys.stdin is not None and sys.stdin.isatty()
+        try:
+            draft = self._asked() if asks else self._drafted({})
+        except EOFError as error:
+            raise ConfigError(
+                "the input ended before the last answer: nothing was written."
+            ) from error
+        draft.write(self.file, picture, overwrite=self.overwrite)
+        self._show(draft, picture)
+        return 0
+
+    def _drafted(self, answers: dict[str, Any]) -> Draft:
+        """What the options and these answers describe."""
+        from rans.api.drafting import init_spacecraft
+        from rans.model.spacecraft_draft import numbers
+
+        given: dict[str, Any] = {
+            "base": self.base,
+            "dimension": self.dimension,
+            "mass": self.mass,
+            "inertia": self.inertia and numbers(self.inertia, "--inertia", (1, 3)),
+            "size": self.size and numbers(self.size, "--size", (2, 3)),
+            "centre_of_mass": self.centre_of_mass
+            and numbers(self.centre_of_mass, "--centre-of-mass", (2, 3)),
+            "thrusters": self.thruster,
+            "wheels": self.wheel,
+            "actuators": self.actuators,
+            "counts": self.counts,
+            "least": self.least,
+            "most": self.most,
+            "radius": self.radius,
+            "thrust_sharing": self.thrust_sharing,
+        }
+        name = answers.pop("name", self.name or self.file.stem)
+        return init_spacecraft(name, **given | answers)
+
+    def _asked(self) -> Draft:
+        """Ask for what no option says; a wrong answer is explained and asked for again."""
+        from rans.model.actuators import KINDS
+        from rans.model.spacecraft_draft import numbers, thruster_of, wheel_of
+        from rans.model.spacecraft_file import load_spacecraft
+
+        start: Spacecraft | None = None if self.base is None else load_spacecraft(self.base)
+        answers: dict[str, Any] = {}
+
+        def one(text: str) -> float:
+            return numbers(text, "this", (1,))[0]
+
+        if self.name is None:
+            answers["name"] = ask("Name", str, self.file.stem)
+        dimension = start.dimension if start is not None else self.dimension
+        if dimension is None:
+            dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
+            answers["dimension"] = dimension
+        if self.mass is None:
+            answers["mass"] = ask("Mass, kg", one, start and f"{start.mass:g}")
+        if self.inertia is None and self.size is None:
+            answers |= _ask_inertia(dimension, start)
+        if start is None and self.centre_of_mass is None:
+            zeros = ", ".join(["0"] * dimension)
+            answers["centre_of_mass"] = ask(
+                "Centre of mass in the frame in which you measure thrusters, m",
+                lambda text: numbers(text, "the centre of mass", (dimension,)),
+                zeros,
+            )
+        if start is None and self.actuators is None:
+            kinds = ", ".join(KINDS)
+            kind = ask(f"Actuators: {kinds}", _known(KINDS), "on-off")
+            answers["actuators"] = kind
+            if kind == "pulsed" and self.counts is None:
+                answers["counts"] = ask(
+                    "Into how many steps do valves divide a control period",
+                    lambda text: int(one(text)),
+                    "100",
+                )
+                answers["least"] = ask("Shortest pulse, in these steps", one, "1")
+            if kind == "throttle" and self.least is None:
+                answers["least"] = ask("Least level, a share of full force", one, "0")
+        if start is None and not self.thruster:
+            example = "0.2, 0.1; 1, 0; 1.5" if dimension == 2 else "0.2, 0.1, 0; 1, 0, 0; 1.5"
+            print(f"Thrusters: position (m); direction of the force; force (N), such as {example}")
+            answers["thrusters"] = _ask_each(
+                "Thruster", lambda text: thruster_of(text, dimension), 1
+            )
+        if start is None and not self.wheel:
+            print("Reaction wheels: axis; torque (N m); momentum (N m s); inertia (kg m^2)")
+            answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
+        return self._drafted(answers)
+
+    def _show(self, draft: Draft, picture: Path) -> None:
+        """Authority, faults, and what may come next."""
+        from rans.api.drafting import AUTHORITY_COLUMNS
+        from rans.terminal import table
+
+        craft = draft.spacecraft
+        console = Terminal()
+        console.print(
+            table(
+                f"{craft.name}: largest force and torque, with every other one at zero",
+                AUTHORITY_COLUMNS,
+                draft.authority_rows(),
+            )
+        )
+        bearable = draft.bearable()
+        others = [k for k in range(len(craft.thrusters)) if k not in bearable]
+        if not bearable:
+            console.say("It can do without none of its thrusters.")
+        elif not others:
+            console.say(
+                "Any one of its thrusters may be dead, and every force and torque stays possible."
+            )
+        else:
+            console.say(
+                f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; it cannot do "
+                f"without {', '.join(map(str, others))}."
+            )
+        console.say(f"Written: {self.file} and {picture}")
+        console.suggest(
+            f"rans list {self.file}",
+            f"rans validate --spacecraft {self.file} --quick",
+            f"rans train go-to-pose --spacecraft {self.file}",
+        )
+
+
+def ask(question: str, read: Callable[[str], Answer], default: str | None = None) -> Answer:
+    """The answer to a question, asked again as long as it is wrong; nothing typed is the default."""
+    hint = "" if default is None else f" [{default}]"
+    while True:
+        text = input(f"{question}{hint}: ").strip() or (default or "")
+        if not text:
+            print("This has no default: type an answer, or Ctrl-C to stop.")
+            continue
+        try:
+            return read(text)
+        except ConfigError as error:
+            print(error)
+
+
+def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Answer, ...]:
+    """One answer a line until an empty one."""
+    found: list[Answer] = []
+    while True:
+        text = input(f"{noun} {len(found)} (empty: no more): ").strip()
+        if not text and len(found) >= least:
+            return tuple(found)
+        if not text:
+            print(f"It needs at least {least}.")
+            continue
+        try:
+            found.append(read(text))
+        except ConfigError as error:
+            print(error)
+
+
+def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
+    """The moment or moments of inertia, or the sides of a box; nothing where the start's are taken."""
+    from rans.model.spacecraft_draft import numbers
+
+    counts = (1,) if dimension == 2 else (1, 3)
+
+    def read(text: str) -> tuple[float, ...] | None:
+        return None if text == "box" else numbers(text, "the inertia", counts)
+
+    if start is not None:
+        kept = "as it is"
+        inertia = ask(
+            "Moments of inertia, kg m^2", lambda text: None if text == kept else read(text), kept
+        )
+        return {} if inertia is None else {"inertia": inertia}
+    print("Moment of inertia about the centre of mass, or type box for that of a uniform box.")
+    inertia = ask("Inertia, kg m^2", read)
+    if inertia is not None:
+        return {"inertia": inertia}
+    sides = "x, y" if dimension == 2 else "x, y, z"
+    return {"size": ask(f"Sides {sides}, m", lambda t: numbers(t, "the sides", (dimension,)))}
+
+
+def _dimension(text: str) -> int:
+    if text not in ("2", "3"):
+        raise ConfigError(f"type 2 (plane) or 3 (space), got {text!r}.")
+    return int(text)
+
+
+def _known(kinds: Any) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if text not in kinds:
+            raise ConfigError(f"type one of {', '.join(kinds)}, got {text!r}.")
+        return text
+
+    return read

@@ -1,0 +1,202 @@
+"""A spacecraft's file with comments, from what its author knows: `rans init`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from typing import Any
+
+from rans.errors import ConfigError, brief
+from rans.model.actuators import KINDS, Actuators, Pulsed, Throttle, Wheel
+from rans.model.spacecraft import Spacecraft, Thruster
+
+_MOST = 1e6
+"""Numbers beyond this are a slip of the unit."""
+
+
+def numbers(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
+    """Numbers of a text, between commas or spaces.
+
+    Raises:
+        ConfigError: it has others than so many finite numbers; ``what`` names them.
+    """
+    words = text.replace(",", " ").split()
+    wanted = " or ".join(map(str, counts))
+    try:
+        found = tuple(map(float, words))
+    except ValueError:
+        found = ()
+    if len(found) not in counts or not all(abs(x) <= _MOST for x in found):
+        raise ConfigError(
+            f"{what} must be {wanted} {'number' if wanted == '1' else 'numbers'}, such as "
+            f"{', '.join(['0.1'] * counts[0])}, got {brief(text)}."
+        )
+    return found
+
+
+def thruster_of(text: str, dimension: int) -> Thruster:
+    """A thruster from "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5" in the plane.
+
+    Raises:
+        ConfigError: there are not three parts, or a part is wrong; a direction has no length.
+    """
+    parts = text.split(";")
+    if len(parts) != 3:
+        raise ConfigError(
+            "a thruster is its position (m), the direction of its force and its force (N), between "
+            f'semicolons, such as "0.2, 0.1; 1, 0; 1.5", got {brief(text)}.'
+        )
+    position = _triple(numbers(parts[0], "the position of a thruster", (dimension,)))
+    direction = _unit(_triple(numbers(parts[1], "the direction of a thruster", (dimension,))), text)
+    (force,) = numbers(parts[2], "the force of a thruster", (1,))
+    return Thruster(position, direction, force)
+
+
+def wheel_of(text: str) -> Wheel:
+    """A reaction wheel from "AXIS; TORQUE; MOMENTUM; INERTIA", such as "0, 0, 1; 0.1; 0.7; 0.001".
+
+    Raises:
+        ConfigError: there are not four parts, or a part is wrong; an axis has no length.
+    """
+    parts = text.split(";")
+    if len(parts) != 4:
+        raise ConfigError(
+            "a wheel is its axis, largest torque (N m), largest momentum (N m s) and moment of inertia "
+            f'(kg m^2), between semicolons, such as "0, 0, 1; 0.1; 0.7; 0.001", got {brief(text)}.'
+        )
+    x, y, z = numbers(parts[0], "the axis of a wheel", (3,))
+    values = [
+        numbers(part, f"the {name} of a wheel", (1,))[0]
+        for part, name in zip(parts[1:], ("torque", "momentum", "inertia"), strict=True)
+    ]
+    return Wheel(_unit((x, y, z), text), *values)
+
+
+def box_inertia(mass: float, size: Sequence[float]) -> tuple[tuple[float, float, float], ...]:
+    """Inertia of a uniform box of this mass (kg) and size (x, y, z; m) about its centre, kg m^2.
+
+    I_xx = m (y^2 + z^2) / 12 and so on. In the plane, where a box has x and y alone, the only moment that counts
+    is the same of any height; the height taken is the mean of x and y.
+    """
+    x, y = size[:2]
+    z = size[2] if len(size) == 3 else (x + y) / 2.0
+    ix, iy, iz = (mass * (a * a + b * b) / 12.0 for a, b in ((y, z), (z, x), (x, y)))
+    return ((ix, 0.0, 0.0), (0.0, iy, 0.0), (0.0, 0.0, iz))
+
+
+def actuators_of(
+    kind: str, counts: int | None, least: float | None, most: float | None
+) -> Actuators:
+    """Actuators by the name of their kind; `counts`, `least` and `most` as far as the kind has them.
+
+    Raises:
+        ConfigError: there is no such kind, it lacks a number or has no use for one, or the number is wrong.
+    """
+    if kind not in KINDS:
+        raise ConfigError(f"actuators are {', '.join(KINDS)}, got {brief(kind)}.")
+    known = {field.name for field in fields(KINDS[kind])}
+    given: dict[str, Any] = {"counts": counts, "least": least, "most": most}
+    for name, value in given.items():
+        if value is not None and name not in known:
+            raise ConfigError(f"{kind} actuators have no {name}: leave out {name} {value:g}.")
+    if kind == "pulsed":
+        if counts is None:
+            raise ConfigError(
+                "pulsed actuators need counts: into how many steps valves divide a control period, such as 100."
+            )
+        if least is not None and least != int(least):
+            raise ConfigError(
+                f"least of pulsed actuators is a number of counts, a whole number, got {least:g}."
+            )
+        return Pulsed(counts, int(least or 0))
+    if kind == "throttle":
+        return Throttle(least or 0.0, 1.0 if most is None else most)
+    return KINDS[kind]()
+
+
+def commented(craft: Spacecraft, origin: str) -> str:
+    """The file of a spacecraft, with the unit and the meaning of every number and room for its source.
+
+    Args:
+        craft: what it describes; `rans.model.spacecraft_file.parse_spacecraft` gives it back.
+        origin: one line that says how it came to be.
+    """
+    return "\n".join(_lines(craft, origin)) + "\n"
+
+
+def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
+    size = craft.dimension
+    yield f"# {origin}"
+    yield "# G is any frame fixed to the body. Say beside every number where it comes from, or that it is"
+    yield "# estimated."
+    yield f"name = {json.dumps(craft.name, ensure_ascii=False)}"
+    where = "x, y and heading" if size == 2 else "position and attitude"
+    yield f"dimension = {size}          # {where}"
+    yield f"mass = {craft.mass!r}  # kg; source:"
+    if size == 2:
+        yield f"inertia = {craft.inertia[2][2]!r}  # kg m^2 about the centre of mass; source:"
+    else:
+        rows = ", ".join(str(list(row)) for row in craft.inertia)
+        yield f"inertia = [{rows}]  # kg m^2 about the centre of mass, axes of G; source:"
+    yield f"centre_of_mass = {list(craft.centre_of_mass)}  # m, in G; source:"
+    yield f"radius = {craft.radius!r}  # m, for drawings"
+    yield f'shape = "{craft.shape}"  # for drawings'
+    shared = "one thruster's worth is shared by the open ones"
+    alone = "every open thruster gives its full force"
+    yield (
+        f'thrust_sharing = "{craft.thrust_sharing}"  # '
+        f"{shared if craft.thrust_sharing == 'split' else alone}"
+    )
+    yield ""
+    yield "[actuators]"
+    yield f'kind = "{craft.actuators.kind}"'
+    meanings = {
+        "counts": "steps into which valves divide a control period",
+        "least": "shortest pulse, counts"
+        if craft.actuators.kind == "pulsed"
+        else "least level, a share of full force",
+        "most": "largest level, a share of full force",
+        "always_lit": "whether engines cannot be shut",
+    }
+    for field in fields(craft.actuators):
+        value = json.dumps(getattr(craft.actuators, field.name))
+        yield f"{field.name} = {value}  # {meanings[field.name]}; source:"
+    if craft.propellant is not None:
+        yield ""
+        yield "[propellant]"
+        yield f"mass = {craft.propellant.mass!r}  # kg in a full tank, part of the craft's mass; source:"
+        yield f"specific_impulse = {craft.propellant.specific_impulse!r}  # s; source:"
+    for index, thruster in enumerate(craft.thrusters):
+        yield ""
+        yield f"[[thruster]]  # {index}"
+        yield f"position = {list(thruster.position)}  # m, in G"
+        yield f"direction = {list(thruster.direction)}  # of the force; the exhaust leaves the other way"
+        yield f"force = {thruster.force!r}  # N, when open; source:"
+    for index, wheel in enumerate(craft.wheels):
+        yield ""
+        yield f"[[wheel]]  # {index}"
+        yield f"axis = {list(wheel.axis)}  # in G"
+        yield f"max_torque = {wheel.max_torque!r}  # N m, of the motor; source:"
+        yield f"max_momentum = {wheel.max_momentum!r}  # N m s, about the axis; source:"
+        yield f"inertia = {wheel.inertia!r}  # kg m^2, about the axis; source:"
+    for solid in craft.solids:
+        yield ""
+        yield "[[solid]]"
+        for field in fields(solid):
+            value = getattr(solid, field.name)
+            if value:
+                yield f"{field.name} = {json.dumps(value, ensure_ascii=False)}"
+
+
+def _triple(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, *z = values
+    return (x, y, z[0] if z else 0.0)
+
+
+def _unit(vector: tuple[float, float, float], text: str) -> tuple[float, float, float]:
+    length = sum(x * x for x in vector) ** 0.5
+    if length == 0.0:
+        raise ConfigError(f"a direction or axis must not be zero, got {brief(text)}.")
+    x, y, z = (component / length for component in vector)
+    return (x, y, z)

@@ -1,0 +1,185 @@
+"""``rans init``: asked, in a batch, and interrupted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.cli import main
+from rans.model.actuators import OnOff, Pulsed, Wheel
+from rans.model.spacecraft_file import load_spacecraft
+
+SQUARE = [
+    "-0.2, 0.1; 1, 0; 1.5",
+    "0.2, 0.1; -1, 0; 1.5",
+    "-0.2, -0.1; 1, 0; 1.5",
+    "0.2, -0.1; -1, 0; 1.5",
+    "0, -0.2; 0, 2; 1",
+    "0, 0.2; 0, -2; 1",
+]
+BOX = ["--dimension", "2", "--mass", "12", "--size", "0.4,0.4", "--batch"]
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
+    """Somebody at a terminal who types these lines, or ends with an interrupt."""
+    answers = iter(lines)
+
+    def answer(_: str) -> str:
+        line = next(answers)
+        if isinstance(line, str):
+            return line
+        raise line
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    return answers
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undrawn: None) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def batch(*words: str) -> int:
+    return main(["init", "mine.toml", *words])
+
+
+def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str]) -> None:
+    thrusters = [f"--thruster={one}" for one in SQUARE]
+    assert batch(*BOX, *thrusters, "--wheel=0,0,2;0.1;0.7;0.001") == 0
+    craft = load_spacecraft("mine.toml")
+    assert (craft.name, craft.dimension, craft.mass) == ("mine", 2, 12.0)
+    # A box of 12 kg and 0.4 m by 0.4 m about z: 12 (0.16 + 0.16) / 12.
+    assert craft.inertia[2][2] == pytest.approx(0.32)
+    assert craft.thrusters[4].direction == (0.0, 1.0, 0.0)
+    assert craft.actuators == OnOff()
+    assert craft.wheels == (Wheel((0.0, 0.0, 1.0), 0.1, 0.7, 0.001),)
+    told = capsys.readouterr()
+    assert "3 N" in told.out
+    assert "it cannot do without 4, 5" in told.out.replace("\n", " ")
+    assert "twice" not in told.err
+    text = Path("mine.toml").read_text()
+    assert text.count("source:") >= 9
+    assert Path("mine.svg").exists()
+
+
+def test_from_a_spacecraft_everything_else_stays() -> None:
+    assert batch("--from", "atmos", "--mass", "16", "--name", "our atmos", "--batch") == 0
+    craft, start = load_spacecraft("mine.toml"), load_spacecraft("atmos")
+    assert (craft.name, craft.mass) == ("our atmos", 16.0)
+    assert (craft.thrusters, craft.inertia, craft.actuators, craft.radius) == (
+        start.thrusters,
+        start.inertia,
+        start.actuators,
+        start.radius,
+    )
+
+
+@pytest.mark.parametrize("name", ["apollo-csm", "cubesat-6u", "mars-lander-steered"])
+def test_everything_a_file_can_hold_is_written(name: str) -> None:
+    assert batch("--from", name, "--name", name, "--batch") == 0
+    craft, start = load_spacecraft("mine.toml"), load_spacecraft(name)
+    assert np.array(craft.wrench_map) == pytest.approx(np.array(start.wrench_map), rel=1e-12)
+    assert replace(craft, thrusters=start.thrusters) == start  # directions are normalized once more
+
+
+def test_asked_one_thing_after_the_other(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left = typed(
+        monkeypatch,
+        "",  # the name: the file's
+        "4",  # no dimension
+        "2",
+        "twelve",  # no number
+        "12",
+        "box",
+        "0.4 0.4",
+        "",  # the centre of mass: the origin
+        "pulsed",
+        "50",
+        "2",
+        "0.2, 0.1",  # a thruster without direction and force
+        *SQUARE,
+        "",
+        "0, 0, 1; 0.1; 0.7; 0.001",
+        "",
+    )
+    assert batch() == 0
+    assert list(left) == []
+    craft = load_spacecraft("mine.toml")
+    assert craft.actuators == Pulsed(50, 2)
+    assert (len(craft.thrusters), len(craft.wheels)) == (6, 1)
+    said = capsys.readouterr().out
+    for part in ("type 2 (plane) or 3 (space), got '4'", "got 'twelve'", "between semicolons"):
+        assert part in said
+
+
+def test_asked_from_a_spacecraft(monkeypatch: pytest.MonkeyPatch) -> None:
+    left = typed(monkeypatch, "ours", "", "0.3")
+    assert batch("--from", "atmos") == 0
+    assert list(left) == []
+    craft = load_spacecraft("mine.toml")
+    assert (craft.name, craft.mass, craft.inertia[2][2]) == ("ours", 17.8, 0.3)
+
+
+@pytest.mark.parametrize(("end", "code"), [(KeyboardInterrupt, 130), (EOFError, 2)])
+def test_an_interrupt_writes_nothing(
+    end: type[BaseException], code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    typed(monkeypatch, "mine", "2", "12", end)
+    assert batch() == code
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--batch"], "needs dimension, mass, inertia or size, at least one thruster"),
+        ([*BOX], "needs at least one thruster"),
+        ([*BOX, "--thruster=1;2"], "is its position (m), the direction of its force"),
+        ([*BOX, "--thruster=1,2,3;1,0;1"], "the position of a thruster must be 2 numbers"),
+        ([*BOX, "--thruster=0,0;0,0;1"], "must not be zero"),
+        ([*BOX, "--thruster=0,0;1,0;-1"], "force must be a number from 1e-09"),
+        ([*BOX, "--thruster=0,0;1,0;1", "--wheel=1,0,0;1"], "a wheel is its axis"),
+        (["--from", "atmos", "--dimension", "3", "--batch"], "atmos has dimension 2"),
+        (["--from", "atmoss", "--batch"], "no spacecraft named 'atmoss'"),
+        (["--from", "atmos", "--mass", "-1", "--batch"], "mass must be a number from"),
+        (["--from", "atmos", "--actuators", "steam", "--batch"], "actuators are on-off"),
+        (["--from", "atmos", "--actuators", "pulsed", "--batch"], "pulsed actuators need counts"),
+        (
+            ["--from", "atmos", "--actuators", "on-off", "--counts", "5", "--batch"],
+            "have no counts",
+        ),
+        (["--from", "atmos", "--size", "0.1,x", "--batch"], "--size must be 2 or 3 numbers"),
+        (["--from", "atmos", "--size", "1,1,1", "--batch"], "size must be 2 numbers"),
+        (["--from", "atmos", "--picture", "a.gif", "--batch"], "must end in .png, .svg or .pdf"),
+    ],
+)
+def test_wrong_input_is_a_sentence_and_writes_nothing(
+    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert batch(*words) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert list(Path().iterdir()) == []
+
+
+def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.svg").write_text("mine")
+    assert batch("--from", "atmos", "--batch") == 2
+    assert "mine.svg exists" in capsys.readouterr().err
+    assert batch("--from", "atmos", "--batch", "--overwrite") == 0
+    assert main(["init", "mine.txt", "--from", "atmos", "--batch"]) == 2
+    assert "must end in .toml" in capsys.readouterr().err
+
+
+def test_without_a_terminal_nothing_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    assert batch("--mass", "12") == 2
+    assert "needs dimension" in capsys.readouterr().err
