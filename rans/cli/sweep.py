@@ -162,13 +162,15 @@ def _changes(text: str) -> list[str]:
 
 def _table(sweep: Trainings) -> Table:
     """One row a member, the best in bold."""
-    from rans.evaluation.measure.metrics import DISPLAY
     from rans.fast.learn.sweep import short
+    from rans.tasks.quantities import QUANTITIES
 
     results = sweep.results()
     best = sweep.members.index(sweep.best())
     errors = {
-        name: DISPLAY[name.rsplit("/", 1)[1]] for name in results[0] if name.startswith("error/")
+        name: QUANTITIES[name.rsplit("/", 1)[1]].display
+        for name in results[0]
+        if name.startswith("error/")
     }
     heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
     varied = [short(name).replace("_", "\n") for name in sweep.varied]

@@ -11,7 +11,7 @@ from typing import Any
 from rans.errors import ConfigError, brief
 from rans.registry import Registry
 from rans.tasks.avoid import Avoid
-from rans.tasks.base import UNITS, SingleTask, Task, observation
+from rans.tasks.base import SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
 from rans.tasks.dock import Dock
 from rans.tasks.dock_port import DockPort
@@ -22,6 +22,7 @@ from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
 from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
+from rans.tasks.quantities import QUANTITIES
 from rans.tasks.rendezvous import Rendezvous
 from rans.tasks.rewards import Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
@@ -51,10 +52,10 @@ def _checked(found: Any) -> type[Any]:
         quantities = task.tolerances().keys()
         if not quantities:
             raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
-        if unknown := sorted(quantities - UNITS.keys()):
+        if unknown := sorted(quantities - QUANTITIES.keys()):
             raise ConfigError(
                 f"{found.__name__} has a tolerance of {', '.join(unknown)}; errors can be of "
-                f"{', '.join(UNITS)}."
+                f"{', '.join(QUANTITIES)}."
             )
         _check_errors(task, quantities)
     return found
@@ -68,10 +69,10 @@ def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
             break
     else:
         return
-    if unknown := sorted(errors - UNITS.keys()):
+    if unknown := sorted(errors - QUANTITIES.keys()):
         raise ConfigError(
             f"{type(task).__name__} has an error of {', '.join(unknown)}; errors can be of "
-            f"{', '.join(UNITS)}."
+            f"{', '.join(QUANTITIES)}."
         )
     if missing := sorted(quantities - errors):
         raise ConfigError(

@@ -29,8 +29,6 @@ from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape
 
-UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s", "unseen": "-"}
-"""Units of the errors a task may name; "unseen" is a share of points."""
 _DATA_COLUMNS = {2: 4, 3: 9}
 """At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
 
@@ -155,7 +153,7 @@ class Task(Settings, ABC):
 
     @abstractmethod
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the goal by quantity; the names are keys of `UNITS`."""
+        """Distance from the goal by quantity; the names are those of `rans.tasks.quantities.QUANTITIES`."""
 
     @abstractmethod
     def tolerances(self) -> dict[str, float]:

@@ -24,8 +24,8 @@ from rans.tasks import (
     observation_columns,
     observation_width,
 )
-from rans.tasks.base import UNITS
 from rans.tasks.derived import residual
+from rans.tasks.quantities import QUANTITIES
 from tests.tasks.conftest import COUNT, arrival
 
 PAPER_WIDTH = {2: 10, 3: 22}
@@ -198,7 +198,7 @@ def test_at_the_goal_nothing_is_left(task: Any, craft: Spacecraft, goals: Any) -
 
 def test_errors_have_units_and_tolerances(task: Any, states: Any, goals: Any) -> None:
     errors = task.errors(states, goals)
-    assert errors.keys() <= UNITS.keys()
+    assert errors.keys() <= QUANTITIES.keys()
     assert all((e >= 0).all() for e in errors.values())
     for part in task.parts().values():
         tolerances = part.tolerances()

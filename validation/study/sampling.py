@@ -16,7 +16,7 @@ from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, generator, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import UNITS
+from rans.tasks.quantities import QUANTITIES
 from validation.study.checks import Check, Curve
 
 FASTEST = 1.0
@@ -178,7 +178,7 @@ def gap_checks(layer: str, ours: Any, drake: Any, tolerance: float, reason: str)
             f"{layer}: {name}",
             float(np.max(value)),
             tolerance,
-            UNITS.get(name, "kg, N m s"),
+            QUANTITIES[name].unit if name in QUANTITIES else "kg, N m s",
             reason,
             _where(value),
         )

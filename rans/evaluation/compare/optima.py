@@ -16,7 +16,6 @@ from rich.table import Table
 from rans import terminal
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import save_arrays
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.files import environment, first_line, write_json, write_text
 from rans.flight import Flight
 from rans.model.actuators import Pulsed, Throttle
@@ -36,6 +35,7 @@ from rans.scenario import Scenario, each
 from rans.scenario import scenario as example
 from rans.tasks import TASKS
 from rans.tasks.base import Task
+from rans.tasks.quantities import QUANTITIES
 
 REPLAY_BOUND = 1e-3
 """Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
@@ -201,7 +201,7 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
             lost.setdefault(answer.sentence, []).append(str(answer.start))
     notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
-    errors = [f"{name} {DISPLAY[name][1]}" for name in names]
+    errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
     columns = ("start", objective.measure, *errors, "replay mm", "steps", "ms", "")
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
@@ -209,7 +209,7 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
         good = answer.good
         numbers = (
             path.cost,
-            *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
+            *(QUANTITIES[n].display[0] * answer.errors.get(n, math.nan) for n in names),
             1e3 * answer.replay_error,
         )
         shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]

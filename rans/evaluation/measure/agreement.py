@@ -9,20 +9,11 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from rans.evaluation.measure.metrics import DISPLAY, final_errors, settling_times, solved
+from rans.evaluation.measure.metrics import final_errors, settling_times, solved
 from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estimate, share
 from rans.flight import Flight
+from rans.tasks.quantities import QUANTITIES
 from rans.terminal import table, verdict
-
-MEDIAN_BOUNDS = {
-    "position": 1e-3,
-    "attitude": math.radians(0.1),
-    "velocity": 1e-3,
-    "spin": math.radians(0.1),
-    "unseen": 0.005,
-}
-"""Largest difference of median final errors that counts as the same: 1 mm, 0.1 degree, 1 mm/s,
-0.1 degree/s, half a point of a hundred; a fiftieth of what tasks tolerate, of points a tenth."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +95,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     """Compare flights of the same controller from the same starts, by our equations and by Drake.
 
     Drake's solved share must lie within the fast engine's 95 % interval, its medians within
-    `MEDIAN_BOUNDS` of the fast engine's.
+    `engine_difference` (`rans.tasks.quantities.Quantity`) of the fast engine's.
     """
     episodes = fast.commands.shape[1]
     median = Bootstrap(episodes).median
@@ -121,8 +112,8 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     ]
     theirs = final_errors(drake)
     for name, error in final_errors(fast).items():
-        factor, unit = DISPLAY[name]
-        bound = factor * MEDIAN_BOUNDS[name]
+        factor, unit = QUANTITIES[name].display
+        bound = factor * QUANTITIES[name].engine_difference
         pairs.append(
             Pair(
                 f"{name} error",
@@ -130,7 +121,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
                 unit,
                 median(factor * error),
                 median(factor * theirs[name]),
-                (-bound, bound),
+                None if math.isinf(bound) else (-bound, bound),
             )
         )
     pairs.append(

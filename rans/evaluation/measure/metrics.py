@@ -17,47 +17,11 @@ from rans import verdict
 from rans.flight import Flight
 from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
-from rans.tasks.base import UNITS
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
+from rans.tasks.quantities import QUANTITIES, Quantity
 
-DISPLAY = {
-    "position": (100.0, "cm"),
-    "attitude": (math.degrees(1.0), "deg"),
-    "velocity": (100.0, "cm/s"),
-    "spin": (math.degrees(1.0), "deg/s"),
-    "unseen": (100.0, "%"),
-}
-"""Factor from the SI unit and the unit in which people read an error."""
-
-_TIME_WITHIN = {
-    "position": ("PT", (10, 5, 2, 1)),
-    "attitude": ("OT", (5, 2, 1)),
-    "velocity": ("VT", (10, 5, 2, 1)),
-    "spin": ("ST", (20, 10, 5, 2, 1)),
-    "unseen": ("UT", (50, 20, 10, 5)),
-}
-"""Name and bounds, in the units of `DISPLAY`, of the time within. PT and OT are the original system's
-(2023), VT10, VT5 and VT2 its VE1, VE05 and VE02 (2024); ST continues them."""
-
-_REACH = {
-    "position": (0.02, "2 cm", "1 cm", "15 cm"),
-    "attitude": (0.087, "5 deg", "2.5 deg", "37 deg"),
-    "velocity": (0.15, "15 cm/s", "7.5 cm/s", "113 cm/s"),
-    "spin": (0.3, "0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
-    "unseen": (0.05, "5 %", "2.5 %", "38 %"),
-}
-"""The original system's success threshold (2023), SI; and it, its half and 7.5 times it in words."""
 _STAY = 7.5
-
-_HELD = {
-    "position": (5, 2, 1),
-    "attitude": (3, 2, 1),
-    "velocity": (10, 5, 2),
-    "spin": (20, 10, 5),
-    "unseen": (20, 10, 5),
-}
-"""Bounds of three grades of holding a goal, in the units of `DISPLAY`."""
-
+"""Margin of "stay" over the threshold of a quantity."""
 _TRANSIENT = 5.0
 """Time that tracking tasks are given to get up to speed before their errors count, s."""
 
@@ -229,15 +193,17 @@ def _rest(flight: Flight) -> Iterator[Sample]:
 def _held(flight: Flight) -> Iterator[Sample]:
     """Like "solved", with other bounds than the task's tolerances."""
     ends = {
-        name: DISPLAY[name][0] * last_fifth(error)
+        name: QUANTITIES[name].display_factor * last_fifth(error)
         for name, error in flight.errors().items()
-        if name in flight.task.tolerances()
+        if name in flight.task.tolerances() and QUANTITIES[name].held
     }
-    for grade in range(3):
+    for grade in range(3 if ends else 0):
         inside = np.all(
-            [(end < _HELD[name][grade]).all(axis=0) for name, end in ends.items()], axis=0
+            [(end < QUANTITIES[name].held[grade]).all(axis=0) for name, end in ends.items()], axis=0
         )
-        bounds = " ".join(f"{_HELD[name][grade]} {DISPLAY[name][1]}" for name in ends)
+        bounds = " ".join(
+            f"{one.held[grade]} {one.display_unit}" for one in map(QUANTITIES.__getitem__, ends)
+        )
         yield Sample(
             "success",
             f"held {bounds}",
@@ -248,9 +214,10 @@ def _held(flight: Flight) -> Iterator[Sample]:
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
-    factor, unit = DISPLAY[quantity]
+    declared = QUANTITIES[quantity]
+    factor, unit = declared.display
     after = error[1:]
-    short, bounds = _TIME_WITHIN[quantity]
+    short, bounds = declared.time_within
     for bound in bounds:
         yield Sample(
             quantity,
@@ -259,17 +226,8 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
             "%",
             100.0 * (factor * after < bound).mean(axis=0),
         )
-    threshold, whole, half, margin = _REACH[quantity]
-    for bound, text in ((threshold, whole), (threshold / 2, half)):
-        ever: Any = (after < bound).any(axis=0)
-        yield Sample(quantity, f"reach {text}", "ever closer than that", "%", ever)
-    yield Sample(
-        quantity,
-        f"stay {margin}",
-        f"once closer than {whole}, never farther than that",
-        "%",
-        _stays(after, threshold),
-    )
+    if declared.threshold is not None:
+        yield from _reached(declared, after)
     yield Sample(
         quantity,
         f"{quantity} error",
@@ -283,9 +241,26 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
             quantity,
             f"{quantity} error after {_TRANSIENT:g} s",
             "mean from then on",
-            UNITS[quantity],
+            declared.unit,
             error[tracked].mean(axis=0),
         )
+
+
+def _reached(declared: Quantity, error: np.ndarray) -> Iterator[Sample]:
+    """Whether errors (T, N) ever fall below the original system's threshold, and stay near it."""
+    threshold = declared.threshold
+    assert threshold is not None
+    whole, half, margin = declared.threshold_texts
+    for bound, text in ((threshold, whole), (threshold / 2, half)):
+        ever: Any = (error < bound).any(axis=0)
+        yield Sample(declared.name, f"reach {text}", "ever closer than that", "%", ever)
+    yield Sample(
+        declared.name,
+        f"stay {margin}",
+        f"once closer than {whole}, never farther than that",
+        "%",
+        _stays(error, threshold),
+    )
 
 
 def _stays(error: np.ndarray, threshold: float) -> np.ndarray:

@@ -16,7 +16,6 @@ from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.measure.statistics import Bootstrap, Estimate
 from rans.flight import Flight
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
@@ -24,6 +23,7 @@ from rans.show.figures import panels
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import GREY, INK, PLAIN, RED, label, series_style
 from rans.show.tables.comparison_tables import RETURN, Scores
+from rans.tasks.quantities import QUANTITIES
 
 
 def logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
@@ -234,7 +234,7 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
     figure = Figure(figsize=(4.6 * len(quantities), 3.4), layout="constrained")
     grid = figure.subplots(1, len(quantities), squeeze=False)[0]
     for axes, quantity in zip(grid, quantities, strict=True):
-        factor, unit = DISPLAY[quantity]
+        factor, unit = QUANTITIES[quantity].display
         for k, entry in enumerate(entries):
             axes.ecdf(factor * entry.errors[quantity], color=series_style(k)[0], label=entry.name)
         bound = entries[0].flight.task.tolerances().get(quantity)

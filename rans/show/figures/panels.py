@@ -13,9 +13,9 @@ from matplotlib.figure import SubFigure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rans.drawing import columns, outlines, rotations
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.model.fields import map_leaves
+from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball
 
 BLUE = "#0072B2"
@@ -139,7 +139,7 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
         summarised.set_axis_off()
         return
     quantity, error = list(flight.errors().items())[rank]
-    factor, unit = DISPLAY[quantity]
+    factor, unit = QUANTITIES[quantity].display
     error = factor * error
     floor = max(0.01, 0.5 * error.min())  # a logarithmic axis has no place for 0
     _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
@@ -262,7 +262,7 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     errors = flight.errors()
     bounds = flight.task.tolerances().items()
     for (quantity, bound), colour in zip(bounds, (BLUE, ORANGE, GREEN, PURPLE), strict=False):
-        factor, unit = DISPLAY[quantity]
+        factor, unit = QUANTITIES[quantity].display
         axes.semilogy(
             flight.times,
             errors[quantity][:, episode] / bound,

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.show.pages.assure_counts import counts, verdict
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.tasks.quantities import QUANTITIES
 from rans.verdict import Failure
 
 _JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
@@ -240,7 +240,10 @@ def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
         ("fails" if found == one.kind else f"fails: {found.meaning}") if found else "does not fail"
         for found in one.again.values()
     ]
-    errors = ((DISPLAY[name][0] * x, DISPLAY[name][1]) for name, x in one.errors.items())
+    errors = (
+        (QUANTITIES[name].display[0] * x, QUANTITIES[name].display[1])
+        for name, x in one.errors.items()
+    )
     return [
         f"{one.number}",
         *again,

@@ -11,7 +11,6 @@ from typing import Any
 from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.fly.contestants import view_command
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
 from rans.evaluation.stress.run import Stress
@@ -19,7 +18,7 @@ from rans.files import environment, inside, write_json, write_text
 from rans.randomization.conditions_file import conditions_text
 from rans.show.figures import stress_figures as figures
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
-from rans.tasks.base import UNITS
+from rans.tasks.quantities import QUANTITIES
 
 TEXT = (
     "An episode is held if it is within all tolerances of the task at every step of its last fifth, by the "
@@ -309,7 +308,9 @@ class StressReport(NotebookRepr):
     def _errors(self, level: Level, name: str, episode: int) -> str:
         errors = self.stress.outcomes[level.name, name].errors
         shown = (
-            (factor * errors[q][episode], unit) for q in errors for factor, unit in [DISPLAY[q]]
+            (factor * errors[q][episode], unit)
+            for q in errors
+            for factor, unit in [QUANTITIES[q].display]
         )
         return ", ".join(
             f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in shown
@@ -330,7 +331,8 @@ class StressReport(NotebookRepr):
     def _outcome(self, level: Level, spec: str, name: str) -> dict[str, Any]:
         found = self.stress.outcomes[level.name, name]
         errors = {
-            f"{quantity}, {UNITS[quantity]}": error for quantity, error in found.errors.items()
+            f"{quantity}, {QUANTITIES[quantity].unit}": error
+            for quantity, error in found.errors.items()
         }
         return {
             "episodes": len(found.excess),

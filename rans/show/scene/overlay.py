@@ -10,9 +10,9 @@ from typing import Any
 
 from pydrake.geometry import Rgba
 
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.show.scene.scene import BODIES, Motion
+from rans.tasks.quantities import QUANTITIES
 
 _ENDS = "</body>"
 
@@ -41,7 +41,7 @@ def html(
             "name": flight.controller,
             "colour": css(BODIES[colour]),
             "errors": [
-                [name, DISPLAY[name][1], DISPLAY[name][0] * bound]
+                [name, QUANTITIES[name].display[1], QUANTITIES[name].display[0] * bound]
                 for name, bound in flight.task.tolerances().items()
             ],
             "flights": [{"path": next(way), **_series(motion)} for motion in row],
@@ -99,7 +99,7 @@ def _series(motion: Motion) -> dict[str, Any]:
         "radius": motion.craft.radius,
         "times": [round(float(t), 4) for t in motion.times],
         "errors": [
-            [float(f"{DISPLAY[name][0] * x:.3g}") for x in error]
+            [float(f"{QUANTITIES[name].display[0] * x:.3g}") for x in error]
             for name, error in motion.errors.items()
         ],
     }

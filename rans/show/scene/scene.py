@@ -18,11 +18,11 @@ from pydrake.geometry import Box, Cylinder, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from rans.drawing import columns, outlines, rotations
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.show.scene.craft import FLOOR, Part, frustum, hull_parts, mesh, rod, triad
+from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
 BODIES = {
@@ -126,7 +126,7 @@ class Motion:
     def error_texts(self, instant: int) -> list[str]:
         """Errors at an instant, each with its unit."""
         return [
-            f"{DISPLAY[name][0] * float(error[instant]):.1f} {DISPLAY[name][1]}"
+            f"{QUANTITIES[name].display[0] * float(error[instant]):.1f} {QUANTITIES[name].display[1]}"
             for name, error in self.errors.items()
         ]
 

@@ -13,13 +13,13 @@ from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.tables import front_tables
 from rans.tasks.base import Task
 from rans.tasks.goal_set import asks_rest
+from rans.tasks.quantities import QUANTITIES
 
 Scores = dict[str, Estimate]
 """By heading, unit included."""
@@ -57,7 +57,7 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
     found["failed, %"] = share(entry.flight.failed()).scaled(100.0)
     found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
-        factor, unit = DISPLAY[name]
+        factor, unit = QUANTITIES[name].display
         found[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
     if optimum is not None:
         known = np.isfinite(optimum)

@@ -9,8 +9,8 @@ from typing import Any
 from rans.errors import counted
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.front import Front, Point, Verdict, point
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.measure.statistics import figure
+from rans.tasks.quantities import QUANTITIES
 
 
 def table(front: Front) -> tuple[list[str], list[list[str]]]:
@@ -132,4 +132,4 @@ def _ordered(front: Front) -> list[Entry]:
 def _error(front: Front) -> tuple[str, float, str]:
     """Which error is judged, and how it is shown."""
     quantity = next(iter(front.entries[0].errors))
-    return quantity, *DISPLAY[quantity]
+    return quantity, *QUANTITIES[quantity].display

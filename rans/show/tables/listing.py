@@ -10,10 +10,10 @@ from rans.display import default, meanings
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task, observation_columns
-from rans.tasks.base import UNITS
 from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
 from rans.tasks.observation_terms import Dimension
+from rans.tasks.quantities import QUANTITIES
 from rans.terminal import table
 
 
@@ -106,7 +106,7 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
 
 def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
     quantities = task.errors(*example_state(task, dimension))
-    errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in quantities)
+    errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
     return Listing(
         f"Reward of a step{f' of {name}' if name else ''}, the sum of",
         ("term", "value"),
@@ -132,8 +132,7 @@ _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no
 
 def _ends(task: Task) -> Listing:
     near = ", ".join(
-        f"{name} {value:.4g} {UNITS.get(name, '')}".rstrip()
-        for name, value in task.tolerances().items()
+        f"{name} {value:.4g} {QUANTITIES[name].unit}" for name, value in task.tolerances().items()
     )
     failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
     timing = task.timing
