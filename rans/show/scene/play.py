@@ -19,7 +19,6 @@ from pydrake.math import RigidTransform
 
 from rans.drawing import columns
 from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.measure.metrics import DISPLAY
 from rans.model.fields import map_leaves
 from rans.show.scene import craft, scene
 from rans.show.scene.camera import fit
