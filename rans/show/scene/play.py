@@ -321,7 +321,7 @@ class Playground:
         flight = self.flight
         parts = [f"{flight.controller.name}, {flight.time:.1f} s"]
         for name, error in flight.errors().items():
-            scale, unit = DISPLAY.get(name, (1.0, ""))
+            scale, unit = QUANTITIES[name].display
             parts.append(f"{name} {scale * error:.1f} {unit}".strip())
         if flight.dead:
             parts.append("dead " + " ".join(map(str, sorted(flight.dead))))
