@@ -24,6 +24,7 @@ from rans.show.scene import craft, scene
 from rans.show.scene.camera import fit
 from rans.show.scene.interactive import InteractiveFlight
 from rans.show.scene.view import ASPECT, CAMERA, DIRECTION, SKY, STAGE, UPRIGHT
+from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Shape
 
 REWIND = 5.0
