@@ -34,7 +34,7 @@ class Quantity:
     """Bounds of three grades of holding a goal, in the display unit."""
     engine_difference: float = math.inf
     """Largest difference of median final errors between two engines that counts as the same, SI: a fiftieth of what
-    tasks tolerate."""
+    tasks tolerate; of the share of points that are unseen, a tenth."""
 
     @property
     def display(self) -> tuple[float, str]:
