@@ -191,12 +191,17 @@ def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]
     return [
         (
             one.axis,
-            f"{one.forwards:.3g} {one.unit}",
-            f"{one.backwards:.3g} {one.unit}",
+            f"{_figure(one.forwards)} {one.unit}",
+            f"{_figure(one.backwards)} {one.unit}",
             f"{one.acceleration:.3g} {one.acceleration_unit}",
         )
         for one in found
     ]
+
+
+def _figure(value: float) -> str:
+    """Three digits, and thousands without an exponent."""
+    return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"
 
 
 def check_target(file: Path, overwrite: bool) -> None:

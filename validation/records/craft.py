@@ -203,7 +203,7 @@ def authority_table(docs: Path) -> Table:
         rows.append(
             (
                 f"`{name}`",
-                f"{one['mass']:,.4g}",
+                f"{one['mass']:,.0f}" if one["mass"] >= 1000.0 else f"{one['mass']:.4g}",
                 _axes(forces),
                 _axes(torques),
                 _accelerations(forces),
@@ -261,7 +261,10 @@ def agent_table(docs: Path) -> Table:
 
 def _axes(rows: list[list[str]]) -> str:
     """Of three axes the smaller of both ways each, without units, once if all are alike."""
-    values = [min((row[1], row[2]), key=lambda x: float(x.split()[0])).split()[0] for row in rows]
+    values = [
+        min((row[1], row[2]), key=lambda x: float(x.split()[0].replace(",", ""))).split()[0]
+        for row in rows
+    ]
     return values[0] if len(set(values)) == 1 else " / ".join(values)
 
 
