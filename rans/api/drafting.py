@@ -53,6 +53,8 @@ class Draft:
 
     def authority_rows(self) -> list[tuple[str, str, str, str]]:
         """Axis, largest force or torque each way, and the acceleration that the smaller one gives."""
+        from rans.model.authority import authority_rows
+
         return authority_rows(self.authorities())
 
     def bearable(self) -> tuple[int, ...]:
@@ -184,24 +186,6 @@ def init_spacecraft(
     )
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)
-
-
-def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
-    """See `Draft.authority_rows`."""
-    return [
-        (
-            one.axis,
-            f"{_figure(one.forwards)} {one.unit}",
-            f"{_figure(one.backwards)} {one.unit}",
-            f"{one.acceleration:.3g} {one.acceleration_unit}",
-        )
-        for one in found
-    ]
-
-
-def _figure(value: float) -> str:
-    """Three digits, and thousands without an exponent."""
-    return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"
 
 
 def check_target(file: Path, overwrite: bool) -> None:

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
-from rans.api.drafting import authority_rows
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.files import read_json, write_json, write_text
-from rans.model.authority import authorities
+from rans.model.authority import authorities, authority_rows
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
