@@ -53,6 +53,8 @@ class Draft:
 
     def authority_rows(self) -> list[tuple[str, str, str, str]]:
         """Axis, largest force or torque each way, and the acceleration that the smaller one gives."""
+        from rans.model.authority import authority_rows
+
         return authority_rows(self.authorities())
 
     def bearable(self) -> tuple[int, ...]:
@@ -184,19 +186,6 @@ def init_spacecraft(
     )
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)
-
-
-def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
-    """See `Draft.authority_rows`."""
-    return [
-        (
-            one.axis,
-            f"{one.forwards:.3g} {one.unit}",
-            f"{one.backwards:.3g} {one.unit}",
-            f"{one.acceleration:.3g} {one.acceleration_unit}",
-        )
-        for one in found
-    ]
 
 
 def check_target(file: Path, overwrite: bool) -> None:

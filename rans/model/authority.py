@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,3 +83,21 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
         acceleration = min(ways) / inertia[index]
         found.append(Authority(axis, unit, ways[0], ways[1], acceleration, acceleration_unit))
     return tuple(found)
+
+
+def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
+    """Axis, largest force or torque each way, and the acceleration that the smaller one gives, as text."""
+    return [
+        (
+            one.axis,
+            f"{_figure(one.forwards)} {one.unit}",
+            f"{_figure(one.backwards)} {one.unit}",
+            f"{one.acceleration:.3g} {one.acceleration_unit}",
+        )
+        for one in found
+    ]
+
+
+def _figure(value: float) -> str:
+    """Three digits, and thousands without an exponent."""
+    return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"

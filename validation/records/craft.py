@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
-from rans.api.drafting import authority_rows
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.files import read_json, write_json, write_text
-from rans.model.authority import authorities
+from rans.model.authority import authorities, authority_rows
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -203,7 +202,7 @@ def authority_table(docs: Path) -> Table:
         rows.append(
             (
                 f"`{name}`",
-                f"{one['mass']:,.4g}",
+                f"{one['mass']:,.0f}" if one["mass"] >= 1000.0 else f"{one['mass']:.4g}",
                 _axes(forces),
                 _axes(torques),
                 _accelerations(forces),
@@ -261,7 +260,10 @@ def agent_table(docs: Path) -> Table:
 
 def _axes(rows: list[list[str]]) -> str:
     """Of three axes the smaller of both ways each, without units, once if all are alike."""
-    values = [min((row[1], row[2]), key=lambda x: float(x.split()[0])).split()[0] for row in rows]
+    values = [
+        min((row[1], row[2]), key=lambda x: float(x.split()[0].replace(",", ""))).split()[0]
+        for row in rows
+    ]
     return values[0] if len(set(values)) == 1 else " / ".join(values)
 
 

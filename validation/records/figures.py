@@ -13,7 +13,7 @@ from benchmarks import settled_gate_entry
 from rans.files import read_json
 from rans.model.spacecraft_file import spacecraft_names
 from validation.markdown import Table
-from validation.records import agents, assurances, faults, rest, robustness
+from validation.records import agents, assurances, craft, faults, rest, robustness
 
 
 def stress(docs: Path) -> Table:
@@ -90,6 +90,8 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "assurances": assurances.in_document,
     "robustness": robustness.in_document,
     "faults": faults.in_document,
+    "craft": craft.authority_table,
+    "agents of craft": craft.agent_table,
     "stress": stress,
     "settled gate": settled_gate_entry.in_document,
     "validations": validations,
