@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from benchmarks import settled_gate_entry
 from rans.files import read_json
 from rans.model.spacecraft_file import spacecraft_names
 from validation.markdown import Table
-from validation.records import agents, assurances, craft, faults, rest, robustness
+from validation.records import agents, assurances, craft, faults, missions, rest, robustness
 
 
 def stress(docs: Path) -> Table:
@@ -92,6 +93,8 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "faults": faults.in_document,
     "craft": craft.authority_table,
     "agents of craft": craft.agent_table,
+    "dock": partial(missions.in_document, mission="dock"),
+    "hold": partial(missions.in_document, mission="hold"),
     "stress": stress,
     "settled gate": settled_gate_entry.in_document,
     "validations": validations,

@@ -22,7 +22,7 @@ from rans.evaluation.compare.landings import descent_of
 from rans.evaluation.compare.transfers import bounds
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
-from rans.files import environment, write_json
+from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -120,8 +120,7 @@ class Missions:
     def run(self) -> int:
         """Print and write."""
         rows = [*(self._orbital() if self.mission in _DEADLINES else self._others())]
-        unit = "kg" if self.mission == "land" else "N s"
-        cells = [row.cells(unit) for row in rows]
+        cells = [row.cells(_unit(self.mission)) for row in rows]
         Terminal().show(f"{self.mission}, seed {self.seed}", _HEADINGS, cells)
         if self.docs is not None:
             evidence = {
@@ -131,15 +130,8 @@ class Missions:
                 "environment": environment(),
                 "rows": [vars(row) for row in rows],
             }
-            name = f"mission-{self.mission}.json"
-            write_json(self.docs / "validation" / name, evidence)
-            Table(
-                f"missions/{self.mission}.md",
-                f"python -m validation.records.missions {self.mission} --docs docs",
-                _HEADINGS,
-                cells,
-                f"The values are in [{name}](../validation/{name}).",
-            ).write(self.docs)
+            write_json(self.docs / "validation" / f"mission-{self.mission}.json", evidence)
+            in_document(self.docs, self.mission).write(self.docs)
         return 0
 
     def _specs(self) -> list[str]:
@@ -232,6 +224,28 @@ class Missions:
                 raise SolverFailed("a start of the evaluation has no landing.")
             found.append(best.propellant)
         return np.array(found)
+
+
+def in_document(docs: Path, mission: str) -> Table:
+    """The table of a mission's page, of the evidence in docs/validation."""
+    name = f"mission-{mission}.json"
+    evidence = read_json(docs / "validation" / name)
+    rows = [
+        Row(**{key: np.nan if value is None else value for key, value in row.items()})
+        for row in evidence["rows"]
+    ]
+    return Table(
+        f"missions/{mission}.md",
+        f"python -m validation.records.missions {mission} --docs docs",
+        _HEADINGS,
+        [row.cells(_unit(mission)) for row in rows],
+        f"The values are in [{name}](../validation/{name}).",
+    )
+
+
+def _unit(mission: str) -> str:
+    """Unit of what a mission spends."""
+    return "kg" if mission == "land" else "N s"
 
 
 def _mission_of(name: str) -> str:
