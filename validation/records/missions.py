@@ -65,6 +65,10 @@ _VARIED: dict[str, dict[str, dict[str, Any]]] = {
 """Settings of the task by what the table calls them."""
 
 
+_NUMBERS = ("won", "violated", "ratio", "worst", "spent")
+"""Fields of a row that a file may not know: "nan" there."""
+
+
 @dataclass(frozen=True)
 class Row:
     """What one contestant is worth under one condition."""
@@ -231,7 +235,12 @@ def in_document(docs: Path, mission: str) -> Table:
     name = f"mission-{mission}.json"
     evidence = read_json(docs / "validation" / name)
     rows = [
-        Row(**{key: np.nan if value is None else value for key, value in row.items()})
+        Row(
+            **{
+                **row,
+                **{key: float(row[key] if row[key] is not None else "nan") for key in _NUMBERS},
+            }
+        )
         for row in evidence["rows"]
     ]
     return Table(
