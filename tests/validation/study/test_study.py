@@ -13,7 +13,7 @@ from validation.study import engines, flights, oracles
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.study import FULL_LAYERS, LAYERS, Scope, study
 
-MISSIONS = "avoid", "dock", "dock-port", "hold", "land", "rendezvous"
+MISSIONS = "avoid", "dock", "dock-port", "hold", "inspect", "land", "rendezvous"
 """Tasks whose rewards are worked out by hand in tests of their own, not in the study."""
 
 PLATFORM = load_spacecraft("floating-platform")
