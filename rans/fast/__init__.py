@@ -20,7 +20,7 @@ __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
 
 _MODULES = {
     "Engine": "engine",
-    "Step": "step",
+    "Step": "stepping.step",
     "SpacecraftEnv": "envs.single",
     "PPO": "learn.front",
     "SB3VecEnv": "envs.sb3",
