@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.processes import loaded
 
 ROOT = Path(__file__).parents[1]
 ROOMS = "rans", "validation", "benchmarks"
@@ -131,6 +131,18 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
         assert {name.rpartition(".")[0] for name in ours} <= {*values, *own, "rans.errors"}
 
 
+def test_tests_import_nothing_from_other_tests() -> None:
+    """What several share is in `tests.support`, which imports from no test either."""
+    shared = "tests.support."
+    found = {
+        f"{file.relative_to(ROOT)} imports {name}"
+        for file in (ROOT / "tests").rglob("*.py")
+        for name in imports(file)
+        if name.startswith("tests.") and not name.startswith(shared)
+    }
+    assert not found
+
+
 @pytest.mark.parametrize(
     "statement",
     [
@@ -168,16 +180,3 @@ def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path: Path) -> 
     found = loaded(TRAIN.format(str(tmp_path / "run")))
     assert "torch" in found
     assert not found & {"pydrake", "casadi", "matplotlib", "sympy", "scipy"}
-
-
-def loaded(statement: str) -> set[str]:
-    """Top-level packages in memory after a statement in a fresh interpreter."""
-    report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
-    run = subprocess.run(
-        [sys.executable, "-c", f"{statement}\n{report}"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return set(run.stdout.split())
