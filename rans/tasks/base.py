@@ -146,7 +146,8 @@ class Task(Settings, ABC):
     """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
     optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing"]] = "trajectory"
     """The problem whose solution ``rans optimal`` gives: the best trajectory by nonlinear programming, the least
-    impulse to a place on an orbit, or the least propellant of a landing, both by convex programming."""
+    impulse to a place on an orbit, or the least propellant of a landing, both by convex programming. The latter
+    two are for what is derived from `rans.tasks.orbital.OrbitalMission` and `rans.tasks.land.Land`."""
 
     @property
     def draws_trade_off(self) -> bool:
