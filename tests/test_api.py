@@ -19,7 +19,7 @@ import rans
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound
 from rans.scenario import EVALUATION_SEED, scenarios
-from tests.test_imports import loaded
+from tests.support.processes import loaded
 from validation.study.checks import Check, Study
 
 MODULES = sorted(

@@ -17,55 +17,17 @@ import torch
 from rans.episode import Setup, World, step
 from rans.fast.engine import Engine
 from rans.flight import fly
-from rans.model.dynamics import State
-from rans.model.fields import Field, Vec2, where
+from rans.model.fields import where
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import DrakeMover, fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.verdict import Failure
+from tests.support.missions import Pass
 
 PLATFORM = load_spacecraft("floating-platform")
 SHUT = (0.0,) * len(PLATFORM.thrusters)
-
-
-@dataclass(frozen=True)
-class Pass(GoToPose):
-    """Fly from x = -1 m along x: won within 0.1 m of the origin; a wall stands at ``wall``."""
-
-    speed: float = 0.8
-    wall: float = 0.3
-    lead: float = 0.0
-    done_weight: float = 5.0
-    violation_weight: float = 3.0
-    violation_ends: bool = True
-
-    def __post_init__(self) -> None:
-        """Walls may be anywhere."""
-
-    def sample(self, random: Any) -> tuple[State, State]:
-        start, goal = super().sample(random)
-        zero = start.w * 0.0
-        start = replace(
-            start, p=Vec2(zero - 1.0 + self.lead, zero), v=Vec2(zero + self.speed, zero)
-        )
-        return replace(start, w=zero), replace(goal, notes=(zero, zero))
-
-    def later(self, goal: Any, time: Field) -> Any:
-        """The first note counts seconds."""
-        return replace(goal, notes=(goal.notes[0] + time, goal.notes[1]))
-
-    def remember(self, goal: Any, state: State) -> Any:
-        """The second note is the farthest way ever come."""
-        farthest = where(state.p.x > goal.notes[1], state.p.x, goal.notes[1])
-        return replace(goal, notes=(goal.notes[0], farthest))
-
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        return {"wall": self.wall - state.p.x}
-
-    def done(self, state: State, goal: State) -> Field:
-        return state.p.norm() < 0.1
 
 
 def outcomes(task: Pass, checks: int, periods: int, move: Any = None) -> list[Any]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from rans.effectors.effector import Effector
+from rans.model.actuators import Actuators
+from rans.tasks import Task
+from tests.support.processes import loaded
 
 ROOT = Path(__file__).parents[1]
 ROOMS = "rans", "validation", "benchmarks"
@@ -54,6 +57,18 @@ LAYERS: list[set[str]] = [
 """From the bottom up: a module imports from its own package and from lower layers only, so that engines
 do not know one another. The package's front door, `rans` itself, hands out names of any layer lazily."""
 RANK = {unit: rank for rank, units in enumerate(LAYERS) for unit in units}
+
+
+OWN_ROOMS = "rans.model", "rans.effectors", "rans.tasks"
+"""Where the kinds of tasks and effectors are known; other rooms ask a task or an effector for its properties."""
+CHECKED = {
+    "rans.optimal.control.convex_guidance": {"OrbitalMission"},
+    "rans.optimal.control.visiting": {"Inspect"},
+    "rans.optimal.convex.landing": {"Throttle"},
+}
+"""Kinds that a module asks for to refuse all others with a sentence."""
+JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
+"""Drake's side reads settings only, and has to have equations of its own for each kind."""
 
 
 def modules() -> list[tuple[str, Path]]:
@@ -131,6 +146,47 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
         assert {name.rpartition(".")[0] for name in ours} <= {*values, *own, "rans.errors"}
 
 
+def derived(kind: type) -> set[str]:
+    """Names of all classes that are derived from one."""
+    return {one.__name__ for one in kind.__subclasses__()}.union(
+        *map(derived, kind.__subclasses__())
+    )
+
+
+@every_module
+def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors(name: str, file: Path) -> None:
+    if name.startswith(OWN_ROOMS) or not name.startswith("rans."):
+        return
+    kinds = derived(Task) | derived(Actuators) | derived(Effector)
+    tree = ast.parse(file.read_text("utf-8"))
+    imported = {
+        alias.asname or alias.name: alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(OWN_ROOMS)
+        for alias in node.names
+    }
+    asked = {
+        imported[part.id]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance"
+        for part in ast.walk(node.args[1])
+        if isinstance(part, ast.Name) and imported.get(part.id) in kinds
+    }
+    assert asked == CHECKED.get(name, set()) | JUDGES.get(name, set())
+
+
+def test_tests_import_nothing_from_other_tests() -> None:
+    """What several share is in `tests.support`, which imports from no test either."""
+    shared = "tests.support."
+    found = {
+        f"{file.relative_to(ROOT)} imports {name}"
+        for file in (ROOT / "tests").rglob("*.py")
+        for name in imports(file)
+        if name.startswith("tests.") and not name.startswith(shared)
+    }
+    assert not found
+
+
 @pytest.mark.parametrize(
     "statement",
     [
@@ -168,16 +224,3 @@ def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path: Path) -> 
     found = loaded(TRAIN.format(str(tmp_path / "run")))
     assert "torch" in found
     assert not found & {"pydrake", "casadi", "matplotlib", "sympy", "scipy"}
-
-
-def loaded(statement: str) -> set[str]:
-    """Top-level packages in memory after a statement in a fresh interpreter."""
-    report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
-    run = subprocess.run(
-        [sys.executable, "-c", f"{statement}\n{report}"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return set(run.stdout.split())

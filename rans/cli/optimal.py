@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
@@ -18,8 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.progress import Progress
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, Land, Task
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks import TASKS, Task
 from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.optima import Optimum
     from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import Objective
+    from rans.tasks import Land
+    from rans.tasks.orbital import OrbitalMission
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,10 @@ class Optimal:
         self._check()
         task = TASKS[self.task]().for_evaluation()
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
-        if isinstance(task, OrbitalMission):
-            return self._mission(craft, task)
-        if isinstance(task, Land):
-            return self._land(craft, task)
+        if task.optimal_problem == "rendezvous":
+            return self._mission(craft, cast("OrbitalMission", task))
+        if task.optimal_problem == "landing":
+            return self._land(craft, cast("Land", task))
         objective = objective_of(
             self.objective, self.horizon, self.control_period, self.ending, self.intervals
         )

@@ -26,6 +26,8 @@ class Actuators:
     """Whether commands between 0 and 1 mean something."""
     dtype: ClassVar[Literal["int8", "float32"]] = "float32"
     """In which a command is remembered."""
+    has_gradient: ClassVar[bool] = False
+    """Whether the force, where it is not at a limit, changes steadily with the command."""
     allowed: ClassVar[str]
     """What a command's entries may be, in words."""
 
@@ -46,6 +48,10 @@ class Actuators:
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """Pieces of a control period: their share of it, and that of its force which each thruster gives."""
         yield 1.0, command
+
+    def steady(self) -> Actuators:
+        """Actuators that hold each command's mean force for a whole control period: themselves, or a throttle."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,7 @@ class Throttle(Actuators):
     always_lit: bool = False
     """Whether thrusters cannot be shut."""
     kind: ClassVar[str] = "throttle"
+    has_gradient: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for key in ("least", "most"):
@@ -179,6 +186,10 @@ class Pulsed(Actuators):
             # Those open to the end do not shut, not even in a last piece of no length.
             begun = end
             past = end if regular else -at_least(-end, 0.5 - self.counts)
+
+    def steady(self) -> Throttle:
+        """A throttle, which gives every duty itself: whole counts and the least pulse are left out."""
+        return Throttle()
 
     def _width(self, duty: Field) -> Field:
         """Counts for which a thruster is open."""

@@ -8,9 +8,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from rans.display import Settings
+from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
@@ -143,6 +144,28 @@ class Task(Settings, ABC):
     """Dimensions that the task can be flown in."""
     spacecraft: ClassVar[str | None] = None
     """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
+    optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing"]] = "trajectory"
+    """The problem whose solution ``rans optimal`` gives: the best trajectory by nonlinear programming, the least
+    impulse to a place on an orbit, or the least propellant of a landing, both by convex programming. The latter
+    two are for what is derived from `rans.tasks.orbital.OrbitalMission` and `rans.tasks.land.Land`."""
+
+    @property
+    def draws_trade_off(self) -> bool:
+        """Whether every episode draws a trade-off, which policies observe; see `rans.GoToPosePriced`."""
+        return False
+
+    @property
+    def held_trade_off(self) -> float | None:
+        """Trade-off of every episode, which policies observe; None: there is none, or episodes draw it."""
+        return None
+
+    def with_trade_off(self, trade_off: float) -> Task:
+        """The task with its trade-off held; `ConfigError` if it has none, or for a number beyond 0 to 1."""
+        raise ConfigError(f"{type(self).__name__} has no trade-off.")
+
+    def plain(self) -> Task:
+        """The task with nothing of a trade-off to observe: itself where there is no trade-off."""
+        return self
 
     @abstractmethod
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
@@ -53,12 +54,31 @@ class GoToPosePriced(GoToPose):
 
     def parts(self) -> Mapping[str, GoToPosePriced]:
         """Every position of the trade-off; where it is held, nothing is left to name."""
-        return {"": self} if self.is_held else TradeOffPositions(self)
+        return TradeOffPositions(self) if self.draws_trade_off else {"": self}
+
+    @property
+    def draws_trade_off(self) -> bool:
+        """Whether the range of the trade-off has any width."""
+        return self.trade_off[0] != self.trade_off[1]
+
+    @property
+    def held_trade_off(self) -> float | None:
+        """The only position in the range of the trade-off; None: the range has a width."""
+        return None if self.draws_trade_off else self.trade_off[0]
 
     @property
     def is_held(self) -> bool:
-        """Whether every episode has the same price."""
-        return self.trade_off[0] == self.trade_off[1]
+        """Deprecated: whether `held_trade_off` is a number."""
+        warnings.warn(
+            "GoToPosePriced.is_held is deprecated and leaves with the next version: ask draws_trade_off.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return not self.draws_trade_off
+
+    def with_trade_off(self, trade_off: float) -> GoToPosePriced:
+        """The same at one position, 0 (fast) to 1 (thrifty), of the trade-off."""
+        return replace(self, trade_off=(trade_off, trade_off))
 
     def plain(self) -> GoToPose:
         """What an agent flies whose trade-off is fixed: `GoToPose` with the price in its weights."""
@@ -101,7 +121,7 @@ class TradeOffPositions(Mapping[str, GoToPosePriced]):
     def __getitem__(self, name: str) -> GoToPosePriced:
         """The task at this position; `ConfigError` if it is no number from 0 to 1."""
         try:
-            return replace(self.task, trade_off=(float(name), float(name)))
+            return self.task.with_trade_off(float(name))
         except (ValueError, ConfigError):
             raise ConfigError(
                 f"the trade-off ranges from 0 (fast) to 1 (thrifty), got {brief(name)}."

@@ -84,6 +84,7 @@ class Land(SingleTask):
     symmetric: ClassVar[bool] = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "mars-lander-steered"
+    optimal_problem = "landing"
     timing: ClassVar[Timing] = Timing(control_period=0.5, episode_steps=220, checks=2)
 
     @property

@@ -81,6 +81,7 @@ class OrbitalMission(SingleTask):
 
     symmetric = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
+    optimal_problem = "rendezvous"
     brakes: ClassVar[bool] = False
     """Whether plans and rewards count the braking at the arrival too, and guidance brakes."""
 

@@ -16,7 +16,7 @@ from rans.cli import main
 from rans.evaluation.stress.run import Stress
 from rans.show.figures import stress_figures
 from rans.show.figures.panels import BLUE, ORANGE
-from tests.evaluation.stress.test_run import FIRST, small
+from tests.support.stress_runs import FIRST, small
 
 QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]
 

@@ -7,7 +7,6 @@ import shlex
 import signal
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 import stable_baselines3
@@ -19,26 +18,9 @@ from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
+from tests.support.command_runs import tiny
 from tests.support.processes import PATIENCE, command
 from tests.support.training import weights
-
-TINY = {
-    "ppo.n_envs": 16,
-    "ppo.n_steps": 8,
-    "ppo.batch_size": 64,
-    "ppo.layers": [16, 16],
-    "timing.episode_steps": 20,
-    "solved_share": None,
-}
-
-
-def tiny(**changes: Any) -> list[str]:
-    """Arguments for a training whose iterations take milliseconds."""
-    settings = TINY | {key.replace("__", "."): value for key, value in changes.items()}
-    given = [
-        part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")
-    ]
-    return ["train", "go-to-pose", "--device", "cpu", *given]
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,7 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
 from rans.tasks import GoToPose
-from tests.cli.test_train import tiny
+from tests.support.command_runs import tiny
 from tests.support.processes import PATIENCE, command, wait_until
 
 needs_proc = pytest.mark.skipif(

@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.pretrained import pretrained_folder
-from tests.deploy.test_forms import FAST, exported, remembering, written
+from tests.support.exports import FAST, exported, remembering, written
 
 if shutil.which("cc") is None:
     pytest.skip("needs a C compiler", allow_module_level=True)

@@ -24,7 +24,7 @@ from rans.files import plain
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from tests.deploy.test_forms import exported, written
+from tests.support.exports import exported, written
 
 DOCS = Path(__file__).parents[2] / "docs"
 

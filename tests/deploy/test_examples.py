@@ -14,7 +14,7 @@ pytest.importorskip("rosbags")
 
 from rans.deploy.robot.interfaces import interface
 from rans.deploy.robot.messages import POSE
-from tests.deploy.test_robot import AWAY
+from tests.support.robots import AWAY
 
 FILE = Path(__file__).parents[2] / "examples" / "ros2" / "rans_node.py"
 

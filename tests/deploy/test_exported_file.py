@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.deploy.test_forms import exported, remembering, written
+from tests.support.exports import exported, remembering, written
 
 
 def test_the_exported_file_refuses_observations_of_another_shape(tmp_path: Path) -> None:

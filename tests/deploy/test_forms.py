@@ -7,7 +7,6 @@ import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,12 @@ import pytest
 import torch
 
 from rans.cli import main
-from rans.deploy.contract import contract, golden, observed
+from rans.deploy.contract import contract, golden
 from rans.deploy.export import Form, write_agent
-from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.controllers import user_policy
-from rans.fast.agent_files.agent import SavedPolicy, read_policy
+from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
@@ -33,37 +31,11 @@ from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import scenarios
+from tests.support.exports import FAST, exported, remembering, shipped, written
 from tests.support.training import scatter, tiny_learner
 from validation.records.exports import ANSWERS, asked, numpy_answer, unequal
 
-FAST = ["export", "pretrained:go-to-pose-2d-fast", "--margins", "0", "--format"]
 FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
-
-
-@cache
-def shipped(name: str) -> tuple[Network, Setup]:
-    """A shipped agent and what it was trained on, in a perfect world."""
-    run = RunFolder(pretrained_folder(name))
-    config = run.config()
-    craft = run.spacecraft()
-    return (
-        read_policy(run.agent_file).network,
-        Setup(craft, config.settings, config.timing),
-    )
-
-
-@cache
-def remembering() -> tuple[Network, Setup, np.ndarray]:
-    """An agent with a history, averages and symmetries, and what it observes on four flights."""
-    network, setup = shipped("go-to-pose-2d-faults")
-    return network, setup, observed(network, setup, count=4)
-
-
-def written(folder: Path, network: Network, *forms: Form, title: str = "agent") -> Path:
-    """The folder with the network in these forms."""
-    for form in forms:
-        write_agent(folder, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), title)
-    return folder
 
 
 @pytest.mark.parametrize("name", pretrained_names())
@@ -208,13 +180,6 @@ def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
     (tmp_path / "golden.json").write_text(json.dumps(golden(network, seen)))
     right, count = checked(tmp_path)
     assert right < count == 500
-
-
-def exported(folder: Path) -> dict[str, Any]:
-    """The names of an exported file."""
-    names: dict[str, Any] = {"__file__": str(folder / "agent.py"), "__name__": "agent"}
-    exec(compile((folder / "agent.py").read_text("utf-8"), "agent.py", "exec"), names)
-    return names
 
 
 def checked(folder: Path) -> tuple[int, int]:

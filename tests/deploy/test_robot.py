@@ -46,6 +46,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.tasks import GoToPose
+from tests.support.robots import AWAY
 
 PLATFORM = "floating-platform"
 TASK = {"name": "go-to-pose", "settings": {}}
@@ -255,9 +256,6 @@ def steps(pilot: Pilot, motion: Motion, count: int = 3, begin: int = 0) -> list[
             pilot.receive(message.topic, message.data, now)
         found.append(pilot.decide(now))
     return found
-
-
-AWAY = Motion(np.array([2.0, 1.0, 0.0]), quaternion_of(0.5), np.zeros(3), np.zeros(3))
 
 
 def test_it_gives_the_agents_commands(agent: Path) -> None:

@@ -22,10 +22,8 @@ from rans.evaluation.measure.metrics import impulses, samples
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import architecture_of
 from rans.flight import Setup, fly
 from rans.model.accuracy import chosen
-from rans.model.actuators import Propellant
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -33,18 +31,12 @@ from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
 from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import BURNING, CUBESAT, EXAMPLES, LANDER, WHEELED, commands
+from tests.support.effector_flights import ALL, BOTH, Scripted, task_of, untrained_policy
 from tests.support.worlds import EFFECTS
 
-BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
-"""On/off thrusters that use propellant, and a wheel."""
-ALL = [CUBESAT, LANDER, WHEELED, BURNING, BOTH]
 every_craft = pytest.mark.parametrize(
     "craft", ALL, ids=["cubesat", "lander", "wheel", "tank", "both"]
 )
-
-
-def task_of(craft: Spacecraft) -> str:
-    return "track-velocity" if craft is LANDER else "go-to-pose"
 
 
 @every_craft
@@ -124,36 +116,11 @@ def test_drake_flies_alike_under_conditions(effect: str) -> None:
     assert np.ptp(ours.states.stores[0]) > 0.01
 
 
-class Scripted:
-    """Random commands, the same in every flight."""
-
-    name = "scripted"
-
-    def __init__(self, craft: Spacecraft) -> None:
-        self._craft = craft
-
-    def reset(self, count: int) -> None:
-        self._step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self._step += 1
-        return commands(self._craft, len(observation), seed=self._step)
-
-
 @pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])
 def untrained(request: Any) -> tuple[Spacecraft, Network]:
     """A craft and a policy for it."""
     craft = ALL[request.param]
     return craft, untrained_policy(craft)
-
-
-def untrained_policy(craft: Spacecraft) -> Network:
-    """A policy with random weights that asks for a good deal."""
-    engine = rans.Engine(craft, task_of(craft), 8)
-    given = architecture_of(engine, PPOSettings(layers=(16, 16)))
-    tensors, _ = given.initial(3, 0.5)
-    tensors["action_net.weight"] = tensors["action_net.weight"] * 60.0
-    return Network(given, tensors)
 
 
 def test_whole_flights_are_those_of_the_agent(untrained: Any) -> None:

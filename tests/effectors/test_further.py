@@ -27,8 +27,8 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
-from tests.effectors.test_everywhere import ALL, Scripted, untrained_policy
 from tests.support.effector_crafts import commands, states
+from tests.support.effector_flights import ALL, Scripted, untrained_policy
 from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
 
 both = pytest.mark.parametrize("craft", [TURNED, TURNED_IN_SPACE], ids=["plane", "space"])

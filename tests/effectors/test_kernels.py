@@ -18,11 +18,13 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.tasks import load_task
-from tests.compile.cuda.conftest import on_host  # noqa: F401  (a fixture)
-from tests.effectors.test_everywhere import BOTH, task_of, untrained_policy
 from tests.support.effector_crafts import CUBESAT, LANDER, commands
+from tests.support.effector_flights import BOTH, task_of, untrained_policy
 from tests.support.host_flight import HostFlights
-from tests.support.host_kernels import needs_compiler
+from tests.support.host_kernels import (
+    needs_compiler,
+    on_host,  # noqa: F401  (a fixture)
+)
 from tests.support.worlds import EFFECTS
 
 pytestmark = needs_compiler

@@ -18,8 +18,8 @@ from rans.reference.flight import DrakeEnv, DrakeMover
 from rans.scenario import scenarios
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
-from tests.effectors.test_everywhere import Scripted
 from tests.support.effector_crafts import LANDER
+from tests.support.effector_flights import Scripted
 
 MARS = 3.7114
 

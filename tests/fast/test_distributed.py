@@ -30,7 +30,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.tasks import TASKS
-from tests.cli.test_train import tiny
+from tests.support.command_runs import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.processes import PATIENCE, python
 from tests.support.training import CONFIG, TINY, weights

@@ -36,6 +36,14 @@ def listed(actuators: Any, *command: float) -> list[tuple[float, list[float]]]:
     ]
 
 
+@pytest.mark.parametrize("duty", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("actuators", [Pulsed(10), Throttle(), Throttle(0.1, 0.6)])
+def test_steady_actuators_give_the_mean_force_in_one_piece(actuators: Any, duty: float) -> None:
+    mean = sum(share * given for share, (given,) in listed(actuators, duty))
+    ((share, (steady,)),) = listed(actuators.steady(), duty)
+    assert (share, steady) == (1.0, pytest.approx(mean))
+
+
 def test_steady_commands_are_one_piece() -> None:
     assert listed(OnOff(), 1.0, 0.0) == [(1.0, [1.0, 0.0])]
     assert listed(Throttle(), 0.3, 0.7) == [(1.0, [0.3, 0.7])]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,25 +21,7 @@ from rans.model.spacecraft_file import (
 )
 from tests.support.crafts import nasty_spatial
 from tests.support.crafts import spacecraft as any_spacecraft
-
-VALID = """\
-name = "probe"
-dimension = 2
-mass = 4.5
-inertia = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-centre_of_mass = [0.1, 0.0]
-radius = 0.3
-shape = "cylinder"
-thrust_sharing = "split"
-thruster = [
-  {position = [0.3, 0.2], direction = [-1, 0], force = 1.0},
-  {position = [0.3, -0.2], direction = [-1, 0], force = 1.0},
-  {position = [-0.3, 0.2], direction = [1, 0], force = 1.0},
-  {position = [-0.3, -0.2], direction = [1, 0], force = 1.0},
-  {position = [0.1, 0.3], direction = [0, -1], force = 2.0},
-  {position = [0.1, -0.3], direction = [0, 1], force = 2.0},
-]
-"""
+from tests.support.spacecraft_files import VALID, toml
 
 
 def refusal(text: str, source: str = "probe.toml") -> str:
@@ -205,19 +186,6 @@ def test_a_file_written_from_a_spacecraft_reads_back(craft: Spacecraft) -> None:
     for old, new in zip(craft.thrusters, read.thrusters, strict=True):
         assert (old.position, old.force) == (new.position, new.force)
         assert new.direction == pytest.approx(old.direction, abs=1e-15)
-
-
-def toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{toml(k)} = {toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, str):
-        return '"' + "".join(f"\\U{ord(c):08x}" for c in value) + '"'
-    return repr(value)
 
 
 @settings(max_examples=30)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import parse_spacecraft
-from tests.model.test_spacecraft_file import VALID, toml
+from tests.support.spacecraft_files import VALID, toml
 
 extremes = st.sampled_from(
     [

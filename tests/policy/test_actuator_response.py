@@ -16,8 +16,8 @@ from rans.randomization.conditions import BodyConditions, Conditions, ThrusterCo
 from rans.scenario import draws, scenarios
 from rans.tasks import TASKS
 from rans.tasks.derived import layout
-from tests.policy.test_filter_bank import COUNT, SEED, TIMING, commands, in_body
 from tests.support.engines import both_crafts
+from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body
 
 LATE = 0.05
 SLOW = 1.25

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,6 @@ from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.model.fields import Heading, Quat
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.filter_bank import Filters
 from rans.policy.kalman_filter import Filter
 from rans.scenario import draws, scenarios
@@ -24,12 +22,10 @@ from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body
 from validation.records.filtered import corrected, gains
 from validation.records.robustness import rows
 
-COUNT = 48
-SEED = 5
-TIMING = Timing()
 FOLLOWED = [
     "go-to-pose",
     "go-to-position",
@@ -39,23 +35,11 @@ FOLLOWED = [
 ]
 
 
-def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
-    """Of every step: random ones, each thruster open so often."""
-    random = np.random.default_rng(seed)
-    while True:
-        yield tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
-
-
 def made(
     craft: Spacecraft, task: Task, drift: float, steady: float = 0.0, response: float = 0.0
 ) -> Filter:
     (one,) = Filters.of(craft, task, TIMING.control_period, (drift,), (steady,), (response,)).each
     return one
-
-
-def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
-    seen = layout(task, craft.dimension).in_body(columns)
-    return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
 
 
 @both_crafts

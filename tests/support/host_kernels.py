@@ -7,8 +7,10 @@ import functools
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable, Iterator
 from ctypes import CDLL, c_int, c_uint, c_void_p
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -107,3 +109,16 @@ def compare(
     for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
         torch.testing.assert_close(y, x, rtol=0, atol=tolerance)
     return ends
+
+
+@pytest.fixture
+def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
+    """Makes engines on the CPU that step by their kernel."""
+
+    def make(*args: Any, **kwargs: Any) -> Engine:
+        engine = Engine(*args, compiled=True, **kwargs)
+        engine._kernel = HostKernel(engine, tmp_path)
+        return engine
+
+    with torch.compiler.set_stance("force_eager"):
+        yield make

@@ -1,4 +1,4 @@
-"""The command in processes of its own, and how long a test waits for one."""
+"""The command and statements in processes of their own, and how long a test waits for one."""
 
 from __future__ import annotations
 
@@ -51,3 +51,16 @@ def wait_until(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def loaded(statement: str) -> set[str]:
+    """Top-level packages in memory after a statement in a fresh interpreter."""
+    report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    run = subprocess.run(
+        [sys.executable, "-c", f"{statement}\n{report}"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return set(run.stdout.split())

@@ -20,6 +20,7 @@ from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.ppo import PPOLearner
+from rans.fast.learn.rollout import Batch
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
@@ -216,3 +217,26 @@ def everything(trainer: Trainer) -> list[Any]:
     flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
     flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
     return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
+
+
+def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
+    """A learner and what it has to learn from, by a policy that has changed since."""
+    learner = tiny_learner(
+        craft,
+        **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02} | settings),
+    )
+    learner.backend = None
+    scale = torch.Generator().manual_seed(1)
+    network = scatter(learner.network)
+    with torch.no_grad():
+        for name in network.learnt:  # outputs of order one
+            network.tensors[name] *= 3.0 / max(network.tensors[name].shape[-1], 9) ** 0.5
+    learner.collect()
+    if (told := learner.rollout.all.privileged) is not None:  # which here would be the same for all
+        told.normal_(generator=scale)
+    with torch.no_grad():
+        for name in network.learnt:
+            network.tensors[name] += 0.02 * torch.randn(
+                network.tensors[name].shape, generator=scale
+            )
+    return learner, learner.batch()

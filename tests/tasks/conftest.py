@@ -12,17 +12,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
-from rans.tasks.rewards import Transition
 from tests.support.crafts import ANY_CRAFT, FREE_CRAFT, random_states
-
-COUNT = 64
-"""Spacecraft in every batch."""
-
-
-def arrival(state: Any, goal: Any, command: Any, previous: Any) -> Transition:
-    """A control period of 0.2 s that ends in the state it began in, of thrusters of 1 N."""
-    forces = (1.0,) * len(command)
-    return Transition(state, goal, tuple(command), tuple(previous), state, 0.2, forces)
+from tests.support.transitions import COUNT
 
 
 @pytest.fixture(params=sorted(ANY_CRAFT))

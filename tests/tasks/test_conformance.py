@@ -26,7 +26,7 @@ from rans.tasks import (
 )
 from rans.tasks.derived import residual
 from rans.tasks.quantities import QUANTITIES
-from tests.tasks.conftest import COUNT, arrival
+from tests.support.transitions import COUNT, arrival
 
 PAPER_WIDTH = {2: 10, 3: 22}
 """Section 3.2 of the paper."""

@@ -79,6 +79,16 @@ def test_a_trade_off_that_is_held_has_one_price() -> None:
     assert len(TASK.parts()) == 5
 
 
+def test_a_trade_off_is_drawn_or_held_or_not_there() -> None:
+    open_, held, plain = TASK, TASK.with_trade_off(0.0), GoToPose(thrust_weight=0.2)
+    assert [task.draws_trade_off for task in (open_, held, plain)] == [True, False, False]
+    assert [task.held_trade_off for task in (open_, held, plain)] == [None, 0.0, None]
+    assert plain.plain() == plain
+    for task, trade_off in ((plain, 0.5), (open_, 1.5)):
+        with pytest.raises(ConfigError, match=r"trade.off"):
+            task.with_trade_off(trade_off)
+
+
 @pytest.mark.parametrize("name", ["-0.1", "1.1", "nan", "fast"])
 def test_positions_that_do_not_exist(name: str) -> None:
     with pytest.raises(ConfigError, match=r"the trade-off ranges from 0 \(fast\) to 1 \(thrifty\)"):

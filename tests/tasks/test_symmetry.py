@@ -15,7 +15,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks.shapes import Ball
 from tests.support.crafts import random_states
-from tests.tasks.conftest import COUNT, arrival
+from tests.support.transitions import COUNT, arrival
 
 
 def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, commands: Any) -> None:

@@ -203,8 +203,8 @@ class Missions:
             controller, craft, timing = run.controller, run.craft, run.timing
             task = run.task.for_evaluation()
             lower = np.full(self.episodes, np.nan)
-            if isinstance(task, Land):
-                known = self._least_propellant(craft, task) if known is None else known
+            if task.optimal_problem == "landing":
+                known = self._least_propellant(craft, cast(Land, task)) if known is None else known
                 lower[: self.bounded] = known
             for condition, settings in _VARIED[self.mission].items():
                 varied: Any = replace(cast(Any, task), **settings)

@@ -26,7 +26,6 @@ from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.fast.flights import Flights
 from rans.files import environment, write_json
 from rans.scenario import SELECTION_SEED
-from rans.tasks import GoToPosePriced
 from rans.terminal import Terminal, table
 from rans.verdict import last_fifth
 
@@ -136,7 +135,7 @@ def judged(run: Path, starts: int, flights: int) -> dict[str, dict[str, float]]:
 
 
 def _parts(spec: str) -> Sequence[str]:
-    if isinstance(contestant(spec).task, GoToPosePriced):
+    if contestant(spec).task.draws_trade_off:
         return [f"{spec}#{trade_off}" for trade_off in _TRADE_OFFS]
     return judged_separately(spec)
 

@@ -33,7 +33,6 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks.base import Task, observation
-from rans.tasks.go_to_pose_priced import GoToPosePriced
 
 AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
 CRAFT_TOPIC = "rans/craft"
@@ -335,9 +334,8 @@ def exported_agent(folder: Path) -> Any:
 
 def _with_trade_off(task: Task, trade_off: float | None) -> Task:
     """The task with its trade-off input held."""
-    if isinstance(task, GoToPosePriced):
-        at = 0.5 if trade_off is None else trade_off
-        return replace(task, trade_off=(at, at))
+    if task.draws_trade_off or task.held_trade_off is not None:
+        return task.with_trade_off(0.5 if trade_off is None else trade_off)
     if trade_off is not None:
         raise ConfigError("this agent has no trade-off input.")
     return task
@@ -356,9 +354,7 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
         raise ConfigError(
             f"a goal's velocity is {wanted} numbers, of the linear and the angular one, got {len(speeds)}."
         )
-    notes = ()
-    if isinstance(task, GoToPosePriced):
-        notes = (task.trade_off[0],)
+    notes = () if task.held_trade_off is None else (task.held_trade_off,)
     half = craft.dimension
     if planar:
         return PlanarState(

@@ -33,7 +33,6 @@ from rans.model.random import seed_words
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
 from rans.tasks.derived import check_dimension
-from rans.tasks.go_to_pose_priced import TradeOffPositions
 
 Guest = Controller | Maker
 """A controller that was made for the contest's setup, or what makes one of it."""
@@ -116,13 +115,12 @@ def contest_of(
 
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """Refuse (`ConfigError`) an agent of several tasks or with a preference that is not held fixed."""
-    parts = run.task.parts()
-    if isinstance(parts, TradeOffPositions):
+    if run.task.draws_trade_off:
         name = spec.rstrip("#")
         raise ConfigError(
             f"{name} has a trade-off: fix it, as in {name}#0.5, or leave it open with --front."
         )
-    if first := next(iter(parts)):
+    if first := next(iter(run.task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     plain = without_trade_off(run)
     if plain is not run and (
@@ -188,12 +186,10 @@ def _guest(given: Guest, contest: Contest) -> Contestant:
 def turned(spec: str, count: int) -> list[str]:
     """An agent whose trade-off is left open, with its trade-off at so many positions; others as they are."""
     try:
-        has_trade_off = not controller_name(spec) and isinstance(
-            contestant(spec).task.parts(), TradeOffPositions
-        )
+        is_open = not controller_name(spec) and contestant(spec).task.draws_trade_off
     except RansError:
-        has_trade_off = False  # `enlisted` tells what is wrong with it
-    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_trade_off else [spec]
+        is_open = False  # `enlisted` tells what is wrong with it
+    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if is_open else [spec]
 
 
 def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:

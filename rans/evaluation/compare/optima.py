@@ -18,7 +18,6 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import save_arrays
 from rans.files import environment, first_line, write_json, write_text
 from rans.flight import Flight
-from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
@@ -161,8 +160,9 @@ def episode(
     The timing says how long; the control period is the trajectory's own. The scenario is of floats. Thrust is
     what the optimiser took it for: steady over each period, also of a craft whose valves give it in pulses.
     """
-    if isinstance(craft.actuators, Pulsed):
-        craft = replace(craft, actuators=Throttle())
+    steady = craft.actuators.steady()
+    if steady != craft.actuators:
+        craft = replace(craft, actuators=steady)
     period = trajectory.control_period
     planned = len(trajectory.commands)
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))

@@ -16,7 +16,6 @@ from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
-from rans.tasks import GoToPosePriced
 from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import paid
 
@@ -198,13 +197,13 @@ class Lookahead:
             )
         self._trade_off = np.zeros((1, 0), np.float32)
         """What an agent with a trade-off is shown of it, after all that others are shown."""
-        if isinstance(task, GoToPosePriced):
-            if not task.is_held:
-                raise ConfigError(
-                    f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
-                    f"{PREFIX}:{agent.name}#0.5."
-                )
-            self._trade_off = np.full((1, 1), task.trade_off[0], np.float32)
+        if task.draws_trade_off:
+            raise ConfigError(
+                f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
+                f"{PREFIX}:{agent.name}#0.5."
+            )
+        if task.held_trade_off is not None:
+            self._trade_off = np.full((1, 1), task.held_trade_off, np.float32)
             task = task.plain()
         if craft.actuators != ON_OFF:
             raise ConfigError(

@@ -8,7 +8,6 @@ import numpy as np
 
 from rans.evaluation.fly.agent import LoadedRun
 from rans.flight import Controller
-from rans.tasks import GoToPosePriced
 
 
 class FixedTradeOff:
@@ -32,9 +31,7 @@ class FixedTradeOff:
 
 def without_trade_off(run: LoadedRun) -> LoadedRun:
     """The same for the plain task if its trade-off is fixed, so that it is compared with whoever has none."""
-    task = run.task
-    if not (isinstance(task, GoToPosePriced) and task.is_held):
+    trade_off = run.task.held_trade_off
+    if trade_off is None:
         return run
-    return run._replace(
-        controller=FixedTradeOff(run.controller, task.trade_off[0]), task=task.plain()
-    )
+    return run._replace(controller=FixedTradeOff(run.controller, trade_off), task=run.task.plain())

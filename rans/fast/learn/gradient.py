@@ -24,7 +24,6 @@ from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, GradientSettings, PPOSettings
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
-from rans.model.actuators import Throttle
 from rans.model.fields import map_leaves
 from rans.policy.network import Network
 
@@ -293,11 +292,11 @@ def _weights(network: Network) -> dict[str, Tensor]:
 
 def _check(engine: Engine, network: Network) -> None:
     """Refuse (`ConfigError`) what has no gradient."""
-    kind = engine.craft.actuators
-    if not isinstance(kind, Throttle):
+    actuators = engine.craft.actuators
+    if not actuators.has_gradient:
         raise ConfigError(
             f"the algorithm 'gradient' needs thrusters that are throttled, and those of "
-            f"{engine.craft.name} are {kind.kind}: whether a valve opens has no gradient. Give the craft "
+            f"{engine.craft.name} are {actuators.kind}: whether a valve opens has no gradient. Give the craft "
             'actuators of the kind "throttle", or train with the algorithm "ppo".'
         )
     if not engine.plain:

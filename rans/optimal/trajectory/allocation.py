@@ -9,7 +9,6 @@ from typing import Protocol
 import numpy as np
 
 from rans.errors import ConfigError, counted
-from rans.model.actuators import OnOff
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.tasks.base import Task
@@ -362,5 +361,5 @@ def rounding(craft: Spacecraft, carried: np.ndarray | None = None) -> Rounding:
 
     `SigmaDelta` where they are on or off, else `Proportional`; see these for what is carried.
     """
-    kind = SigmaDelta if isinstance(craft.actuators, OnOff) else Proportional
+    kind = Proportional if craft.actuators.is_continuous else SigmaDelta
     return kind(craft, carried)

@@ -16,7 +16,7 @@ from rans.model.timing import Timing
 from rans.show.figures.comparison_figures import gap_histograms
 from rans.show.tables.comparison_tables import gap_rows, gaps, measures
 from rans.tasks import TrackVelocity
-from tests.evaluation.compare.test_run import CONTEST, IDLE
+from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
 

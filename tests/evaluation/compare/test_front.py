@@ -20,8 +20,7 @@ from rans.show.figures.front_figure import front_figure
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import to_json
 from rans.show.tables.front_tables import sentences, table
-from tests.show.figures.test_comparison_figures import points
-from tests.show.tables.test_comparison_tables import NOBODY, comparison, entry
+from tests.support.comparisons import NOBODY, comparison, entry, points
 
 LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4.0, 0.02, 1.0)]
 HORIZONS = (2.0, 5.0)

@@ -16,13 +16,11 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
@@ -37,15 +35,11 @@ from rans.show.tables.comparison_tables import (
     scoreboard,
     to_json,
 )
-from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
+from tests.support.contests import CONTEST, IDLE
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-IDLE = "python:tests.support.policies:idle"
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
-NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
-CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
-"""Starts so near that the searches take little time."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -18,8 +18,7 @@ from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import spacecraft_text, to_toml
 from rans.scenario import scenarios
-from tests.fast.test_policy import seen
-from tests.support.training import CONFIG
+from tests.support.training import CONFIG, seen
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])

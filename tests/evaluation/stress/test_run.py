@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,24 +13,8 @@ from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
-from rans.evaluation.stress.run import Stress, prepared
-
-FIRST = "pretrained:go-to-pose-2d"
-
-
-def small(
-    *specs: str,
-    episodes: int = 4,
-    conditions: tuple[str, ...] = (),
-    only: tuple[str, ...] = ("latency",),
-    slow: int = 2,
-) -> Stress:
-    """Without failed thrusters, and at the first sizes only."""
-    specs = specs or (FIRST, "lqr")
-    stress = prepared(contest_of(specs[0], episodes, 7), specs, conditions, only, slow)
-    stress.named = stress.named[: 1 + len(conditions)]
-    stress.effects = [replace(effect, sizes=effect.sizes[:3]) for effect in stress.effects]
-    return stress
+from rans.evaluation.stress.run import prepared
+from tests.support.stress_runs import FIRST, small
 
 
 def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,9 +21,8 @@ from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
 from rans.tasks import MultiTask
 from rans.tasks.derived import layout
-from tests.fast.learn.test_fused_gradient import collected
 from tests.support.engines import FLYER, NEAR, PLATFORM
-from tests.support.training import scatter, tiny_learner
+from tests.support.training import collected, scatter, tiny_learner
 
 SIDES: Any = symmetries(PLATFORM)
 

@@ -23,9 +23,8 @@ from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from tests.fast.test_policy import seen
 from tests.support.engines import PLATFORM
-from tests.support.training import CONFIG, after, ignore, resumed, weights
+from tests.support.training import CONFIG, after, ignore, resumed, seen, weights
 
 KINDS = pytest.mark.parametrize("kind", [Throttle(), Pulsed(4, 1)], ids=["throttle", "pulsed"])
 

@@ -21,9 +21,8 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
-from tests.fast.test_policy import seen
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
-from tests.support.training import scatter, weights
+from tests.support.training import scatter, seen, weights
 
 SMALL: dict[str, Any] = {"n_steps": 8, "layers": (16, 16)}
 

@@ -19,30 +19,7 @@ from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import needs_compiler
 from tests.support.host_update import HostUpdate
-from tests.support.training import scatter, tiny_learner
-
-
-def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
-    """A learner and what it has to learn from, by a policy that has changed since."""
-    learner = tiny_learner(
-        craft,
-        **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02} | settings),
-    )
-    learner.backend = None
-    scale = torch.Generator().manual_seed(1)
-    network = scatter(learner.network)
-    with torch.no_grad():
-        for name in network.learnt:  # outputs of order one
-            network.tensors[name] *= 3.0 / max(network.tensors[name].shape[-1], 9) ** 0.5
-    learner.collect()
-    if (told := learner.rollout.all.privileged) is not None:  # which here would be the same for all
-        told.normal_(generator=scale)
-    with torch.no_grad():
-        for name in network.learnt:
-            network.tensors[name] += 0.02 * torch.randn(
-                network.tensors[name].shape, generator=scale
-            )
-    return learner, learner.batch()
+from tests.support.training import collected, tiny_learner
 
 
 class Rounded(torch.autograd.Function):

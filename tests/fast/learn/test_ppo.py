@@ -13,9 +13,8 @@ from rans.fast.engine import Engine
 from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.ppo import STATISTICS, PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
-from tests.fast.test_policy import seen
 from tests.support.engines import NEAR, PLATFORM, SHORT, both_crafts
-from tests.support.training import TINY, sb3_policy, sb3_twin, scatter, tiny_learner, weights
+from tests.support.training import TINY, sb3_policy, sb3_twin, scatter, seen, tiny_learner, weights
 
 ONE_BATCH: dict[str, Any] = {
     "n_envs": 32,

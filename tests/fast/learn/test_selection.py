@@ -15,8 +15,8 @@ from rans.policy.network import Network
 from rans.scenario import SELECTION_SEED, scenarios
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.support.engines import FLYER, PLATFORM, SHORT, both_crafts
+from tests.support.missions import Pass
 from tests.support.training import scatter, tiny_learner
-from tests.test_ends import Pass
 
 LENIENT = GoToPose(
     spawn_distance=(0.1, 0.2),

@@ -9,7 +9,7 @@ import pytest
 
 from rans.optimal.convex.impulses import Impulses
 from rans.optimal.convex.rendezvous import Meeting
-from tests.optimal.convex.test_rendezvous import meeting_of, program
+from tests.support.rendezvous import meeting_of, program
 
 
 def at_a_point(deadline: float, count: int) -> tuple[Meeting, np.ndarray]:

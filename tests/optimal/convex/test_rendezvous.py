@@ -7,17 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
-from scipy.optimize import linprog
 
 from rans.evaluation.compare.transfers import Script
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.fields import leaves
-from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.convex.rendezvous import (
-    Meeting,
     least_impulse,
     least_margin,
     prices_of_missing,
@@ -26,44 +21,7 @@ from rans.optimal.convex.rendezvous import (
     trajectory,
 )
 from rans.reference.flight import fly_in_drake
-from rans.scenario import Scenario, each, scenarios
-from rans.tasks import Dock
-
-DEPUTY = load_spacecraft("afrl-deputy")
-N = 0.001027
-"""rad/s"""
-
-
-def meeting_of(
-    deadline: float, count: int, seed: int
-) -> tuple[Meeting, np.ndarray, Scenario, Dock]:
-    """A meeting, the states of its starts (count, 6), the starts and their mission."""
-    task = Dock(deadline=(deadline, deadline))
-    starts = scenarios(task, DEPUTY, seed, count)
-    states = np.array([*leaves(starts.start.p), *leaves(starts.start.v)]).T
-    return Meeting.of(DEPUTY, task, next(iter(each(starts))).goal), states, starts, task
-
-
-def program(start: np.ndarray, periods: int) -> float:
-    """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy."""
-    held = np.zeros((9, 9))
-    held[:3, 3:6] = np.eye(3)
-    held[3, 0], held[3, 4], held[4, 3], held[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
-    held[3:6, 6:] = np.eye(3) / 12.0
-    one = expm(10.0 * held)
-    effects = [one[:6, 6:]]
-    for _ in range(periods - 1):
-        effects.insert(0, one[:6, :6] @ effects[0])
-    matrix = np.hstack(effects)
-    coasted = np.linalg.matrix_power(one[:6, :6], periods) @ start
-    found = linprog(
-        np.full(2 * matrix.shape[1], 10.0),
-        A_eq=np.hstack([matrix, -matrix])[:3],
-        b_eq=-coasted[:3],
-        bounds=(0.0, 1.0),
-    )
-    assert found.success
-    return float(found.fun)
+from tests.support.rendezvous import DEPUTY, meeting_of, program
 
 
 def test_a_meeting_at_one_instant_costs_what_a_linear_program_says() -> None:

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.patches import Patch
 
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.contest import Contestant
@@ -24,7 +22,7 @@ from rans.show.figures.comparison_figures import (
 )
 from rans.show.figures.panels import BLUE, ORANGE, RED
 from rans.show.tables.comparison_tables import RETURN
-from tests.show.tables.test_comparison_tables import NOBODY, comparison, entry
+from tests.support.comparisons import NOBODY, comparison, entry, points
 from tests.support.evaluation_flights import flight_of
 
 HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
@@ -41,15 +39,6 @@ def bounded(**changes: Any) -> Comparison:
         for h in HORIZONS
     ]
     return comparison(certified=bounds, **changes)
-
-
-def points(axes: Axes) -> dict[str, list[list[float]]]:
-    """By their names in the legend, the points of lines and of marks with error bars."""
-    return {
-        name: np.asarray(getattr(drawn, "lines", [drawn])[0].get_xydata()).tolist()
-        for drawn, name in zip(*axes.get_legend_handles_labels(), strict=True)
-        if not isinstance(drawn, Patch)
-    }
 
 
 def test_the_plane_draws_bounds_below_what_was_found() -> None:

@@ -31,17 +31,7 @@ from rans.show.figures.panels import RED
 from rans.show.figures.svg import data_uri, svg
 from rans.tasks import GoToPose
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
-
-ROWS = [
-    {
-        "steps": 1000 * k,
-        "seconds": 0.5 * k,
-        "success": k / 10,
-        "return/position": 2.0 * k,
-        "return/attitude": 3.0 * k,
-    }
-    for k in range(11)
-]
+from tests.support.training_rows import ROWS
 
 
 def panel(figure: Figure, letter: str) -> Axes:

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from rans.evaluation.fly.paths import LookAhead, helix
 from rans.show.figures.panels import BLUE, GREY
 from rans.show.figures.path_figures import following_figure
-from tests.evaluation.fly.test_follow import FLYER, by_hand, flown
+from tests.support.path_flights import FLYER, by_hand, flown
 
 
 def lines(axes: Axes) -> dict[str, np.ndarray]:

@@ -22,8 +22,8 @@ from rans.show.pages.report import (
     report_from_run,
     validation_section,
 )
-from tests.show.figures.test_figures import ROWS
 from tests.support.evaluation_flights import two_episodes
+from tests.support.training_rows import ROWS
 
 CHECK = {
     "name": "force",

@@ -25,21 +25,11 @@ from rans.show.scene.craft import (
     plume_parts,
     plumes,
 )
+from tests.support.drawings import corners, lines
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def lines(part: Part, key: str) -> list[list[str]]:
-    """Of the text of a part's mesh."""
-    text = part.shape.source().in_memory().mesh_file.contents().decode()  # type: ignore[attr-defined]
-    return [line.split()[1:] for line in text.splitlines() if line.split()[0] == key]
-
-
-def corners(part: Part) -> np.ndarray:
-    """(K, 3), before the mesh's scale."""
-    return np.array(lines(part, "v"), dtype=float)
 
 
 def as_part(shape: object) -> Part:

@@ -22,7 +22,7 @@ from rans.show.scene.scene import (
     velocity_parts,
 )
 from rans.tasks import GoToPose, GoToPosition
-from tests.show.scene.test_craft import corners
+from tests.support.drawings import corners
 from tests.support.reference_flights import FLYER, TRACKING, drifting, lqr_flight
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -18,7 +18,7 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.space.halves import HalfTrajectories
 from rans.optimal.certificate.space.halves_kernel import gained
 from rans.optimal.certificate.space.reach import SpinLattice
-from tests.optimal.certificate.space.test_reach import PERIOD, POSE, REST, _craft, _near, lopsided
+from tests.support.space_reach import PERIOD, POSE, REST, craft_with, lopsided, near
 
 SET = GoalSet(0.01, 0.02, 0.05, 0.1)
 STEPS = 8
@@ -29,7 +29,7 @@ STILL = SpatialState(
 
 def corners() -> Spacecraft:
     """Two nozzles ahead and two back, each of one quantum about the same axis or another."""
-    return _craft(
+    return craft_with(
         "corners",
         (
             Thruster((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
@@ -68,7 +68,7 @@ def arrives(final: Any, goal: Any) -> bool:
     ]
     return bool(
         (
-            _near(final, goal, SET.heading)
+            near(final, goal, SET.heading)
             & (errors[0] <= SET.position)
             & (errors[1] <= SET.velocity)
             & (errors[2] <= SET.spin)
@@ -114,7 +114,7 @@ def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> N
     """The farthest of all flights that end so many pulses fast is not excluded, 4 cm farther is."""
     fast = PERIOD / 3.0
     still = np.linalg.norm(flown.w.columns(), axis=0) < 1e-9
-    upright = still & _near(flown, STILL, 0.02) & (np.abs(flown.v.x - ahead * fast) < 0.01)
+    upright = still & near(flown, STILL, 0.02) & (np.abs(flown.v.x - ahead * fast) < 0.01)
     farthest = float(flown.p.x[upright].max())
     for more, reached in ((0.0, True), (0.04, False)):
         goal = replace(STILL, p=Vec3(farthest + more, 0.0, 0.0), v=Vec3(ahead * fast, 0.0, 0.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import sys
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -35,41 +34,24 @@ from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import arrived
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
+from tests.support.space_reach import (
+    FLYER,
+    PERIOD,
+    POSE,
+    REST,
+    TASK_SET,
+    craft_with,
+    lopsided,
+    moving,
+    near,
+)
 
-PERIOD = 0.2
-FLYER = load_spacecraft("free-flyer")
-REST = ("attitude", "position", "spin", "velocity")
-POSE = ("attitude", "position", "velocity")
 LOOSE = GoalSet(0.02, 0.02, 0.05, 0.1)
-TASK_SET = GoalSet(spin=math.radians(5.0))
-
-
-def _craft(name: str, nozzles: tuple[Thruster, ...]) -> Spacecraft:
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # that some cannot be steered everywhere does not matter here
-        return Spacecraft(
-            name, 3, 3.0, ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)), nozzles
-        )
-
-
-def lopsided() -> Spacecraft:
-    """Unequal nozzles with torques of 1, 1, 2 and 0 quanta about axes that are square or opposite."""
-    return _craft(
-        "lopsided",
-        (
-            Thruster((0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-            Thruster((0.0, 0.1, 0.0), (0.0, 0.0, 1.0), 2.0),
-            Thruster((0.0, 0.0, -0.2), (0.0, 1.0, 0.0), 2.0),
-            Thruster((0.1, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7),
-        ),
-    )
 
 
 def equal() -> Spacecraft:
     """Four nozzles of 1 N, one of them through the centre: pulses, but no parity."""
-    return _craft(
+    return craft_with(
         "equal",
         (
             Thruster((0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
@@ -82,7 +64,7 @@ def equal() -> Spacecraft:
 
 def crossed() -> Spacecraft:
     """Four equal nozzles, each of one quantum, about two axes: parity."""
-    return _craft(
+    return craft_with(
         "crossed",
         (
             Thruster((0.2, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
@@ -118,17 +100,6 @@ def everything(
     return commands.sum(axis=1) @ forces * PERIOD, state
 
 
-def moving(seed: int, spin: float) -> SpatialState:
-    random = np.random.default_rng(seed)
-    q = random.normal(size=4)
-    return SpatialState(
-        Vec3(*random.uniform(-0.5, 0.5, 3)),
-        Quat(*(q / np.linalg.norm(q))),
-        Vec3(*random.uniform(-0.3, 0.3, 3)),
-        Vec3(*random.uniform(-spin, spin, 3)),
-    )
-
-
 def instance(
     craft: Spacecraft, steps: int, seed: int, spin: float = 0.0
 ) -> tuple[Any, Any, np.ndarray, Any]:
@@ -141,11 +112,6 @@ def instance(
     return start, goal, spent, final
 
 
-def _near(final: Any, goal: Any, within: float) -> np.ndarray:
-    same = sum(a * b for a, b in zip(leaves(final.attitude), leaves(goal.attitude), strict=True))
-    return 2.0 * np.arccos(np.minimum(1.0, np.abs(same))) <= within
-
-
 @pytest.mark.parametrize("name", CRAFTS)
 @pytest.mark.parametrize(("seed", "spin"), [(0, 0.0), (1, 0.7), (2, 0.0), (3, 0.3)])
 def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin: float) -> None:
@@ -153,7 +119,7 @@ def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin
     craft = CRAFTS[name]()
     steps = 3
     start, goal, spent, final = instance(craft, steps, seed, spin)
-    close = _near(final, goal, LOOSE.heading)
+    close = near(final, goal, LOOSE.heading)
     assert close.any()
     relaxation = ReachRelaxation(SpinLattice(craft, PERIOD), POSE, start, goal, LOOSE, steps)
     for size in 3.0 ** np.arange(-4, 8):
@@ -205,7 +171,7 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(
         np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in ("p", "v")
     ]
     inside = (
-        _near(final, goal, LOOSE.heading)
+        near(final, goal, LOOSE.heading)
         & (errors[0] <= LOOSE.position)
         & (errors[1] <= LOOSE.velocity)
     )
@@ -305,9 +271,12 @@ def test_there_already_and_never() -> None:
             replace(FLYER, inertia=((0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2001))),
             "equal principal",
         ),
-        (_craft("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)), "whole multiples"),
         (
-            _craft(
+            craft_with("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)),
+            "whole multiples",
+        ),
+        (
+            craft_with(
                 "odd",
                 (
                     Thruster((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),

@@ -30,7 +30,7 @@ from rans.optimal.certificate.space.search import (
     with_pulses,
 )
 from rans.optimal.certificate.space.throttled import throttled
-from tests.optimal.certificate.space.test_reach import (
+from tests.support.space_reach import (
     FLYER,
     PERIOD,
     REST,

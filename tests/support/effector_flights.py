@@ -1,0 +1,49 @@
+"""Craft with every kind of effector, and what commands them: random commands and random weights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import rans
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.member import architecture_of
+from rans.model.actuators import Propellant
+from rans.model.spacecraft import Spacecraft
+from rans.policy.network import Network
+from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, commands
+
+BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
+"""On/off thrusters that use propellant, and a wheel."""
+ALL = [CUBESAT, LANDER, WHEELED, BURNING, BOTH]
+
+
+def task_of(craft: Spacecraft) -> str:
+    return "track-velocity" if craft is LANDER else "go-to-pose"
+
+
+class Scripted:
+    """Random commands, the same in every flight."""
+
+    name = "scripted"
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self._craft = craft
+
+    def reset(self, count: int) -> None:
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        self._step += 1
+        return commands(self._craft, len(observation), seed=self._step)
+
+
+def untrained_policy(craft: Spacecraft) -> Network:
+    """A policy with random weights that asks for a good deal."""
+    engine = rans.Engine(craft, task_of(craft), 8)
+    given = architecture_of(engine, PPOSettings(layers=(16, 16)))
+    tensors, _ = given.initial(3, 0.5)
+    tensors["action_net.weight"] = tensors["action_net.weight"] * 60.0
+    return Network(given, tensors)

@@ -1,0 +1,49 @@
+"""Meetings of the deputy, and their least impulse by linear programming."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import linprog
+
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.convex.rendezvous import Meeting
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks import Dock
+
+DEPUTY = load_spacecraft("afrl-deputy")
+N = 0.001027
+"""rad/s"""
+
+
+def meeting_of(
+    deadline: float, count: int, seed: int
+) -> tuple[Meeting, np.ndarray, Scenario, Dock]:
+    """A meeting, the states of its starts (count, 6), the starts and their mission."""
+    task = Dock(deadline=(deadline, deadline))
+    starts = scenarios(task, DEPUTY, seed, count)
+    states = np.array([*leaves(starts.start.p), *leaves(starts.start.v)]).T
+    return Meeting.of(DEPUTY, task, next(iter(each(starts))).goal), states, starts, task
+
+
+def program(start: np.ndarray, periods: int) -> float:
+    """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy."""
+    held = np.zeros((9, 9))
+    held[:3, 3:6] = np.eye(3)
+    held[3, 0], held[3, 4], held[4, 3], held[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
+    held[3:6, 6:] = np.eye(3) / 12.0
+    one = expm(10.0 * held)
+    effects = [one[:6, 6:]]
+    for _ in range(periods - 1):
+        effects.insert(0, one[:6, :6] @ effects[0])
+    matrix = np.hstack(effects)
+    coasted = np.linalg.matrix_power(one[:6, :6], periods) @ start
+    found = linprog(
+        np.full(2 * matrix.shape[1], 10.0),
+        A_eq=np.hstack([matrix, -matrix])[:3],
+        b_eq=-coasted[:3],
+        bounds=(0.0, 1.0),
+    )
+    assert found.success
+    return float(found.fun)
