@@ -312,7 +312,7 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
             yield place + one.name, (plain, told[one.name])
 
 
-def test_the_training_page_has_the_settings_with_their_defaults() -> None:
+def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
     of: dict[str, Any] = {
         "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
@@ -320,16 +320,22 @@ def test_the_training_page_has_the_settings_with_their_defaults() -> None:
         "gradient": GradientSettings(),
         "imitation": ImitationSettings(),
     }
-    page = ROOT / "docs" / "training.md"
-    listed = [row for place in range(3) for row in rows(page, "setting", place)]
-    for key, default, _ in [*listed, *rows(ROOT / "docs" / "memory.md", "setting")]:
+    docs = ROOT / "docs"
+    tables = {"training.md": 2, "learners.md": 2, "memory.md": 1}
+    listed = [
+        row
+        for page, count in tables.items()
+        for place in range(count)
+        for row in rows(docs / page, "setting", place)
+    ]
+    for key, default, _ in listed:
         room, _, name = key.strip("`").rpartition(".")
         value = getattr(of[room], name)
         assert json.loads(default.strip("`")) == (
             list(value) if isinstance(value, tuple) else value
         ), key
     begun = by_gradient(training("go-to-pose", device="cpu")).ppo
-    for key, value, _ in rows(page, "preset"):
+    for key, value, _ in rows(docs / "learners.md", "preset"):
         assert json.loads(value.strip("`")) == getattr(begun, key.strip("`").split(".")[1]), key
 
 

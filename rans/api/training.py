@@ -63,7 +63,7 @@ def train(
             agent's.
         ppo: settings of the training; None: those known to work.
         algorithm: "ppo"; "gradient": down the gradient of the return through the motion, for throttled
-            thrusters; or "imitation" of an expert (docs/training.md). None: PPO, or the agent's.
+            thrusters; or "imitation" of an expert (docs/learners.md). None: PPO, or the agent's.
         quality: how long: "quick" (until it is solved), "good" (minutes on two cores) or "best" (a GPU, or
             long); also with your own spacecraft and conditions. None: quick, or a recipe's own length.
         plain: whether everything is computed as it is written, so that a breakpoint in a task stops.

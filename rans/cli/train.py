@@ -71,7 +71,7 @@ class Train:
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
     algorithm: Literal["ppo", "gradient", "imitation"] | None = None
     """What learns: ppo; gradient, of the return through the motion, for throttled thrusters; or imitation of an
-    expert, `--set imitation.expert=NAME` (docs/training.md). By default ppo."""
+    expert, `--set imitation.expert=NAME` (docs/learners.md). By default ppo."""
     quality: Literal["quick", "good", "best"] | None = None
     """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less
     impulse and error) or best (a GPU, or long); also with your own spacecraft and conditions. By default
