@@ -93,6 +93,8 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "faults": faults.in_document,
     "craft": craft.authority_table,
     "agents of craft": craft.agent_table,
+    "avoid": partial(missions.in_document, mission="avoid"),
+    "dock port": partial(missions.in_document, mission="dock-port"),
     "dock": partial(missions.in_document, mission="dock"),
     "hold": partial(missions.in_document, mission="hold"),
     "stress": stress,

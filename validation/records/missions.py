@@ -8,6 +8,7 @@ docs/missions/MISSION.md.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -51,14 +52,14 @@ _DEADLINES = {
 _HEADINGS = ("", "who", "starts", "won, %", "limit broken, %", "over the bound", "worst", "spent")
 _VARIED: dict[str, dict[str, dict[str, Any]]] = {
     "avoid": {
-        "as drawn": {},
-        "standing still": {"zone_speed": (0.0, 0.0)},
+        "default zones": {},
+        "fixed zones": {"zone_speed": (0.0, 0.0)},
         "all at 0.04 m/s": {"zone_speed": (0.04, 0.04)},
     },
     "dock-port": {
-        "rates as drawn": {},
+        "default rates": {},
         "at rest": {"port_rate": (0.0, 0.0)},
-        **{f"{rate} degrees/s": {"port_rate": (float(rate), float(rate))} for rate in (1, 2, 3)},
+        **{f"{rate} deg/s": {"port_rate": (math.radians(rate),) * 2} for rate in (1, 2, 3)},
     },
     "land": {"": {}},
 }

@@ -56,7 +56,7 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert drawn["best on/off controls found, replayed"] == [
         pytest.approx([h, 4.0 / h + 2.0]) for h in HORIZONS
     ]
-    (impossible,) = (patch for patch in axes.patches if "impossible" in patch.get_label())
+    (impossible,) = (patch for patch in axes.patches if "impossible" in str(patch.get_label()))
     assert impossible.get_extents().x1 == pytest.approx(
         axes.transData.transform((0.5, 1.0))[0], rel=1e-9
     )
