@@ -129,18 +129,20 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     hero = ", ".join(parts)
     if rival is not None:
         theirs = board[rival]
-        hero += (
-            f"; the quickest of the others, {rival}, takes "
-            f"{theirs['settling time, s'].text().partition(' ')[0]} s with "
-            f"{theirs['thrust-time of the episode, N s'].value:.3g} N s"
-        )
+        if np.isfinite(theirs["settling time, s"].value):
+            hero += (
+                f"; the quickest of the others, {rival}, takes "
+                f"{_amount(theirs['settling time, s'], 's')} with "
+                f"{theirs['thrust-time of the episode, N s'].value:.3g} N s"
+            )
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
     measured = tables.gaps(comparison)
     if measured:
         event, ratios = next(iter(measured.items()))
         over = float(np.median(ratios[first.name])) if ratios[first.name].size else np.inf
         starts = counted(len(comparison.certified_starts()), "start")
-        tiles.append(Tile(f"over the certified least {event}", f"{over:.3g} x", f"of {starts}"))
+        ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
+        tiles.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
     return f"{hero}.", tiles
 
 
@@ -161,12 +163,18 @@ def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None
     unit = key.partition(", ")[2]
     value = own[key]
     interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if np.isfinite(value.high) else ""
-    beside = f"{rival} {others[key].text().partition(' ')[0]} {unit}" if rival else ""
+    beside = f"{rival} {_amount(others[key], unit)}" if rival else ""
     return Tile(
         _TILES[key],
-        f"{value.text().partition(' ')[0]} {unit}",
+        _amount(value, unit),
         "; ".join(filter(None, (interval, beside))),
     )
+
+
+def _amount(estimate: Any, unit: str) -> str:
+    """An estimate with its unit, or the word for what never happens."""
+    number = estimate.text().partition(" ")[0]
+    return number if number == "never" else f"{number} {unit}"
 
 
 _GALLERY = 5
