@@ -1,0 +1,32 @@
+"""The head of a comparison's page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.run import Comparison
+from rans.show.pages.comparison_page import page
+from tests.support.comparisons import NOBODY, comparison
+from tests.support.evaluation_flights import flight_of
+
+
+def values(shown: Comparison) -> dict[str, str]:
+    return {tile.label: tile.value for tile in page(shown).tiles}
+
+
+def test_tiles_have_units() -> None:
+    """Two of three episodes settle, after 1 and 2 s; thrust of 2, 1 and 0 N s."""
+    found = values(comparison())
+    assert found["settled"] == "66.7 %"
+    assert found["settling time"] == "2 s"
+    assert found["impulse of the episode"] == "1 N s"
+
+
+def test_what_never_happens_has_no_unit() -> None:
+    far = flight_of(np.full((11, 3), 9.0), 0.0, np.zeros((10, 3, 8)))
+    entry = Entry(Contestant("agent", NOBODY, "observation", "none"), far, np.zeros(1))
+    contest = Contest(far.craft, far.task, far.timing, 1, 3)
+    shown = Comparison(contest, [entry])
+    assert values(shown)["settling time"] == "never"
+    assert "inf" not in page(shown).hero
