@@ -147,10 +147,10 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
 
 
 def derived(kind: type) -> set[str]:
-    """Names of all classes that are derived from one."""
-    return {one.__name__ for one in kind.__subclasses__()}.union(
-        *map(derived, kind.__subclasses__())
-    )
+    """Names of all classes of the package that are derived from one; other tests define some of their own."""
+    return {
+        one.__name__ for one in kind.__subclasses__() if one.__module__.startswith("rans.")
+    }.union(*map(derived, kind.__subclasses__()))
 
 
 @every_module
