@@ -43,7 +43,7 @@ INJECTED = 10.0
 SECONDS = 40.0
 """s of a flight."""
 SEEDS = (42, 1337, 7)
-"""Those of RAFT."""
+"""Seeds of starts and faults that RAFT reports."""
 CONTESTANTS = {
     "plain PPO, shared supply": "pretrained:go-to-position-2d-shared",
     "plain PPO, shared supply and wheel": "pretrained:go-to-pose-2d-roboran-platform",
@@ -168,11 +168,11 @@ class Raft:
     """Fly RAFT's protocol."""
 
     episodes: int = 512
-    """Of each cell and seed."""
+    """Episodes flown for each number of failed thrusters and each seed."""
     seeds: tuple[int, ...] = SEEDS[:1]
-    """Of starts and faults."""
+    """Seeds from which starts and faults are drawn."""
     only: tuple[str, ...] = ()
-    """Of `CONTESTANTS`; by default all."""
+    """Names of the contestants to fly, keys of `CONTESTANTS`; by default all."""
     quick: bool = False
     """32 episodes a cell."""
     output: Path | None = None
@@ -195,7 +195,11 @@ class Raft:
         return 0
 
     def _cells(self, spec: str, episodes: int) -> Iterator[tuple[str, list[int]]]:
-        """Of every cell: recoverable and held, recoverable, others held, others."""
+        """Counts of flights of one contestant, for every cell of the table.
+
+        A cell has four numbers: recoverable flights that held, recoverable flights, other flights that held, and
+        other flights.
+        """
         craft = contestant(spec).craft
         count = len(craft.thrusters)
         for failed in range(5):

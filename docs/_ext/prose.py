@@ -37,7 +37,7 @@ WORDS = {
 """Words that are private, old or of another spelling, each with what to write instead."""
 
 MOST_WORDS = 800
-"""Of a how-to page, without code and tables."""
+"""Largest number of words of a how-to page, without code and tables."""
 
 NOT_YET = frozenset[str]()
 """Pages that still have such words, or are longer: to be rewritten, and then to be removed from here."""

@@ -136,7 +136,7 @@ plt.show()
 
 @dataclass(frozen=True)
 class SoftDockBehind(SoftDock):
-    """The same with a keep-out zone at the origin."""
+    """A soft docking with a keep-out zone at the origin."""
 
     def scenery(self, goal):
         """A ball that stands still."""

@@ -136,7 +136,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:
-    """Of an option that is given again only the last counts; of `--set` and of parts of a spacecraft each does."""
+    """Warn that only the last of a repeated option counts; `--set` and parts of a spacecraft may be repeated."""
     given: set[str] = set()
     for word in arguments:
         name = word.partition("=")[0].replace("_", "-")

@@ -55,7 +55,7 @@ class Init:
     actuators: str | None = None
     """on-off, pulsed or throttle; by default on-off."""
     counts: int | None = None
-    """Of pulsed actuators: steps into which valves divide a control period."""
+    """Steps into which pulsed valves divide a control period."""
     least: float | None = None
     """Shortest pulse in counts, or least level of a throttle as a share of full force."""
     most: float | None = None

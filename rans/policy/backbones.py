@@ -45,9 +45,13 @@ class Backbone(ABC):
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
     def traced(self, program: Program, given: Architecture, features: str) -> str:
-        """The same as `outputs` in a program: a row (N, outputs n) of a row of features.
+        """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
 
-        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
+        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`. A backbone without
+        this method is flown by torch, and refused by files of agents (`rans.policy.capabilities`).
+
+        Raises:
+            NotImplementedError: this backbone does not say how.
         """
         raise NotImplementedError
 

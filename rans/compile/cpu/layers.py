@@ -32,7 +32,7 @@ class CpuLayers:
     """
 
     capabilities: ClassVar[Capabilities] = Capabilities(recurrent=True)
-    """Of policies whose flights have such layers (`rans.compile.cpu.flights`)."""
+    """Kinds of policies that `rans.compile.cpu.flights` flies with these layers."""
 
     def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
         self._layers = stage.layers
@@ -54,7 +54,7 @@ class CpuLayers:
         self._run = self._program.compiled("layers")
 
     def memory(self, count: int) -> LayersMemory:
-        """Of calls for N spacecraft: not for two threads at once."""
+        """Buffers for the layers of N spacecraft; two threads need one each."""
         padded = -(-count // WIDTH) * WIDTH
         return LayersMemory(
             np.zeros((self._sizes[0], padded), np.float32)[:, :count],

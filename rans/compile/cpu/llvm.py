@@ -181,7 +181,7 @@ class Code(ir.IRBuilder):
         return self.extended(roots, dict(known))
 
     def extended(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
-        """The same, of which everything on the way to the roots is added to the values."""
+        """Vectors of the roots; those of every symbol on the way to them are added to ``values``."""
         for symbol in ordered(roots, values):
             if symbol.operation == "constant":
                 values[symbol] = constant(symbol.value)
