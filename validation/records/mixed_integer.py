@@ -17,7 +17,7 @@ import itertools
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +61,26 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class Question:
+    """Least thrust-time with which on/off commands are in the goal set after some control periods."""
+
+    craft: Spacecraft
+    """Planar, of on/off thrusters that share no thrust."""
+    start: PlanarState
+    """State of floats."""
+    goal: PlanarState
+    """State of floats, at rest."""
+    goals: GoalSet
+    """Balls around the goal."""
+    period: float
+    """For which commands are held, s."""
+    steps: int
+    """Control periods."""
+    least_on: int = 1
+    """Periods for which a thruster that opens stays open at least."""
+
+
+@dataclass(frozen=True)
 class _Edge:
     """A set of thrusters that is open in a period, from one node to the next."""
 
@@ -78,40 +98,21 @@ class _Edge:
 
 
 def least_fuel_by_mixed_integers(
-    craft: Spacecraft,
-    start: PlanarState,
-    goal: PlanarState,
-    goals: GoalSet,
-    period: float,
-    steps: int,
-    most_fuel: float,
-    least_on: int = 1,
-    seconds: float = 30.0,
+    question: Question, most_fuel: float, seconds: float = 30.0
 ) -> Answer:
-    """Least thrust-time with which on/off commands are in the goal set after so many periods.
+    """Two programs that enclose the least fuel.
 
     Args:
-        craft: planar, of on/off thrusters that share no thrust.
-        start: floats.
-        goal: floats, at rest.
-        goals: balls around the goal.
-        period: for which commands are held, s.
-        steps: periods.
+        question: what is asked.
         most_fuel: fuel that a controller is known to need at most, N s: sets of thrusters that need more are
             left out. The answer holds below it.
-        least_on: periods for which a thruster that opens stays open at least.
         seconds: for each of both programs; less gives a wider gap between their values, never a wrong one.
     """
     began = time.monotonic()
-    edges = list(_graph(craft, start, goal, goals, period, steps, most_fuel, least_on))
-    values = []
-    commands = None
-    for circumscribed in (True, False):
-        value, commands = _solve(
-            edges, craft, start, goal, goals, period, steps, least_on, circumscribed, seconds
-        )
-        values.append(value)
-    return Answer(values[0], values[1], commands, len(edges), time.monotonic() - began)
+    edges = list(_graph(question, most_fuel))
+    least, _ = _solve(edges, question, True, seconds)
+    reached, commands = _solve(edges, question, False, seconds)
+    return Answer(least, reached, commands, len(edges), time.monotonic() - began)
 
 
 def _patterns(
@@ -138,17 +139,15 @@ def _patterns(
     return list(found.values())
 
 
-def _graph(
-    craft: Spacecraft,
-    start: PlanarState,
-    goal: PlanarState,
-    goals: GoalSet,
-    period: float,
-    steps: int,
-    most_fuel: float,
-    least_on: int,
-) -> Iterator[_Edge]:
+def _graph(question: Question, most_fuel: float) -> Iterator[_Edge]:
     """Every edge on a path from the start to an attitude and a spin of the goal set."""
+    craft = question.craft
+    start = question.start
+    goal = question.goal
+    goals = question.goals
+    period = question.period
+    steps = question.steps
+    least_on = question.least_on
     inertia = craft.inertia[2][2]
     patterns = _patterns(craft, every=least_on > 1)
     levels: list[dict[tuple[float, float], float]] = [{(0.0, 0.0): 0.0}]
@@ -238,18 +237,16 @@ def _response(
 
 
 def _solve(
-    edges: list[_Edge],
-    craft: Spacecraft,
-    start: PlanarState,
-    goal: PlanarState,
-    goals: GoalSet,
-    period: float,
-    steps: int,
-    least_on: int,
-    circumscribed: bool,
-    seconds: float,
+    edges: list[_Edge], question: Question, circumscribed: bool, seconds: float
 ) -> tuple[float, np.ndarray | None]:
     """The optimum with one kind of polygon, N s, and its commands."""
+    craft = question.craft
+    start = question.start
+    goal = question.goal
+    goals = question.goals
+    period = question.period
+    steps = question.steps
+    least_on = question.least_on
     if not edges:
         return math.inf, None
     count = len(edges)
@@ -424,12 +421,12 @@ def compared(
         lower = upper = math.inf
     # Of what is unreachable the program looks at cheap controls only: it must not find one either.
     budget = upper if math.isfinite(upper) else (lower if math.isfinite(lower) else 4 * pulse)
-    answer = least_fuel_by_mixed_integers(craft, start, goal, goals, period, steps, budget)
+    question = Question(craft, start, goal, goals, period, steps)
+    answer = least_fuel_by_mixed_integers(question, budget)
     held = math.inf
     if least_on > 1 and math.isfinite(answer.reached):
-        held = least_fuel_by_mixed_integers(
-            craft, start, goal, goals, period, steps, budget + pulse, least_on
-        ).reached
+        longer = replace(question, least_on=least_on)
+        held = least_fuel_by_mixed_integers(longer, budget + pulse).reached
     end = start if answer.commands is None else replay(craft, start, answer.commands, period)
     contained = answer.commands is None or goals.contains(end, goal)
     return Row(start, lower, upper, answer, held, contained)

@@ -12,6 +12,7 @@ from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
 from validation.records.mixed_integer import (
+    Question,
     Row,
     compared,
     least_fuel_by_mixed_integers,
@@ -47,10 +48,10 @@ def test_a_planted_error_is_found(row: Row, planted: dict[str, float]) -> None:
 def test_a_minimum_on_time_keeps_thrusters_open() -> None:
     craft = load_spacecraft("floating-platform")
     goal = at(0.0, 0.0, 0.0)
-    wide = GoalSet(0.1, 0.1)
-    answer = least_fuel_by_mixed_integers(
-        craft, at(-0.12, 0.0, -0.02), goal, wide, PERIOD, 4, 4 * PERIOD, least_on=2
+    question = Question(
+        craft, at(-0.12, 0.0, -0.02), goal, GoalSet(0.1, 0.1), PERIOD, steps=4, least_on=2
     )
+    answer = least_fuel_by_mixed_integers(question, most_fuel=4 * PERIOD)
     assert answer.commands is not None
     shut = np.zeros((1, len(craft.thrusters)), dtype=int)
     edges = np.diff(np.vstack([shut, answer.commands]), axis=0)
