@@ -187,7 +187,11 @@ def _policy_in_flight(
     asked = [name for name in ("command", "view") if program.has(name)]
     after = ["memory_out"] if memory else []
     found, stages = symbols(program, known, asked + (after if given.units else []), gather)
-    of_commands = tuple(lookups)
+    # A history of one row is looked up too: as a row by itself, below.
+    answers = stages[-1].outputs
+    of_commands = tuple(
+        lookup for lookup in lookups if any(lookup.source[0] is answer for answer in answers)
+    )
 
     # What it remembers of that; a recurrent core has said so already.
     if not given.units:
@@ -205,8 +209,9 @@ def _policy_in_flight(
     if given.recalled and gather is not None:
         one = policy_program(replace(given, history=1, averages=()))
         then = inputs("then", given.row)
+        known_lookups = len(lookups)
         recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
-        own = tuple(lookups[len(of_commands) :])
+        own = tuple(lookups[known_lookups:])
         row = RecalledRow(tuple(then), tuple(recalled["recalled"]), own)
     return PolicyInFlight(
         remembered[given.rows :],

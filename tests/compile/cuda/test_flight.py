@@ -105,6 +105,14 @@ def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_pat
 
 
 @needs_compiler
+def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
+    """Where the row's own order and the commands' order are both looked up."""
+    network = policy(PLATFORM, history=1, commands_only=True)
+    kernel, stepped = both(network, setup(PLATFORM), tmp_path, products="bf16x6")
+    agree(kernel, stepped, 1e-4)
+
+
+@needs_compiler
 @pytest.mark.parametrize(
     ("looked_for", "settings"),
     [
