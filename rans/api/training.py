@@ -37,6 +37,7 @@ def train(
     ppo: PPOSettings | None = None,
     algorithm: Algorithm | None = None,
     quality: Quality | None = None,
+    guard: bool = False,
     plain: bool = False,
     run: str | Path | None = None,
     log: Sequence[LoggerName] = (),
@@ -66,6 +67,8 @@ def train(
             thrusters; or "imitation" of an expert (docs/learners.md). None: PPO, or the agent's.
         quality: how long: "quick" (until it is solved), "good" (minutes on two cores) or "best" (a GPU, or
             long); also with your own spacecraft and conditions. None: quick, or a recipe's own length.
+        guard: whether the agent learns behind the safety filter for its spacecraft and task
+            (docs/missions/guard.md), on a CPU.
         plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
         run: a new folder for what it leaves; None: one under runs/.
         log: loggers that rows of metrics also go to: "hparams", "wandb" or "mlflow".
@@ -80,7 +83,7 @@ def train(
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
-    from rans.evaluation.fly.controllers import expert_of
+    from rans.evaluation.fly.controllers import expert_of, guard_of
     from rans.fast.learn.loggers import check, loggers
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
@@ -97,7 +100,8 @@ def train(
         seed=seed,
         total_timesteps=total_timesteps,
     )
-    config = changed(replace(config, plain=plain or config.plain), settings)
+    config = replace(config, guard=guard or config.guard, plain=plain or config.plain)
+    config = changed(config, settings)
     check_loggers(log)
     check(log)
     craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
@@ -105,7 +109,9 @@ def train(
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     kept = RunFolder(folder)
-    trainer = Trainer([config], craft, kept, expert=expert_of(config, craft))
+    trainer = Trainer(
+        [config], craft, kept, expert=expert_of(config, craft), guard=guard_of(config, craft)
+    )
     kept.begin(config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else "")
     others = loggers(log, config, folder)
     with watched_training(config.total_timesteps, progress) as show:

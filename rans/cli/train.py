@@ -78,6 +78,8 @@ class Train:
     quick."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
+    guard: bool = False
+    """Learn behind the safety filter for the spacecraft and task, on a CPU (docs/missions/guard.md)."""
     plain: bool = False
     """Compute everything as it is written, without a generated program or kernel, so that a breakpoint in a
     task's code stops; many times slower, and equal but for rounding (docs/plain.md)."""
@@ -91,7 +93,7 @@ class Train:
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
-        from rans.evaluation.fly.controllers import expert_of
+        from rans.evaluation.fly.controllers import expert_of, guard_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder, run_path
         from rans.fast.learn.trainer import Trainer
@@ -109,8 +111,14 @@ class Train:
             config = run.config()
             config = replace(config, plain=self.plain or config.plain)
             craft = run.spacecraft()
+            world = join(config.device)
             trainer = Trainer(
-                [config], craft, run, join(config.device), expert=expert_of(config, craft)
+                [config],
+                craft,
+                run,
+                world,
+                expert=expert_of(config, craft),
+                guard=guard_of(config, craft),
             )
             trainer.resume()
             return trainer
@@ -118,7 +126,14 @@ class Train:
         world = join(config.device)
         run = RunFolder(world.from_first(self.output or run_path(config)))
         craft = load_spacecraft(config.spacecraft)
-        trainer = Trainer([config], craft, run, world, expert=expert_of(config, craft))
+        trainer = Trainer(
+            [config],
+            craft,
+            run,
+            world,
+            expert=expert_of(config, craft),
+            guard=guard_of(config, craft),
+        )
         if world.is_first:
             run.begin(config, command_line())
         return trainer
@@ -162,6 +177,8 @@ class Train:
                 table[name] = given
         if self.conditions is not None:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
+        if self.guard:
+            table["guard"] = True
         if self.plain:
             table["plain"] = True
         for change in self.set:
@@ -221,9 +238,10 @@ class Train:
     def _next(self, trainer: Trainer) -> list[str]:
         """What a user may want to run after this."""
         path = str(trainer.run.path)
+        guard = ["--guard"] if trainer.config.guard else []
         commands = [
-            shlex.join(["rans", "evaluate", path]),
-            shlex.join(["rans", "compare", path, "--episodes", "16", "--certified", "2"]),
+            shlex.join(["rans", "evaluate", path, *guard]),
+            shlex.join(["rans", "compare", path, *guard, "--episodes", "16", "--certified", "2"]),
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:
@@ -232,6 +250,7 @@ class Train:
                 given += ["--spacecraft", self.spacecraft]
             if self.conditions is not None:
                 given += ["--conditions", self.conditions]
+            given += guard
             better = shlex.join([*given, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands

@@ -2,8 +2,9 @@
 
 Of every mission and policy, unfiltered and behind the filter: flights with a violated constraint, the share of
 control periods with another command than the wanted one, what was won or reached, mean impulse, and flights
-per second. Policies are the mission's shipped agent or guidance, random commands, and an adversary that opens
-every thruster that pushes up the steepest way out of the constraints. Starts from which the filter does not
+per second. Policies are the mission's shipped agent or guidance, random commands, an adversary that opens
+every thruster that pushes up the steepest way out of the constraints, and agents of run folders, such as those
+that `validation.records.ram` trains to enter the zones. Starts from which the filter does not
 hold are counted apart (`rans.guard`).
 """
 
@@ -31,6 +32,7 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
 from rans.pretrained import pretrained_names
+from rans.registry import trust_files
 from rans.tasks import load_task
 from rans.terminal import Terminal
 
@@ -136,10 +138,16 @@ def random_commands(world: World, backend: Backend) -> Policy:
 
 
 def shipped(name: str, world: World, backend: Backend, size: int) -> Policy:
-    """The agent that comes with RANS, without a memory; guidance where there is none."""
+    """The agent that comes with RANS; guidance where there is none."""
     if name not in pretrained_names():
         return guided(world, backend, size)
-    network: Any = contestant(f"pretrained:{name}").controller
+    return trained(f"pretrained:{name}", world, backend, size)
+
+
+def trained(name: str, world: World, backend: Backend, size: int) -> Policy:
+    """An agent without a memory, by its name or run folder."""
+    trust_files()
+    network: Any = contestant(name).controller
     network = Network(
         network.network.architecture,
         {key: x.to(backend.device, torch.float32) for key, x in network.network.tensors.items()},
@@ -203,8 +211,10 @@ def flown(
         act = random_commands(world, backend)
     elif policy == "adversary":
         act = adversary(world)
-    else:
+    elif policy == "shipped":
         act = shipped(mission, world, backend, count)
+    else:
+        act = trained(policy, world, backend, count)
 
     never = zero > 1.0
     ended = never
@@ -273,7 +283,7 @@ class Campaign:
     missions: tuple[str, ...] = ("avoid-2d", "avoid-3d", "dock-port-2d", "dock")
     """Of `MISSIONS`."""
     policies: tuple[str, ...] = ("shipped", "random", "adversary")
-    """Who flies."""
+    """Who flies: shipped, random, adversary, or a run folder."""
     flights: int = 1024
     """Of each policy behind the filter."""
     unfiltered: int | None = None

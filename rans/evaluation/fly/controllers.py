@@ -14,11 +14,12 @@ import cloudpickle
 import numpy as np
 
 from rans.effectors.commands import action_space, allowed, check, of_outputs
-from rans.episode import Setup
+from rans.episode import Guard, Setup
 from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller
+from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed
 from rans.tasks import Task, observation_width
@@ -99,6 +100,15 @@ def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:
     maker = CONTROLLERS[config.imitation.expert]
     as_expert: Maker = getattr(maker, "as_expert", maker)
     return as_expert(craft, config.settings, config.timing)
+
+
+def guard_of(config: TrainConfig, craft: Spacecraft) -> Guard | None:
+    """The safety filter behind which a training flies; None where it flies without one.
+
+    Raises:
+        ConfigError: the task has no constraints, or throttles that no filter can brake with.
+    """
+    return safety_filter(Setup(craft, config.settings, config.timing)) if config.guard else None
 
 
 class CheckedController:

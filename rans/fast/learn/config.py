@@ -384,6 +384,9 @@ class TrainConfig:
     begin_from: str | None = None
     """Run folder, or pretrained:NAME, of an agent whose weights training begins with, of the same network; null:
     with weights that have learnt nothing. What its inputs are normalised by stays as it is."""
+    guard: bool = False
+    """Whether the safety filter for the spacecraft and task (docs/missions/guard.md) stands between the agent and
+    the effectors while it learns, and while it is judged. On a GPU only together with plain."""
     plain: bool = False
     """Whether everything is computed as it is written: torch's operations one by one, no generated program or
     kernel, autograd's gradients. A breakpoint in a task then stops (docs/plain.md); many times slower."""

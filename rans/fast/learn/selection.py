@@ -8,6 +8,7 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
+from rans.episode import Guard
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
@@ -30,7 +31,7 @@ class Selection:
     The members' weights may change between flights. Tasks, one a member, are those of training without its
     curriculum; their evaluation starts are used.
     Conditions are those of training too; what counts as success is the true state. A ``plain`` one flies as
-    it is written.
+    it is written, one with a ``guard`` behind this safety filter.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class Selection:
         device: torch.device,
         conditions: Conditions | None = None,
         plain: bool = False,
+        guard: Guard | None = None,
     ) -> None:
         members = len(tasks)
         judged = [task.parts() for task in tasks]
@@ -58,6 +60,7 @@ class Selection:
                 seed=seeds,
                 device=device,
                 conditions=conditions,
+                guard=guard,
                 plain=plain,
             )
 

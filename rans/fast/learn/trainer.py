@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from stable_baselines3.common.logger import TensorBoardOutputFormat
 
+from rans.episode import Guard
 from rans.errors import ConfigError, NonFiniteState, WorkerLost
 from rans.fast.agent_files.tensors import pack
 from rans.fast.distributed import ALONE, Processes
@@ -57,7 +58,8 @@ class Trainer:
     Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
     settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
     first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
-    whose weights become infinite are left alone. The algorithm "imitation" learns from the ``expert``.
+    whose weights become infinite are left alone. The algorithm "imitation" learns from the ``expert``; where a
+    config asks for a safety filter, it is the ``guard``.
     """
 
     def __init__(
@@ -68,9 +70,11 @@ class Trainer:
         processes: Processes = ALONE,
         goes_on: bool = False,
         expert: Controller | None = None,
+        guard: Guard | None = None,
     ) -> None:
         self.members, self.config = [Member(config) for config in configs], (first := configs[0])
         check_device(first.device)
+        _check_guard(first, guard)
         torch.set_num_threads(first.threads)
         self.run = run
         self.processes = processes
@@ -100,6 +104,7 @@ class Trainer:
             processes=processes,
             conditions=first.conditions.or_none,
             remember=first.ppo.privileged_critic or first.failures.share > 0.0,
+            guard=guard,
             plain=plain,
         )
         settings = [config.ppo for config in configs]
@@ -118,6 +123,7 @@ class Trainer:
             device,
             first.conditions.or_none,
             first.plain,
+            guard,
         )
         self._said: list[dict[str, float]] = []
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
@@ -398,6 +404,18 @@ def _making(config: TrainConfig, expert: Controller | None) -> Making | None:
             )
         return partial(ImitationLearner, own=config.imitation, expert=expert)
     return None
+
+
+def _check_guard(config: TrainConfig, guard: Guard | None) -> None:
+    """Refuse, with a ConfigError, a safety filter that is missing or that cannot be where the training is."""
+    if not config.guard:
+        return
+    if guard is None:
+        raise ConfigError("guard needs a safety filter: use `rans train` or rans.train.")
+    if config.device == "cuda" and not config.plain:
+        raise ConfigError(
+            "guard is true and the device is cuda: the safety filter is in no kernel. Train on cpu, or set plain."
+        )
 
 
 def check_device(device: str) -> None:
