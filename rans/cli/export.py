@@ -38,6 +38,9 @@ class Export:
     margins: int = 64
     """Flights of every latency, mass and sensor noise behind what the contract says that the agent bears; 0:
     it does not say."""
+    guard: bool = False
+    """Refused: exported files hold the agent without the safety filter, which needs RANS. The contract names the
+    filter, and `rans fly` on the folder puts it before the valves (docs/missions/guard.md)."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -46,6 +49,12 @@ class Export:
         from rans.deploy.export import export
         from rans.evaluation.fly.contestants import agent_folder, picked_task
 
+        if self.guard:
+            raise ConfigError(
+                "exported files hold the agent without a safety filter, which predicts the motion with RANS. "
+                "Export as numpy without --guard and fly the folder by rans fly FOLDER --trust --guard; in "
+                "Python, rans.guard.safety_filter(setup).admitted filters any command."
+            )
         check_count("--episodes", self.episodes)
         folder = agent_folder(self.run_folder)
         if part := picked_task(self.run_folder):

@@ -37,6 +37,12 @@ class Fly:
     """x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch, yaw in space. The origin by default."""
     goal_velocity: tuple[float, ...] = ()
     """Velocity (m/s), then angular velocity (rad/s), of the goal of agents that track one."""
+    zones: tuple[float, ...] = ()
+    """Keep-out zones of agents that avoid some: x, y (in space also z) and radius of each, m. They stand still;
+    a radius includes the spacecraft's own."""
+    guard: bool = False
+    """Put the safety filter between the agent and the valves: it replaces commands that lead to a violated
+    constraint (docs/missions/guard.md)."""
     trade_off: float | None = None
     """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
     seconds: float | None = None
@@ -104,6 +110,8 @@ class Fly:
             robot=self.robot,
             goal=self.goal,
             goal_velocity=self.goal_velocity,
+            zones=self.zones,
+            guard=self.guard,
             trade_off=float(part)
             if part and self.trade_off is None and "trade_off" in task["settings"]
             else self.trade_off,

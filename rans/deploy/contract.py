@@ -14,17 +14,20 @@ from rans.deploy.columns import meanings, quantities, refused_ranges, valid_rang
 from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
+from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
+from rans.guard import safety_filter
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
 from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
-from rans.scenario import draws, sampled_scenarios
+from rans.scenario import draws, sampled_scenarios, scenario
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
@@ -193,6 +196,7 @@ def contract(
         "memory_rule": "zeros where an episode begins; memory_out of one period is memory of the next. It "
         "counts on every command having been given: while a supervisor gives others, do not ask the agent, "
         "and begin a new episode when it takes over again. Do so too where a number in it is not finite.",
+        "safety_filter": _safety_filter(task, craft, config.timing),
         "conditions": {
             "of_training": changed_settings(conditions),
             "summary": _conditions_text(conditions),
@@ -217,6 +221,26 @@ def contract(
         "revision": git_revision(),
         "rans": package_version("rans"),
     }
+
+
+def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, Any] | None:
+    """Constraints of the task, and the filter that keeps them, which exported files lack; None: no constraints."""
+    one = scenario(task, craft.dimension, seed=0, episode=0)
+    constraints = task.constraints(one.start, one.goal)
+    if not constraints:
+        return None
+    about: dict[str, Any] = {
+        "constraints": [*constraints],
+        "in_these_files": False,
+        "meaning": "this agent's commands may violate the constraints: its files do not hold the safety filter, "
+        "which predicts the motion with RANS. rans fly FOLDER --trust --guard flies them behind it.",
+    }
+    try:
+        guard = safety_filter(Setup(craft, task, timing))
+    except ConfigError as error:
+        return about | {"name": None, "meaning": f"there is no safety filter: {error}"}
+    settings = {key: value for key, value in asdict(guard).items() if key != "name"}  # pyright: ignore[reportArgumentType]
+    return about | {"name": guard.name, "settings": settings}  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def changed_settings(value: Any) -> dict[str, Any]:

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden
+from rans.cli.export import Export
+from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, observed
 from rans.deploy.margins import SEED, measure_margins
 from rans.episode import Setup
+from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.agent_files.agent import read_policy
@@ -244,6 +246,30 @@ def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Pat
     assert perfect["tasks"][0]["task"] == "go-to-pose"
     assert perfect["tasks"][0]["flag"] == 1.0
     assert perfect["trade_off"] is None
+
+
+def test_a_contract_names_the_filter_that_its_files_lack() -> None:
+    known = {}
+    for name in ("avoid-2d", "land-3d", "go-to-pose-2d"):
+        run = RunFolder(pretrained_folder(name))
+        config = run.config()
+        craft = run.spacecraft()
+        network = read_policy(run.agent_file).network
+        observations = observed(network, Setup(craft, config.settings), count=2)
+        about = contract(name, config, craft, "", 0, observations)
+        known[name] = json.loads(json.dumps(plain(about)))["safety_filter"]
+    assert known["avoid-2d"]["name"] == "flown backup"
+    assert known["avoid-2d"]["constraints"] == ["zone 1", "zone 2", "zone 3"]
+    assert known["avoid-2d"]["in_these_files"] is False
+    assert known["land-3d"]["name"] is None  # its engine cannot be shut
+    assert known["go-to-pose-2d"] is None
+
+
+def test_a_filter_is_not_exported(tmp_path: Path) -> None:
+    output = tmp_path / "agent"
+    with pytest.raises(ConfigError, match="rans fly FOLDER --trust --guard"):
+        Export("avoid-2d", output, "numpy", guard=True).run()
+    assert not output.exists()
 
 
 def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[str], Path]) -> None:

@@ -45,7 +45,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.tasks import GoToPose
+from rans.tasks import Avoid, GoToPose
 from tests.support.robots import AWAY
 
 PLATFORM = "floating-platform"
@@ -411,6 +411,107 @@ def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     twin.hold(np.array([0.37, 0, 0, 0, 0, 0, 0, 0]))
     given = [twin.advance()[0] for _ in range(10)]
     assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
+
+
+# The safety filter
+
+ZONES = (1.5, 0.0, 0.4, 60.0, 60.0, 0.4, -60.0, 60.0, 0.4)
+"""One zone between start and goal, and two far away: the agent observes three."""
+
+
+@pytest.fixture(scope="module")
+def avoider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped agent of avoid, as a node flies it."""
+    folder = tmp_path_factory.mktemp("avoider") / "avoid-2d"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans.deploy.robot.pilot._RANGE_FLIGHTS", 64)
+        export_for_flight(pretrained_folder("avoid-2d"), folder)
+    return folder
+
+
+def avoiding(folder: Path, **changes: Any) -> Plan:
+    return Plan(str(folder), {"name": "avoid", "settings": {}}, **{"zones": ZONES} | changes)
+
+
+class Forward:
+    """An agent that opens every thruster which pushes along -x, towards the zone."""
+
+    note = ""
+
+    def __init__(self, craft: Any) -> None:
+        self._command = (np.array(craft.wrench_map)[:, 0] < -1e-6).astype(np.float32)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        return self._command
+
+
+@pytest.mark.parametrize("guard", [False, True])
+def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) -> None:
+    """Distances by hand, of the twin's motion."""
+    pilot = Pilot(avoiding(avoider, guard=guard), Avoid())
+    pilot.agent = Forward(pilot.craft)
+    twin = Craft(TwinPlan(pilot.craft, 0.2, start=(3.0, 0.1, 0.0), rate=25.0))
+    nearest = np.inf
+    replaced = 0
+    for k in range(60):
+        decision = steps(pilot, twin.motion, 1, begin=k)[0]
+        replaced += decision.guarded
+        twin.hold(decision.command)
+        for _ in range(5):
+            twin.advance()
+            nearest = min(nearest, float(np.hypot(*(twin.motion.position[:2] - (1.5, 0.0)))))
+    assert (nearest > 0.4) == guard
+    assert (replaced > 0) == guard
+
+
+def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "flight.mcap"
+    plan = avoiding(avoider, guard=True, lost_after=5.0)
+    # It moves so fast towards the zone that the filter must act at once.
+    fast = AWAY._replace(position=np.array([2.1, 0.0, 0.0]), velocity=np.array([-0.45, 0.0, 0.0]))
+    wire = Wire()
+    ends = interface("ros", 8, 8)
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.04):
+            for message in ends.state(fast, time.time_ns()):
+                wire.publish(*message)
+
+    robot = threading.Thread(target=publish)
+    robot.start()
+    try:
+        report = fly_over(wire, plan, bag, 1.5, lambda _: None)
+    finally:
+        stop.set()
+        robot.join()
+    assert report.guarded
+    assert "safety filter" in report.text()
+    again = replay(bag)
+    assert again.decisions == report.decisions
+    assert again.equal == again.decisions
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"zones": ()}, "9 numbers"),
+        ({"zones": (*ZONES[:8], 0.0)}, "above 0"),
+    ],
+)
+def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        Pilot(avoiding(avoider, **changes), Avoid())
+
+
+def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
+    with pytest.raises(ConfigError, match="has none"):
+        Pilot(plan_for(agent, guard=True), GoToPose())
+    with pytest.raises(ConfigError, match="no keep-out zones"):
+        Pilot(plan_for(agent, zones=ZONES), GoToPose())
 
 
 # Flights, bags and buses

@@ -49,6 +49,8 @@ class Report:
     """s from when a decision was due until it began."""
     notes: list[str] = field(default_factory=list)
     """What was said, each once in a row."""
+    guarded: int | None = None
+    """Control periods in which the safety filter replaced the agent's command; None: there was no filter."""
     fault: str = ""
     """Why the flight ended before its time; "" where it did not."""
 
@@ -59,10 +61,15 @@ class Report:
         of = np.array(self.computed) * 1e3
         used = np.array(self.used) * 1e3
         late = np.array(self.late) * 1e3
+        replaced = (
+            ""
+            if self.guarded is None
+            else f", in {self.guarded} of which the safety filter replaced the command"
+        )
         return (
-            f"{self.decisions} control periods, {self.missed} missed; computation median {np.median(of):.2f} ms, "
-            f"99 % below {np.percentile(of, 99):.2f} ms, largest {of.max():.2f} ms (of the "
-            f"processor's time 99 % below {np.percentile(used, 99):.2f} ms); begun at most "
+            f"{self.decisions} control periods{replaced}, {self.missed} missed; computation median "
+            f"{np.median(of):.2f} ms, 99 % below {np.percentile(of, 99):.2f} ms, largest {of.max():.2f} ms "
+            f"(of the processor's time 99 % below {np.percentile(used, 99):.2f} ms); begun at most "
             f"{late.max():.1f} ms late."
         )
 
@@ -91,7 +98,7 @@ def fly_over(
     pilot = Pilot(plan, planned_task(plan))
     _warm_up(Pilot(plan, planned_task(plan)))
     writer = None if bag is None else BagWriter(bag)
-    report = Report()
+    report = Report(guarded=0 if plan.guard else None)
     inbox: queue.SimpleQueue[tuple[int, str, bytes]] = queue.SimpleQueue()
     offset = time.time_ns() - time.monotonic_ns()
     last = 0
@@ -163,6 +170,8 @@ def fly_over(
             send(decision, moment)
             sent = time.monotonic_ns()
             report.decisions += 1
+            if report.guarded is not None:
+                report.guarded += decision.guarded
             report.computed.append((sent - began) * 1e-9)
             report.used.append((time.thread_time_ns() - used) * 1e-9)
             report.late.append((began - due) * 1e-9)

@@ -22,17 +22,20 @@ from rans.deploy.robot.interfaces import Interface, Message, RobotName, interfac
 from rans.deploy.robot.interfaces import vector_in as _vector
 from rans.deploy.robot.messages import POSE, TEXT, make, pack, unpack
 from rans.deploy.robot.velocity import VelocityFilter
-from rans.episode import Setup
+from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain, read_json, write_json, write_text
+from rans.guard import safety_filter
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenario
 from rans.tasks.base import Task, observation
+from rans.tasks.shapes import Ball
 
 AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
 CRAFT_TOPIC = "rans/craft"
@@ -104,6 +107,12 @@ class Plan:
     origin."""
     goal_velocity: tuple[float, ...] = ()
     """Velocity of the goal in W, m/s, and after it its angular velocity, rad/s, for tasks that track one."""
+    zones: tuple[float, ...] = ()
+    """Keep-out zones that stand still, for tasks that observe some: x, y (in space also z) and radius of each, m.
+    A radius includes the spacecraft's own."""
+    guard: bool = False
+    """Whether the safety filter for the spacecraft and the task (`rans.guard.safety_filter`) stands between the
+    agent and the valves."""
     trade_off: float | None = None
     """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
     pose_noise: tuple[float, float] = (0.002, 0.005)
@@ -123,6 +132,8 @@ class Decision(NamedTuple):
     """One sentence; "" where all is well."""
     over: bool = False
     """Whether the flight ends with this command, which shuts the valves."""
+    guarded: bool = False
+    """Whether the safety filter gave another command than the agent's."""
 
 
 class Pilot:
@@ -146,6 +157,13 @@ class Pilot:
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
         self._task = _with_trade_off(task, plan.trade_off)
         self._goal = _goal(self.craft, self._task, plan)
+        self._goal_came: int | None = None
+        """Time of the goal, ns, from which on it moves; None: the first decision."""
+        self._world: World | None = None
+        if plan.guard:
+            timing = replace(self._task.timing, control_period=self.period)
+            setup = Setup(self.craft, self._task, timing)
+            self._world = World(setup._replace(guard=safety_filter(setup)))
         self._filter: VelocityFilter | None = None
         if not self.interface.has_velocity:
             self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
@@ -167,7 +185,7 @@ class Pilot:
             return
         try:
             if topic == GOAL_TOPIC:
-                self._take_goal(unpack(POSE, data).pose)
+                self._take_goal(unpack(POSE, data).pose, now)
             else:
                 self._take_state(topic, data, now)
         except ValueError as error:
@@ -196,9 +214,10 @@ class Pilot:
         self._came = now
         self._measured = reading.measured
 
-    def _take_goal(self, pose: Any) -> None:
+    def _take_goal(self, pose: Any, now: int) -> None:
         attitude = quaternion_in(pose.orientation)
         self._goal = _moved_goal(self._goal, _vector(pose.position), attitude)
+        self._goal_came = now
         # An episode has one goal: to another begins another one.
         self._resting = True
 
@@ -259,9 +278,21 @@ class Pilot:
         if self._resting:
             self.agent.reset()
             self._resting = False
-        row = observation(self._task, self._state(), self._goal)
-        command = self.agent.act(np.array(row, dtype=np.float32))
-        return Decision(np.asarray(command, dtype=float), self.agent.note or trouble)
+        state = self._state()
+        since = self._began if self._goal_came is None else self._goal_came
+        goal = self._task.later(self._goal, (now - since) * 1e-9)
+        row = observation(self._task, state, goal)
+        command = np.asarray(self.agent.act(np.array(row, dtype=np.float32)), dtype=float)
+        note = self.agent.note or trouble
+        if self._world is None:
+            return Decision(command, note)
+        guard = self._world.setup.guard
+        assert guard is not None
+        wanted = tuple(command.tolist())
+        admitted, changed = guard.admitted(self._world, state, goal, wanted)
+        if changed:
+            note = note or "the safety filter replaced the command."
+        return Decision(np.array(admitted, dtype=float), note, guarded=bool(changed))
 
     def messages(self, decision: Decision, now: int) -> list[Message]:
         """What goes over the bus for a decision."""
@@ -354,7 +385,7 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
         raise ConfigError(
             f"a goal's velocity is {wanted} numbers, of the linear and the angular one, got {len(speeds)}."
         )
-    notes = () if task.held_trade_off is None else (task.held_trade_off,)
+    notes = _notes(craft, task, plan)
     half = craft.dimension
     if planar:
         return PlanarState(
@@ -371,6 +402,34 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
     return SpatialState(
         Vec3(*numbers[:3]), attitude, Vec3(*speeds[:half]), Vec3(*speeds[half:]), notes
     )
+
+
+def _notes(craft: Spacecraft, task: Task, plan: Plan) -> tuple[Any, ...]:
+    """Data of a goal that an agent observes beside its pose: its trade-off, or keep-out zones."""
+    name = type(task).__name__
+    sampled = scenario(task, craft.dimension, seed=0, episode=0).goal.notes
+    if not any(isinstance(note, Ball) for note in sampled):
+        if plan.zones:
+            raise ConfigError(f"{name} has no keep-out zones: leave out --zones.")
+        if task.held_trade_off is not None:
+            return (task.held_trade_off,)
+        if sampled:
+            raise ConfigError(
+                f"goals of {name} have data that no robot publishes, such as a deadline: rans fly flies agents "
+                "whose goal is a pose, a velocity, or a pose among keep-out zones."
+            )
+        return ()
+    size = craft.dimension + 1
+    rows = [plan.zones[k : k + size] for k in range(0, len(plan.zones), size)]
+    if len(plan.zones) != size * len(sampled) or any(row[-1] <= 0.0 for row in rows):
+        names = "x, y and radius" if craft.dimension == 2 else "x, y, z and radius"
+        raise ConfigError(
+            f"--zones are {names} (m, above 0) of each of the {len(sampled)} zones that the agent observes, "
+            f"{size * len(sampled)} numbers, got {plan.zones}: zones far away stand for those that are not there."
+        )
+    vector = Vec2 if craft.dimension == 2 else Vec3
+    still = vector(*(0.0,) * craft.dimension)
+    return tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
 
 
 def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> State:
