@@ -73,9 +73,9 @@ def test_examples_of_the_python_page_run() -> None:
     assert rans.load_agent("lqr:go-to-pose-2d@atmos").timing == Timing(0.2, episode_steps=125)
 
 
-def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
+def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves() -> None:
     names: dict[str, Any] = {}
-    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+    for example in blocks(ROOT / "docs" / "own_task.md", "python"):
         exec(example, names)
     task = names["Meet"]()
     flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
@@ -85,10 +85,10 @@ def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
     assert flight.errors()["position"][-1].max() < task.position_tolerance
 
 
-def test_the_mission_of_the_tasks_page_is_won() -> None:
+def test_the_mission_of_the_page_of_own_tasks_is_won() -> None:
     """By LQR, which comes to rest at the point: softly, and long before the time is up."""
     names: dict[str, Any] = {}
-    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+    for example in blocks(ROOT / "docs" / "own_task.md", "python"):
         exec(example, names)
     task = names["Dock"]()
     with pytest.warns(UserWarning, match="constraints"):
@@ -102,10 +102,10 @@ def test_the_mission_of_the_tasks_page_is_won() -> None:
     assert flight.rewards()["done"].sum(axis=0).tolist() == [10.0] * 4
 
 
-def test_the_ball_of_the_tasks_page_is_checked_observed_and_drawn() -> None:
+def test_the_ball_of_the_page_of_own_tasks_is_checked_observed_and_drawn() -> None:
     """All by one object: its margin 1 m away from the origin is 0.6 m."""
     names: dict[str, Any] = {}
-    for example in blocks(ROOT / "docs" / "tasks.md", "python"):
+    for example in blocks(ROOT / "docs" / "own_task.md", "python"):
         exec(example, names)
     task = names["MeetBehind"]()
     here = scenarios(task, CRAFT, 0, 4)
@@ -116,10 +116,10 @@ def test_the_ball_of_the_tasks_page_is_checked_observed_and_drawn() -> None:
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_the_environments_of_the_tasks_page_are_made(
+def test_the_environments_of_the_page_of_own_tasks_are_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = ROOT / "docs" / "tasks.md"
+    page = ROOT / "docs" / "own_task.md"
     example, *_ = blocks(page, "python")
     (tmp_path / "meet.py").write_text(example, "utf-8")
     monkeypatch.chdir(tmp_path)

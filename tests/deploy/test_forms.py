@@ -217,7 +217,7 @@ def test_a_contract_says_what_the_files_say() -> None:
         .parents[2]
         .joinpath("docs/tasks.md")
         .read_text("utf-8")
-        .partition("| 0 | ")[2]
+        .partition("\n| 0 | ")[2]
     )
     lines = f"0 | {columns}".splitlines()[:10]
     rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in lines]
