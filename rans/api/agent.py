@@ -243,6 +243,27 @@ class Agent:
 
         return view(self, *others, **options)
 
+    def playground(self, file: str | Path, seed: int = EVALUATION_SEED, episode: int = 0) -> Path:
+        """Write a page (.html) in which the agent flies in the browser, offline, and return its path.
+
+        Who reads it moves the goal, lets thrusters fail, and adds delay and noise. It shows the plane.
+
+        Args:
+            file: page to write.
+            seed: of the starts.
+            episode: number of the first start.
+
+        Raises:
+            ConfigError: this is no trained agent of the plane, or the name has another ending.
+        """
+        from rans.show.pages.playground import playground
+
+        file = Path(file)
+        if file.suffix != ".html":
+            raise ConfigError(f"a page's name must end in .html, got {str(file)!r}.")
+        playground(self.run, seed, episode).write(file)
+        return file
+
     def export(self, output: str | Path, form: Form = "onnx", **options: Any) -> Path:
         """Write the agent for other software; form and options as of `rans.export`."""
         from rans.api.pages import export

@@ -68,6 +68,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "view": (
         "rans view runs/first lqr",
         "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
+        "rans view pretrained:go-to-pose-2d --page fly.html",
     ),
     "report": ("rans report runs/first",),
     "optimal": (

@@ -56,6 +56,9 @@ class View:
     play: bool = False
     """Fly the first contestant in real time with controls beside it: move the goal, kill or stick a thruster, add
     delay and noise, let the next contestant command, pause, step, go back."""
+    page: Path | None = None
+    """Write a page in which the agent flies in the browser, offline, and return. Readers move its goal, let
+    thrusters fail, and add delay and noise."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -75,6 +78,10 @@ class View:
             raise ConfigError(
                 f"--save writes a page, whose name must end in .html, got {str(self.save)!r}."
             )
+        if self.page is not None and self.page.suffix != ".html":
+            raise ConfigError(
+                f"--page writes a page, whose name must end in .html, got {str(self.page)!r}."
+            )
         if self.video is not None:
             from rans.show.scene.video import check_video
 
@@ -82,6 +89,8 @@ class View:
         folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
         others = tuple(one for one in self.contestants if one not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard)
+        if self.page is not None:
+            return self._write_page(runs, self.page)
         if self.play:
             return self._play(runs)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
@@ -95,6 +104,20 @@ class View:
             self._film(flights, self.video)
         if self.save is not None or self.frames is self.video is None:
             self._show(flights)
+        return 0
+
+    def _write_page(self, runs: list[LoadedRun], file: Path) -> int:
+        """Write the page of one agent."""
+        from rans.show.pages.playground import playground
+
+        if len(runs) != 1:
+            raise ConfigError(f"--page is of one agent, got {len(runs)}.")
+        page = playground(runs[0], self.seed, self.episode)
+        page.write(file)
+        size = file.stat().st_size / 1e3
+        Terminal().say(
+            f"{file} ({size:.0f} kB) flies {runs[0].controller.name} in any browser, offline."
+        )
         return 0
 
     def _play(self, runs: list[LoadedRun]) -> int:

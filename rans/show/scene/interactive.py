@@ -11,15 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Episode, World, step
+from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading
+from rans.model.spacecraft import Spacecraft
 from rans.optimal.control.mpc import around
 from rans.randomization.parameters import StepInputs
 from rans.scenario import scenarios
+from rans.tasks import Task
 from rans.tasks.derived import goal_stands_still
 from rans.tasks.goal_set import aims
 
@@ -29,6 +31,31 @@ ANGLE_NOISE = math.radians(5.0)
 """Standard deviation of each angle (rad) and angular velocity (rad/s) at full noise."""
 FRAME = 0.05
 """Longest time between two states to draw, s."""
+
+
+def interactive_world(setup: Setup) -> World:
+    """World of a flight that a person changes: nominal, with a state to draw every `FRAME` seconds at least."""
+    timing = setup.timing
+    frames = math.ceil(timing.control_period / FRAME)
+    checks = math.ceil(max(frames, timing.checks) / timing.checks) * timing.checks
+    return World(setup._replace(conditions=None, timing=replace(timing, checks=checks)))
+
+
+def may_move_goal(task: Task) -> bool:
+    """Whether a person may move a task's goal: it has a place to go to, and stands still."""
+    return "position" in aims(task) and goal_stands_still(task)
+
+
+def noise_scale(craft: Spacecraft) -> np.ndarray:
+    """Standard deviations at full noise of the coordinates of a state around another.
+
+    (2 n,) for the n degrees of freedom of a craft: m, rad, m/s, rad/s.
+    """
+    angles = craft.degrees_of_freedom - craft.dimension
+    return np.repeat(
+        [POSITION_NOISE, ANGLE_NOISE, POSITION_NOISE, ANGLE_NOISE],
+        [craft.dimension, angles, craft.dimension, angles],
+    )
 
 
 @dataclass(frozen=True)
@@ -68,10 +95,7 @@ class InteractiveFlight:
                     f"{setup.craft.name} and {type(setup.task).__name__}, the first for "
                     f"{first.craft.name} and {type(first.task).__name__}."
                 )
-        timing = first.timing
-        frames = math.ceil(timing.control_period / FRAME)
-        checks = math.ceil(max(frames, timing.checks) / timing.checks) * timing.checks
-        self.world = World(first._replace(conditions=None, timing=replace(timing, checks=checks)))
+        self.world = interactive_world(first)
         self.controllers = [run.controller for run in runs]
         self.seed = seed
         self.number = episode
@@ -122,9 +146,8 @@ class InteractiveFlight:
 
     @property
     def moves(self) -> bool:
-        """Whether a person may move the goal: the task has a place to go to, and it stands still."""
-        task = self.world.task
-        return "position" in aims(task) and goal_stands_still(task)
+        """Whether a person may move the goal (`may_move_goal`)."""
+        return may_move_goal(self.world.task)
 
     def errors(self) -> dict[str, float]:
         """The task's errors now, SI units."""
@@ -227,12 +250,7 @@ class InteractiveFlight:
         """The state with noise, fields (1,)."""
         if self.noise == 0.0:
             return state
-        size = self.world.craft.degrees_of_freedom
-        dimension = self.world.craft.dimension
-        scale = np.repeat(
-            [POSITION_NOISE, ANGLE_NOISE, POSITION_NOISE, ANGLE_NOISE],
-            [dimension, size - dimension, dimension, size - dimension],
-        )
-        errors = self.noise * scale * self._random.standard_normal(2 * size)
+        scale = noise_scale(self.world.craft)
+        errors = self.noise * scale * self._random.standard_normal(len(scale))
         noisy = around(state, tuple(np.full(1, x) for x in errors))
         return replace(noisy, notes=state.notes, stores=state.stores)

@@ -1,0 +1,146 @@
+"""Traced programs as the text of JavaScript functions, which a browser runs in double precision.
+
+A function takes arrays of numbers and returns an object of arrays. Dense layers are calls of ``dense``, which
+whoever runs the text provides: ``dense(name, activation, [..])`` gives the outputs of the layer of this name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from rans.model.fields import Field
+from rans.model.trace import Symbol, ordered
+from rans.policy.activations import ACTIVATIONS
+from rans.policy.capabilities import Capabilities
+from rans.policy.program import inputs
+from rans.policy.scalars import Stage
+
+JAVASCRIPT = Capabilities(recurrent=True)
+"""Kinds of policies that are printed here: any of dense layers."""
+
+_LONGEST = 120
+"""Characters of an expression that is written where it is used, once."""
+_FUNCTIONS = {
+    "sin": "Math.sin",
+    "cos": "Math.cos",
+    "exp": "Math.exp",
+    "log": "Math.log",
+    "tanh": "Math.tanh",
+    "sqrt": "Math.sqrt",
+    "atan2": "Math.atan2",
+    "abs": "Math.abs",
+    "floor": "Math.floor",
+    "minimum": "Math.min",
+    "maximum": "Math.max",
+    "real": "Number",
+}
+_INTEGERS = {"+": "({}+{})|0", "-": "({}-{})|0", "*": "Math.imul({}, {})"}
+"""Arithmetic of 32 bits with wrap-around."""
+_BOOLEANS = {"&": "&&", "|": "||", "^": "!==", "==": "===", "!=": "!=="}
+
+
+def function(
+    name: str,
+    arguments: Mapping[str, Sequence[Symbol]],
+    results: Mapping[str, Sequence[Field]],
+    stages: Iterable[Stage] = (),
+) -> str:
+    """The text of a function.
+
+    Args:
+        name: of the function.
+        arguments: arrays that it takes, in order: the symbols that their entries are.
+        results: arrays in the object that it returns.
+        stages: layers between inputs and results, in order (`rans.policy.scalars.symbols`).
+    """
+    named = {
+        symbol: f"{argument}[{k}]"
+        for argument, symbols in arguments.items()
+        for k, symbol in enumerate(symbols)
+    }
+    stages = tuple(stages)
+    found = {key: [*map(Symbol.constant, row)] for key, row in results.items()}
+    wanted = [symbol for row in found.values() for symbol in row]
+    lines = _Lines(named, [*wanted, *(symbol for stage in stages for symbol in stage.inputs)])
+    body = []
+    for number, stage in enumerate(stages):
+        body += lines.values(stage.inputs)
+        text = lines.row(stage.inputs)
+        for layer in stage.layers:
+            text = f'dense("{layer.weight.removesuffix(".weight")}", "{layer.activation}", {text})'
+        body.append(f"const layers{number} = {text};")
+        lines.names |= {symbol: f"layers{number}[{k}]" for k, symbol in enumerate(stage.outputs)}
+    body += lines.values(wanted)
+    answer = ", ".join(f"{key}: {lines.row(row)}" for key, row in found.items())
+    body.append(f"return {{{answer}}};")
+    return "\n".join((f"function {name}({', '.join(arguments)}) {{", *body, "}"))
+
+
+def activations() -> str:
+    """The text of an object ``ACTIVATIONS``: functions of one number by the names of `ACTIVATIONS`."""
+    (x,) = inputs("x", 1)
+    entries = ['"": x => x']
+    for name, activation in ACTIVATIONS.items():
+        result = Symbol.constant(activation.formula(x))
+        lines = _Lines({x: "x"}, [result])
+        body = " ".join(lines.values([result]))
+        entries.append(f'"{name}": x => {{ {body} return {lines.operand(result)}; }}')
+    return "const ACTIVATIONS = {\n" + ",\n".join(entries) + "\n};"
+
+
+class _Lines:
+    """Lines of a function, and what each symbol is called by then."""
+
+    def __init__(self, names: Mapping[Symbol, str], roots: Sequence[Symbol]) -> None:
+        self.names = dict(names)
+        self._count = 0
+        self._uses = Counter([*roots, *(one for symbol in ordered(roots) for one in symbol.args)])
+
+    def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
+        """Lines that give names to the roots and to what they are made of."""
+        for symbol in ordered(roots, known=self.names):
+            if symbol.operation != "constant":
+                text = _expression(symbol, [self.operand(one) for one in symbol.args])
+                if self._uses[symbol] == 1 and len(text) < _LONGEST:
+                    self.names[symbol] = f"({text})"
+                    continue
+                self.names[symbol] = name = f"x{self._count}"
+                self._count += 1
+                yield f"const {name}={text};"
+
+    def row(self, symbols: Iterable[Symbol]) -> str:
+        """An array of symbols that have names."""
+        return f"[{', '.join(map(self.operand, symbols))}]"
+
+    def operand(self, symbol: Symbol) -> str:
+        """A symbol that has a name, or a number."""
+        return _number(symbol) if symbol.operation == "constant" else self.names[symbol]
+
+
+def _number(symbol: Symbol) -> str:
+    value = symbol.value
+    if symbol.kind == "bool":
+        return "true" if value else "false"
+    if math.isnan(value):
+        return "NaN"
+    text = repr(value).replace("inf", "Infinity")
+    return f"({text})" if text.startswith("-") else text.removesuffix(".0")
+
+
+def _expression(symbol: Symbol, args: Sequence[str]) -> str:
+    """One operation on operands; inputs that have no name do not occur."""
+    operation = symbol.operation
+    kinds = {one.kind for one in symbol.args}
+    if operation == "neg":
+        return f"-{args[0]}"
+    if operation == "where":
+        return "{}?{}:{}".format(*args)
+    if operation in _FUNCTIONS:
+        return f"{_FUNCTIONS[operation]}({', '.join(args)})"
+    if symbol.kind == "int" and operation in _INTEGERS:
+        return _INTEGERS[operation].format(*args)
+    if kinds == {"bool"} or operation in ("==", "!="):
+        operation = _BOOLEANS[operation]
+    return f"{args[0]}{operation}{args[1]}"

@@ -1,0 +1,301 @@
+// Controls and drawing of the page; the flight itself is `Flight`.
+const at = id => document.getElementById(id);
+const flight = new Flight(DATA.episode);
+const field = at("field"), strip = at("history");
+const SPAN = 25;  // seconds of the history
+let running = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+let speed = 1, frames = [flight.pose()], clock = 0, last = 0, records = [], trail = [], dragged = "";
+let view = {x: 0, y: 0, half: 3};
+const follows = !DATA.errors.some(error => error.name === "position");
+const ink = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const turn = ([x, y, angle], [u, v]) => [x + u * Math.cos(angle) - v * Math.sin(angle), y + u * Math.sin(angle) + v * Math.cos(angle)];
+
+// A canvas as sharp as the screen; returns its pen, width and height in CSS pixels.
+function ready(canvas) {
+  const ratio = Math.min(devicePixelRatio || 1, 2), width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return [pen, width, height];
+}
+
+// From W, m, to the picture and back.
+const scale = () => Math.min(field.clientWidth, field.clientHeight) / (2 * view.half);
+const shown = ([x, y]) => [field.clientWidth / 2 + (x - view.x) * scale(), field.clientHeight / 2 - (y - view.y) * scale()];
+const placed = (x, y) => [view.x + (x - field.clientWidth / 2) / scale(), view.y - (y - field.clientHeight / 2) / scale()];
+
+function frame() {
+  const pose = flight.pose(), goal = flight.goal;
+  if (follows) { view = {x: pose[0], y: pose[1], half: 3}; return; }
+  const reach = Math.max(...[pose, goal].flatMap(([x, y]) => [Math.abs(x - view.x), Math.abs(y - view.y)])) + 3 * DATA.radius;
+  if (reach > view.half) view.half = reach;
+}
+function begin_anew() {
+  const pose = flight.pose(), goal = flight.goal;
+  view = {x: (pose[0] + goal[0]) / 2, y: (pose[1] + goal[1]) / 2, half: 1.5};
+  records = []; trail = [pose]; frames = [pose]; clock = 0;
+  frame(); view.half *= 1.1; told(); draw();
+}
+
+function path(pen, points) {
+  pen.beginPath();
+  points.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y));
+}
+function arrow(pen, from, vector, colour) {
+  const a = shown(from), b = shown([from[0] + 2 * vector[0], from[1] + 2 * vector[1]]);
+  const angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
+  pen.strokeStyle = colour; pen.lineWidth = 3;
+  path(pen, [a, b]); pen.stroke();
+  path(pen, [-0.4, 0, 0.4].map(turned => turned ? [b[0] - 9 * Math.cos(angle + turned), b[1] - 9 * Math.sin(angle + turned)] : b));
+  pen.stroke();
+}
+function floor(pen, width, height) {
+  const [x0, y1] = placed(0, 0), [x1, y0] = placed(width, height), every = view.half > 12 ? 5 : 1;
+  pen.strokeStyle = ink("--line"); pen.lineWidth = 1;
+  for (let x = Math.ceil(x0 / every) * every; x <= x1; x += every) { path(pen, [shown([x, y0]), shown([x, y1])]); pen.stroke(); }
+  for (let y = Math.ceil(y0 / every) * every; y <= y1; y += every) { path(pen, [shown([x0, y]), shown([x1, y])]); pen.stroke(); }
+  pen.fillStyle = ink("--soft"); pen.font = "12px system-ui"; pen.fillText(`grid ${every} m`, 8, height - 8);
+}
+function scenery(pen, numbers) {
+  pen.strokeStyle = ink("--zone"); pen.fillStyle = ink("--zone"); pen.lineWidth = 2;
+  let from = 0;
+  for (const {kind, size} of DATA.scenery) {
+    const values = numbers.slice(from, from + size);
+    from += size;
+    pen.beginPath();
+    if (kind === "Ball") {
+      pen.arc(...shown(values), values[4] * scale(), 0, 7);
+    } else {
+      const [x, y, u, v, half, length] = values, heading = Math.atan2(v, u);
+      pen.moveTo(...shown([x, y]));
+      pen.arc(...shown([x, y]), length * scale(), -heading - half, -heading + half);
+      pen.closePath();
+      pen.strokeStyle = ink("--good");
+    }
+    pen.globalAlpha = kind === "Ball" ? 0.2 : 0;
+    pen.fill();
+    pen.globalAlpha = 1;
+    pen.stroke();
+    pen.strokeStyle = ink("--zone");
+  }
+}
+function goal(pen) {
+  const place = flight.goal, size = DATA.radius * scale();
+  if (follows) {
+    const pose = frames[0], v = flight.carried.slice(DATA.goal + 3, DATA.goal + 5);
+    arrow(pen, pose, v, ink("--good"));
+    arrow(pen, pose, flight.carried.slice(3, 5), ink("--link"));
+    return;
+  }
+  const [x, y] = shown(place);
+  pen.strokeStyle = ink("--good"); pen.fillStyle = ink("--good"); pen.lineWidth = 2;
+  pen.beginPath(); pen.arc(x, y, size, 0, 7); pen.globalAlpha = 0.15; pen.fill(); pen.globalAlpha = 1;
+  pen.setLineDash([6, 4]); pen.stroke(); pen.setLineDash([]);
+  if (DATA.turned) {
+    const tip = shown(turn(place, [1.5 * DATA.radius, 0]));
+    path(pen, [[x, y], tip]); pen.stroke();
+    if (DATA.moves) { pen.beginPath(); pen.arc(...tip, 6, 0, 7); pen.fill(); }
+  } else {
+    pen.beginPath(); pen.arc(x, y, 4, 0, 7); pen.fill();
+  }
+}
+function craft(pen, pose) {
+  const size = DATA.radius * scale(), open = flight.open, [x, y] = shown(pose);
+  pen.lineCap = "round"; pen.lineWidth = Math.max(3, size / 6); pen.strokeStyle = ink("--plume");
+  DATA.thrusters.forEach((thruster, k) => {
+    if (!open[k]) return;
+    const way = thruster.along.map(u => u * DATA.radius * 0.9 * open[k]);
+    path(pen, [shown(turn(pose, thruster.at)), shown(turn(pose, thruster.at.map((u, n) => u - way[n])))]);
+    pen.stroke();
+  });
+  pen.fillStyle = ink("--link"); pen.strokeStyle = ink("--link"); pen.lineWidth = 2;
+  pen.beginPath(); pen.arc(x, y, size, 0, 7); pen.globalAlpha = 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
+  pen.lineWidth = 3; path(pen, [[x, y], shown(turn(pose, [DATA.radius, 0]))]); pen.stroke();
+  pen.font = "600 11px system-ui"; pen.textAlign = "center"; pen.textBaseline = "middle";
+  nozzles(pose).forEach(([u, v], k) => {
+    pen.fillStyle = {ok: ink("--soft"), dead: ink("--bad"), "stuck open": ink("--plume")}[flight.faults[k]];
+    if (flight.faults[k] !== "ok") { pen.beginPath(); pen.arc(u, v, 8, 0, 7); pen.fill(); pen.fillStyle = ink("--page"); }
+    if (size > 22 || flight.faults[k] !== "ok") pen.fillText(k, u, v);
+  });
+  pen.textAlign = "start"; pen.textBaseline = "alphabetic";
+}
+// Where the numbers of thrusters stand: inwards of the nozzle, along its force, so that two of a corner are apart.
+const nozzles = pose => DATA.thrusters.map(({at: place, along}) => {
+  const size = Math.hypot(...along) || 1;
+  return shown(turn(pose, place.map((u, n) => u * 0.86 + along[n] / size * DATA.radius * 0.2)));
+});
+
+function history() {
+  const [pen, width, height] = ready(strip), count = DATA.thrusters.length;
+  const periods = Math.round(SPAN / DATA.period), first = Math.max(0, records.length - periods), left = 92;
+  const x = k => left + (k - first) / periods * (width - left - 8), split = height * 0.52, row = (height - split - 10) / count;
+  const y = share => split - 8 - (Math.log10(Math.min(300, Math.max(0.1, share))) + 1) / 3.5 * (split - 14);
+  pen.font = "12px system-ui"; pen.fillStyle = ink("--good"); pen.globalAlpha = 0.14;
+  pen.fillRect(left, y(1), width - left - 8, split - 8 - y(1)); pen.globalAlpha = 1;
+  pen.strokeStyle = ink("--good"); pen.setLineDash([4, 4]); path(pen, [[left, y(1)], [width - 8, y(1)]]); pen.stroke(); pen.setLineDash([]);
+  pen.fillText("tolerance", 8, y(1) + 4);
+  const colours = ["--link", "--plume", "--bad", "--soft"].map(ink);
+  DATA.errors.forEach((error, n) => {
+    if (!error.tolerance) return;
+    pen.fillStyle = pen.strokeStyle = colours[n % 4]; pen.lineWidth = 2;
+    pen.fillText(error.name, 8, 16 + 15 * n);
+    path(pen, records.slice(first).map((record, k) => [x(first + k + 1), y(record.errors[n] / error.tolerance)])); pen.stroke();
+  });
+  pen.fillStyle = ink("--soft"); pen.fillText("thrusters", 8, (split + height) / 2 + 4);
+  records.slice(first).forEach((record, k) => record.open.forEach((share, n) => {
+    if (!share) return;
+    pen.globalAlpha = Math.max(0.25, share); pen.fillStyle = ink("--plume");
+    pen.fillRect(x(first + k), split + n * row, Math.max(1, x(1) - x(0)), Math.max(1, row - 1));
+  }));
+  pen.globalAlpha = 1; pen.strokeStyle = ink("--line"); pen.lineWidth = 1; pen.strokeRect(left, split, width - left - 8, row * count);
+}
+
+function draw() {
+  frame();
+  const [pen, width, height] = ready(field), pose = frames[0];
+  floor(pen, width, height);
+  scenery(pen, flight.seen.scenery);
+  pen.strokeStyle = ink("--link"); pen.globalAlpha = 0.5; pen.lineWidth = 2;
+  path(pen, trail.map(shown)); pen.stroke(); pen.globalAlpha = 1;
+  goal(pen);
+  craft(pen, pose);
+  history();
+}
+function told() {
+  const {errors, reached} = flight.seen;
+  const parts = [`Start ${flight.number}`, `${flight.time.toFixed(1)} s`];
+  DATA.errors.forEach((error, n) => parts.push(`${error.name} ${(error.factor * errors[n]).toFixed(1)} ${error.unit}`));
+  if (flight.over) parts.push(flight.over === "won" ? "mission won: restart, or take the next start" : "failed: go back, or restart");
+  else if (reached[0]) parts.push("within all tolerances");
+  at("status").textContent = parts.join(" · ");
+  at("pause").textContent = running ? "Pause" : "Go";
+  at("valves").childNodes.forEach((button, k) => {
+    const fault = flight.faults[k];
+    button.dataset.fault = fault;
+    button.textContent = `${k}: ${fault === "ok" ? "works" : fault === "dead" ? "dead" : "stuck"}`;
+    button.setAttribute("aria-label", `Thruster ${k}: ${fault === "ok" ? "works" : fault}`);
+  });
+  for (const one of sliders) one.show();
+}
+
+function advance_flight() {
+  frames = flight.step();
+  if (flight.past.length > records.length) records.push({open: flight.open, errors: flight.seen.errors});
+  trail.push(frames[frames.length - 1]);
+  if (trail.length > SPAN / DATA.period) trail.shift();
+  told();
+}
+function tick(now) {
+  const passed = Math.min(0.1, (now - last) / 1000);
+  last = now;
+  if (running && !flight.over) {
+    clock += passed * speed;
+    // One frame of the control period after the other, then the next period.
+    const each = DATA.period / DATA.checks;
+    while (clock >= each) {
+      clock -= each;
+      if (frames.length > 1) frames.shift(); else advance_flight();
+    }
+    draw();
+  }
+  requestAnimationFrame(tick);
+}
+
+// Controls
+function cycle(k) {
+  flight.faults[k] = {ok: "dead", dead: "stuck open", "stuck open": "ok"}[flight.faults[k]];
+  told(); draw();
+}
+function rewound(periods) {
+  flight.rewind(periods);
+  records.length = Math.min(records.length, flight.past.length);
+  trail = [...flight.past.slice(-Math.round(SPAN / DATA.period)).map(one => one.carried.slice(0, 3)), flight.pose()];
+  frames = [flight.pose()];
+  told(); draw();
+}
+function moved(coordinates) {
+  flight.placeGoal(coordinates.map((x, k) => k === 2 ? Math.atan2(Math.sin(x), Math.cos(x)) : Math.max(-20, Math.min(20, x))));
+  told(); draw();
+}
+at("pause").onclick = () => { running = !running; told(); };
+at("step").onclick = () => { running = false; advance_flight(); frames = [flight.pose()]; draw(); };
+at("back").onclick = () => rewound(Math.round(5 / DATA.period));
+at("again").onclick = () => { flight.restart(); begin_anew(); };
+at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
+at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
+DATA.thrusters.forEach((_, k) => {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.onclick = () => cycle(k);
+  at("valves").append(button);
+});
+
+// A slider: where it stands, its label and range, how its value is read and set, and how it is written.
+function slider(parent, label, [low, high, each], get, set, write) {
+  const name = document.createElement("label"), input = document.createElement("input"), value = document.createElement("output");
+  Object.assign(input, {type: "range", min: low, max: high, step: each, id: `slider-${label.replaceAll(" ", "-")}`});
+  name.htmlFor = input.id; name.textContent = label;
+  input.oninput = () => { set(Number(input.value)); told(); draw(); };
+  at(parent).append(name, input, value);
+  return {show: () => { input.value = get(); value.textContent = write(get()); }};
+}
+const sliders = [
+  slider("world", "delay", [0, 5, 1], () => flight.delay, x => { flight.delay = x; }, x => `${(x * DATA.period * 1000).toFixed(0)} ms`),
+  slider("world", "noise", [0, 1, 0.05], () => flight.noise, x => { flight.noise = x; }, x => `${(100 * x).toFixed(0)} %`),
+  slider("world", "speed", [0.25, 4, 0.25], () => speed, x => { speed = x; }, x => `${x} ×`),
+];
+if (DATA.moves) {
+  const set = (k, x) => moved(flight.goal.map((old, n) => n === k ? x : old));
+  sliders.push(slider("place", "x", [-5, 5, 0.05], () => flight.goal[0], x => set(0, x), x => `${x.toFixed(2)} m`));
+  sliders.push(slider("place", "y", [-5, 5, 0.05], () => flight.goal[1], x => set(1, x), x => `${x.toFixed(2)} m`));
+  if (DATA.turned) {
+    const degrees = () => flight.goal[2] * 180 / Math.PI;
+    sliders.push(slider("place", "heading", [-180, 180, 5], degrees, x => set(2, x * Math.PI / 180), x => `${x.toFixed(0)}°`));
+  }
+} else {
+  at("goals").hidden = true;
+}
+
+// Pointer: a thruster, the goal's heading, or the goal.
+function hit(x, y) {
+  const near = ([u, v], reach) => Math.hypot(u - x, v - y) < reach;
+  const found = nozzles(frames[0]).map((place, k) => [Math.hypot(place[0] - x, place[1] - y), k]).sort((a, b) => a[0] - b[0])[0];
+  if (found && found[0] < 13) return found[1];
+  if (!DATA.moves) return "";
+  if (DATA.turned && near(shown(turn(flight.goal, [1.5 * DATA.radius, 0])), 16)) return "heading";
+  return near(shown(flight.goal), Math.max(DATA.radius * scale(), 22)) ? "goal" : "";
+}
+const inside = event => { const box = field.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
+field.onpointerdown = event => {
+  const found = hit(...inside(event));
+  if (typeof found === "number") cycle(found);
+  else if (found) { dragged = found; field.setPointerCapture(event.pointerId); }
+};
+field.onpointermove = event => {
+  const [x, y] = inside(event);
+  if (!dragged) { field.style.cursor = hit(x, y) === "" ? "default" : "pointer"; return; }
+  const [u, v] = placed(x, y), now = flight.goal;
+  moved(dragged === "goal" ? [u, v, now[2]] : [now[0], now[1], Math.atan2(v - now[1], u - now[0])]);
+};
+field.onpointerup = field.onpointercancel = () => { dragged = ""; };
+// A finger on the goal drags it; elsewhere it scrolls the page.
+field.addEventListener("touchstart", event => {
+  const touch = event.touches[0];
+  if (hit(...inside(touch)) !== "") event.preventDefault();
+}, {passive: false});
+addEventListener("keydown", event => {
+  if (event.key === " " && !["BUTTON", "INPUT"].includes(event.target.tagName)) { event.preventDefault(); at("pause").click(); }
+  const way = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1]}[event.key];
+  if (way && DATA.moves && event.target === field) {
+    event.preventDefault();
+    moved(flight.goal.map((x, k) => x + (way[k] ?? 0)));
+  }
+});
+addEventListener("resize", draw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+begin_anew();
+requestAnimationFrame(now => { last = now; tick(now); });

@@ -1,0 +1,216 @@
+"""The page in which an agent flies in the browser: what its JavaScript computes, against the code in Python."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.api.pages import flyers
+from rans.compile.javascript import activations, function
+from rans.deploy.contract import flown, golden
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.flight import Controller
+from rans.model.fields import leaves, wrap
+from rans.model.random import hash4
+from rans.model.trace import Symbol
+from rans.policy.activations import ACTIVATIONS
+from rans.show.pages.playground import Playground, playground
+from rans.show.scene.interactive import InteractiveFlight
+
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
+AGENTS = (
+    "go-to-pose-2d",
+    "go-to-pose-2d-robust",
+    "go-to-position-2d-robust",
+    "go-to-pose-2d-pingu",
+)
+"""Without a memory, with filters, with a history of observations, with throttled thrusters."""
+SEED = 7
+
+
+def run_of(name: str) -> LoadedRun:
+    (run,) = flyers((f"pretrained:{name}",), None, False)
+    return run
+
+
+def answer(script: str, tmp_path: Path) -> Any:
+    """What a script prints, read as JSON."""
+    assert NODE is not None
+    file = tmp_path / "script.js"
+    file.write_text(script)
+    done = subprocess.run(
+        [NODE, str(file)], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@needs_node
+def test_whole_numbers_wrap_around_as_in_python(tmp_path: Path) -> None:
+    """The hash of the counter-based random numbers, on words at both ends of 32 bits."""
+    words = [Symbol.input(f"w{k}", "int") for k in range(4)]
+    script = function("f", {"w": words}, {"out": hash4(*words)})
+    given = [[1, -2, 3, 2**31 - 1], [-(2**31), 77, -1, 0]]
+    found = answer(f"{script} console.log(JSON.stringify({given}.map(w => f(w).out)))", tmp_path)
+    with np.errstate(over="ignore"):
+        expected = hash4(*np.array(given, np.int32).T)
+    np.testing.assert_array_equal(np.array(found), np.stack(expected, axis=1))
+
+
+@needs_node
+def test_activations_are_those_of_torch(tmp_path: Path) -> None:
+    points = [-3.0, -0.5, 0.0, 0.25, 2.0]
+    names = list(ACTIVATIONS)
+    found = answer(
+        f"{activations()} console.log(JSON.stringify({names}.map(n => {points}.map(ACTIVATIONS[n]))))",
+        tmp_path,
+    )
+    for name, row in zip(names, found, strict=True):
+        module = getattr(torch.nn, ACTIVATIONS[name].module)()
+        expected = module(torch.tensor(points, dtype=torch.float64)).tolist()
+        assert row == pytest.approx(expected, abs=1e-12), name
+
+
+@needs_node
+@pytest.mark.parametrize("name", AGENTS)
+def test_it_starts_moves_and_observes_as_python_does(name: str, tmp_path: Path) -> None:
+    """The same start, and then its own commands, late and with thrusters that fail."""
+    run = run_of(name)
+    page = playground(run, SEED)
+    script = f"""{page.script}
+const flight = new Flight(5), told = [];
+flight.delay = 1;
+for (let k = 0; k < 40; ++k) {{
+  if (k === 10) {{ flight.faults[0] = "dead"; flight.faults[3] = "stuck open"; }}
+  if (k === 20 && DATA.moves) flight.placeGoal([1, -0.5, 0.3]);
+  flight.step();
+  told.push({{command: flight.command, state: flight.carried.slice(0, 6), errors: flight.seen.errors}});
+}}
+console.log(JSON.stringify(told));"""
+    found = answer(script, tmp_path)
+
+    flight = InteractiveFlight([run], SEED, 5)
+    flight.delay = 1
+    commands = iter([*(row["command"] for row in found[1:]), found[-1]["command"]])
+    repeated: list[Controller] = [Given(flight.controller.name, commands)]
+    flight.controllers = repeated
+    for k, row in enumerate(found):
+        if k == 10:
+            flight.dead.add(0)
+            flight.stuck.add(3)
+        if k == 20 and flight.moves:
+            flight.place_goal([1.0, -0.5], 0.3)
+        flight.step()
+        np.testing.assert_allclose(
+            row["state"], np.ravel(leaves(flight.state)[:6]), rtol=0, atol=1e-9
+        )
+        assert row["errors"] == pytest.approx([*flight.errors().values()], abs=1e-9)
+
+
+class Given:
+    """A controller that repeats commands."""
+
+    def __init__(self, name: str, commands: Any) -> None:
+        self.name = name
+        self._commands = commands
+
+    def reset(self, count: int) -> None:
+        pass
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        return np.array([next(self._commands)])
+
+
+@needs_node
+@pytest.mark.parametrize("name", AGENTS)
+def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:
+    """On whole flights, memory and all; no choice is close there, so that weights of 16 bits change none.
+
+    A throttle's duty is off by less than a thousandth.
+    """
+    run = run_of(name)
+    controller = run.controller
+    assert isinstance(controller, Agent)
+    setup = Setup(run.craft, run.task, replace(run.timing, episode_steps=50))
+    flights = flown(controller.network, setup, count=24)
+    pairs = golden(controller.network, flights, run.craft)
+    page = playground(run, SEED)
+    states = [flat(state) for state in pairs["state"]]
+    goals = [flat(goal) for goal in pairs["goal"]]
+    script = f"""{page.script}
+const states = {states}, goals = {goals}, begins = {json.dumps(pairs["begins"])};
+let memory = [];
+const found = states.map((state, k) => {{
+  if (begins[k]) memory = new Array(DATA.memory).fill(0);
+  const first = begin([...DATA.words, 0]).carried;
+  const carried = first.map((x, i) => i < DATA.goal ? state[i] : i < 2 * DATA.goal ? goals[k][i - DATA.goal] : x);
+  const answer = act(carried, DATA.noise.map(() => 0), memory);
+  memory = answer.memory;
+  return answer.command;
+}});
+console.log(JSON.stringify(found));"""
+    found = np.array(answer(script, tmp_path))
+    expected = np.array(pairs["command"])
+    tolerance = 1e-3 if controller.network.architecture.continuous else 0.0
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+
+
+def flat(quantities: dict[str, Any]) -> list[float]:
+    """Position, heading, velocity, angular velocity of a state in a contract."""
+    heading = quantities["attitude"]
+    angle = wrap(heading if isinstance(heading, float) else math.atan2(*heading[::-1]))
+    return [*quantities["position"], float(angle), *quantities["velocity"], quantities["spin"]]
+
+
+@needs_node
+def test_rewinding_gives_the_same_flight_again(tmp_path: Path) -> None:
+    """Also of an agent with a memory, and of commands that are under way."""
+    page = playground(run_of("go-to-pose-2d-robust"), SEED)
+    script = f"""{page.script}
+const flight = new Flight(2); flight.delay = 2;
+for (let k = 0; k < 30; ++k) flight.step();
+const once = flight.carried;
+flight.rewind(12);
+const between = flight.time;
+for (let k = 0; k < 12; ++k) flight.step();
+console.log(JSON.stringify([between, once, flight.carried]));"""
+    between, once, again = answer(script, tmp_path)
+    assert between == pytest.approx(18 * page.data["period"])
+    assert once == again
+
+
+def test_the_page_is_small_and_fetches_nothing(tmp_path: Path) -> None:
+    page = playground(run_of("go-to-pose-2d"), SEED)
+    page.write(tmp_path / "fly.html")
+    text = (tmp_path / "fly.html").read_text()
+    assert len(text.encode()) <= 300_000
+    assert not re.search(r"(?:src|href)=|https?:|@import|fetch\(|XMLHttpRequest", text)
+
+
+@pytest.mark.parametrize(
+    ("who", "why"),
+    [("lqr:go-to-pose-2d", "no trained agent"), ("pretrained:go-to-position-3d", "space")],
+)
+def test_others_are_refused_in_a_sentence(who: str, why: str) -> None:
+    (run,) = flyers((who,), None, False)
+    with pytest.raises(ConfigError, match=why):
+        playground(run)
+
+
+def test_its_title_is_text() -> None:
+    """Names of strangers' agents are no mark-up."""
+    page = Playground("<b>x</b>", "", {})
+    assert "<title>&lt;b&gt;x&lt;/b&gt;</title>" in page.html()
