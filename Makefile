@@ -76,5 +76,5 @@ setup: .venv/installed
 	@trap '' INT; $(PYTHON) -m venv --clear .venv
 
 clean:
-	rm -rf .venv build dist docs/learn docs/reference docs/_pictures .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist docs/learn docs/reference docs/_pictures docs/_extra .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -38,6 +38,7 @@ exclude_patterns = [
     "README.md",  # the list of pages for readers of the repository
     "tutorials",  # sources of `learn`
     "_ext",
+    "_extra",
     "validation",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -85,6 +86,7 @@ warnings.filterwarnings("ignore", message=".*FigureCanvasAgg is non-interactive.
 html_theme = "pydata_sphinx_theme"
 html_title = "RANS"
 html_static_path = ["_static"]
+html_extra_path = ["_extra"]  # written by docs/_ext/reference.py
 html_css_files = ["rans.css"]
 html_logo = "_static/mark.svg"
 html_favicon = "_static/mark.svg"

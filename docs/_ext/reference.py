@@ -70,6 +70,16 @@ API = {
 }
 """Public names by what they are for; `check_api` compares them with `rans.__all__`."""
 
+FLOWN = (
+    "go-to-pose-2d",
+    "go-to-pose-2d-robust",
+    "go-to-pose-2d-pingu",
+    "avoid-2d",
+    "dock-port-2d",
+    "track-velocity-2d",
+)
+"""Agents that fly in pages of the site (docs/fly.md)."""
+
 SETTLED = ("solved", "settling time", "impulse", "position error", "attitude error", "duty at rest")
 """Metrics of a card that are in the table of agents, as far as the card has them."""
 
@@ -477,6 +487,10 @@ def _write(app: Sphinx) -> None:
     for file in folder.rglob("*.*"):
         if file.is_file() and file.relative_to(folder).as_posix() not in made:
             file.unlink()
+    playgrounds = Path(app.srcdir) / "_extra" / "play"
+    playgrounds.mkdir(parents=True, exist_ok=True)
+    for name in FLOWN:
+        rans.load_agent(name).playground(playgrounds / f"{name}.html")
     pictures = Path(app.srcdir) / "_pictures"
     pictures.mkdir(exist_ok=True)
     for name in spacecraft_names():

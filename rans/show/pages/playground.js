@@ -137,7 +137,7 @@ function history() {
   pen.font = "12px system-ui"; pen.fillStyle = ink("--good"); pen.globalAlpha = 0.14;
   pen.fillRect(left, y(1), width - left - 8, split - 8 - y(1)); pen.globalAlpha = 1;
   pen.strokeStyle = ink("--good"); pen.setLineDash([4, 4]); path(pen, [[left, y(1)], [width - 8, y(1)]]); pen.stroke(); pen.setLineDash([]);
-  pen.fillText("tolerance", 8, y(1) + 4);
+  pen.textAlign = "right"; pen.fillText("within tolerance", width - 14, y(1) + 14); pen.textAlign = "start";
   const colours = ["--link", "--plume", "--bad", "--soft"].map(ink);
   DATA.errors.forEach((error, n) => {
     if (!error.tolerance) return;
@@ -258,6 +258,7 @@ if (DATA.moves) {
   }
 } else {
   at("goals").hidden = true;
+  at("lead").textContent = "The agent flies in this page. Click a thruster to make it fail.";
 }
 
 // Pointer: a thruster, the goal's heading, or the goal.
