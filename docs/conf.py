@@ -87,6 +87,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "RANS"
 html_static_path = ["_static"]
 html_extra_path = ["_extra"]  # written by docs/_ext/reference.py
+(DOCS / "_extra").mkdir(exist_ok=True)
 html_css_files = ["rans.css"]
 html_logo = "_static/mark.svg"
 html_favicon = "_static/mark.svg"

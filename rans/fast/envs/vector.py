@@ -129,6 +129,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         }
         self._film = None if render_mode is None else Film(self.engine, render_mode)
 
+    _spec: EnvSpec | None = None
+
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]  # Gymnasium's is an attribute
         """As registered, with the length of an episode here."""
