@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from rans.flight import Controller, Flight, fly
     from rans.optimal.control.convex_guidance import ConvexGuidance
     from rans.optimal.control.guidance import VelocityToGain
+    from rans.optimal.control.landing_guidance import LandingGuidance
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
@@ -117,6 +118,7 @@ _LAZY = {
     "Flight": "rans.flight",
     "fly": "rans.flight",
     "LQR": "rans.optimal.control.lqr",
+    "LandingGuidance": "rans.optimal.control.landing_guidance",
     "Switching": "rans.optimal.control.switching",
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
@@ -187,6 +189,7 @@ __all__ = [
     "CONTROLLERS",
     "Controller",
     "LQR",
+    "LandingGuidance",
     "Switching",
     "MPC",
     "ObserverMPC",

@@ -63,6 +63,7 @@ OWN_ROOMS = "rans.model", "rans.effectors", "rans.tasks"
 """Where the kinds of tasks and effectors are known; other rooms ask a task or an effector for its properties."""
 CHECKED = {
     "rans.optimal.control.convex_guidance": {"OrbitalMission"},
+    "rans.optimal.control.landing_guidance": {"Land"},
     "rans.optimal.control.visiting": {"Inspect"},
     "rans.optimal.convex.landing": {"Throttle"},
 }

@@ -61,8 +61,8 @@ API = {
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance Visiting "
-        "Lookahead ArrivalCost Pilot pretrained_names"
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance "
+        "LandingGuidance Visiting Lookahead ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",
     "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",

@@ -19,7 +19,6 @@ import numpy as np
 import tyro
 
 from rans.errors import SolverFailed
-from rans.evaluation.compare.landings import descent_of
 from rans.evaluation.compare.transfers import bounds
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
@@ -29,8 +28,9 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.control.lqr import LQR
-from rans.optimal.convex.landing import Lander, best_landing
+from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
@@ -216,15 +216,35 @@ class Missions:
                     few = scenarios(varied, craft, self.seed, self.drake)
                     flight = fly_in_drake(craft, varied, controller, few, timing)
                     yield _row(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+        if self.mission == "land":
+            yield from self._guided(known)
+
+    def _guided(self, known: np.ndarray | None) -> Iterator[Row]:
+        """Landing guidance from the first starts, whose bounds may be known."""
+        task = Land().for_evaluation()
+        assert isinstance(task, Land)
+        assert task.spacecraft is not None
+        craft = load_spacecraft(task.spacecraft)
+        lower = self._least_propellant(craft, task) if known is None else known
+        for who, flying, count in (
+            ("landing guidance", fly, self.bounded),
+            ("landing guidance, in Drake", fly_in_drake, min(self.drake, self.bounded)),
+        ):
+            if count:
+                starts = scenarios(task, craft, self.seed, count)
+                guidance = LandingGuidance(craft, task, task.timing)
+                flight = flying(craft, task, guidance, starts, task.timing)
+                yield _row("", who, flight, _spent(flight), lower)
 
     def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
-        """Propellant below which nothing lands, kg, from each of the first starts."""
+        """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""
         lander = Lander.of(craft)
+        descent = Descent.of(task, craft=craft)
         period = task.timing.control_period
         found = []
         for one in each(scenarios(task, craft, self.seed, self.bounded)):
             start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
-            best = best_landing(lander, descent_of(task), start, period, "bound")
+            best = best_landing(lander, descent, start, period, "bound")
             if best is None:
                 raise SolverFailed("a start of the evaluation has no landing.")
             found.append(best.propellant)

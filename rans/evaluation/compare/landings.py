@@ -69,18 +69,6 @@ class LandingAnswer:
         }
 
 
-def descent_of(task: Land, exact: bool = False) -> Descent:
-    """What the task asks for; exact: to end at the site at rest instead of within the tolerances."""
-    return Descent(
-        gravity=task.gravity,
-        glide_slope=task.glide_slope,
-        margin=task.position_tolerance,
-        tilt=task.tilt_limit,
-        position_tolerance=0.0 if exact else task.position_tolerance,
-        velocity_tolerance=0.0 if exact else task.velocity_tolerance,
-    )
-
-
 def landings(
     craft: Spacecraft,
     task: Land,
@@ -104,7 +92,7 @@ def landings(
         ConfigError: the craft is no lander.
     """
     lander = Lander.of(craft)
-    descent = descent_of(task, exact)
+    descent = Descent.of(task, exact)
     period = task.timing.control_period
     answers = []
     for number, one in enumerate(each(starts)):

@@ -19,6 +19,7 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 from __future__ import annotations
 
 import importlib
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -29,6 +30,7 @@ from scipy import sparse
 from rans.errors import ConfigError
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
+from rans.tasks.land import Land
 
 _LENGTH = 1000.0
 """m."""
@@ -119,6 +121,45 @@ class Descent:
     """Speed with which it may end, m/s; 0: at rest."""
     speed: float | None = None
     """Largest speed, m/s; None: any."""
+    turning: float | None = None
+    """Largest angular acceleration across its thrust of a full craft that starts upright and at rest, rad/s^2.
+
+    Thrust is then tilted by no more than half of it times the squared time. None: it turns at once."""
+
+    @classmethod
+    def of(cls, task: Land, exact: bool = False, craft: Spacecraft | None = None) -> Descent:
+        """What a task asks for.
+
+        Args:
+            task: whose settings count.
+            exact: whether to end at the site at rest instead of within the tolerances.
+            craft: whose `turning` counts; None: thrust turns at once.
+        """
+        return cls(
+            gravity=task.gravity,
+            glide_slope=task.glide_slope,
+            margin=task.position_tolerance,
+            tilt=task.tilt_limit,
+            position_tolerance=0.0 if exact else task.position_tolerance,
+            velocity_tolerance=0.0 if exact else task.velocity_tolerance,
+            turning=None if craft is None else largest_turning(craft),
+        )
+
+
+def largest_turning(craft: Spacecraft) -> float | None:
+    """Largest angular acceleration across z of B that reaction wheels give a full craft, rad/s^2.
+
+    In B, a craft's angular velocity is what its wheels have given to it, whatever way it turned: momentum is
+    kept. Thrust along z of B is therefore tilted by no more than half of this number times the squared time after
+    a start at rest. None where something else turns the craft too, of which this is not true.
+    """
+    turns = np.array(craft.wrench_map)[:, 3:]
+    if craft.further_effectors or np.abs(turns).max() > 1e-9 or not craft.wheels:
+        return None
+    torques = np.array([np.multiply(wheel.axis, wheel.max_torque) for wheel in craft.wheels])
+    across = np.linalg.solve(np.array(craft.inertia), torques.T)[:2]
+    corners = itertools.product((-1.0, 1.0), repeat=len(torques))
+    return max(float(np.linalg.norm(across @ corner)) for corner in corners)
 
 
 @dataclass(frozen=True)
@@ -411,7 +452,7 @@ class _Problem:
             rows.extend((len(right), column, value) for column, value in entries)
             right.append(bound)
 
-        cosine = math.cos(self.descent.tilt)
+        cosines = np.cos(self._tilts())
         for k in range(n):
             # sigma >= least exp(-zeta) (1 - (ln m - zeta)), a tangent.
             low = least * math.exp(-about[k])
@@ -439,12 +480,25 @@ class _Problem:
                     *((z, -slope * share) for z, share in middle),
                 )
             vertical = self.knots + 4 * k + 2
-            add(0.0, (self._sigma(k), cosine), (vertical, -1.0))
+            add(0.0, (self._sigma(k), cosines[k]), (vertical, -1.0))
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
         add(-dry, (self._z(n), -1.0))
         row, column, value = zip(*rows, strict=True)
         matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
         return matrix, np.array(right), 1
+
+    def _tilts(self) -> np.ndarray:
+        """(N,) largest tilt of thrust in each period, rad: what a craft can have turned by at its end.
+
+        By then a craft's inertia is that of the lightest that it can be.
+        """
+        limit = np.full(self.count, self.descent.tilt)
+        if self.descent.turning is None:
+            return limit
+        full = math.log(self.lander.mass)
+        growth = np.exp(full - self.lightest[1:])
+        times = self.period * np.arange(1, self.count + 1)
+        return np.minimum(limit, 0.5 * self.descent.turning * growth * times**2)
 
     def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
         """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""

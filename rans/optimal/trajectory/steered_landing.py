@@ -1,0 +1,312 @@
+"""Least propellant of a powered descent by a rigid craft, which has to turn before its thrust points elsewhere.
+
+`rans.optimal.convex.landing` turns thrust at once, which makes a convex program of the descent. Here the tilt of
+thrust is a double integrator, so that the program is not convex: IPOPT finds a local optimum of it, from the convex
+optimum as its guess. It can be flown, and is no bound.
+
+The tilt is a rotation vector (x, y, 0) in W that turns the vertical into the direction of thrust. Its second
+derivative is bounded, and held over a control period as thrust is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import solve
+
+from rans.optimal.convex.landing import Descent, Lander, Landing
+
+_UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0])
+"""Of the solver's states: m, m/s, rad, rad/s, kg."""
+_THRUST = 1e4
+"""Of the solver's thrust, N."""
+_STATES = len(_UNITS)
+_COMMANDS = 3
+_SMOOTHNESS = 1e-2
+"""Price of the mean square of the tilt's second derivative, in units of 100 kg per rad^2/s^4: about 0.05 kg a
+landing, without which the tilt chatters where nothing depends on it."""
+_HEIGHT = 0.05
+"""Above the ground in the middle and at the end of every period, m: contact is not exact to a millimetre."""
+_OPTIONS = {
+    "expand": True,
+    "print_time": False,
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.max_iter": 200,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.tol": 1e-6,
+}
+_STATE_PRICES = 1.0 / np.array([10.0] * 3 + [2.0] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4]) ** 2
+"""Of a deviation from the plan in every period: as much as one of `_COMMAND_PRICES`, in m, m/s, rad, rad/s, kg."""
+_LAST_PRICES = 1.0 / np.array([0.1] * 3 + [0.05] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4]) ** 2
+"""The same where the plan ends."""
+_COMMAND_PRICES = 1.0 / np.array([500.0, 0.2, 0.2]) ** 2
+"""Of a change of thrust, N, and of the tilt's second derivative, rad/s^2."""
+
+
+@dataclass(frozen=True)
+class SteeredLanding:
+    """A landing of a craft that turns, with thrust and turning held for equal periods.
+
+    A state is position (3, m) and velocity (3, m/s) in W, tilt (2, rad), its rate (2, rad/s), and mass (kg).
+    """
+
+    period: float
+    """s."""
+    states: np.ndarray
+    """(N + 1, 11)."""
+    commands: np.ndarray
+    """(N, 3): thrust, N, and the second derivative of the tilt, rad/s^2."""
+    gains: np.ndarray
+    """(N, 3, 11): by how much commands change with a deviation from the plan's state (time-varying LQR)."""
+    misses: np.ndarray
+    """(N + 1, 6, 11): how a deviation now changes the last position and velocity, with these gains."""
+
+    @property
+    def propellant(self) -> float:
+        """Used, kg."""
+        return float(self.states[0, -1] - self.states[-1, -1])
+
+    @property
+    def time(self) -> float:
+        """Flight time, s."""
+        return self.period * len(self.commands)
+
+
+class SteeredLandings:
+    """Landings of one craft, ready to be solved from any state; programs are kept by their number of periods.
+
+    Args:
+        lander: what lands.
+        descent: what is asked for, with tolerances > 0.
+        turning: largest second derivative of either component of the tilt, rad/s^2.
+        period: for which commands are held, s.
+    """
+
+    def __init__(self, lander: Lander, descent: Descent, turning: float, period: float) -> None:
+        self._lander = lander
+        self._descent = descent
+        self._turning = turning
+        self._period = period
+        self._step = _step(lander, descent, period)
+        state = ca.SX.sym("state", _STATES)
+        command = ca.SX.sym("command", _COMMANDS)
+        after = self._step(state, command)
+        slopes = [ca.jacobian(after, state), ca.jacobian(after, command)]
+        self._slopes = ca.Function("slopes", [state, command], slopes)
+        self._programs: dict[int, _Program] = {}
+
+    def from_convex(self, state: np.ndarray, plan: Landing, count: int) -> SteeredLanding | None:
+        """Landing from a state (11,) in so many periods, guessed from a convex optimum; None: none was found."""
+        return self._solved(state, self._guess(state, plan, count), count)
+
+    def again(self, state: np.ndarray, plan: SteeredLanding, count: int) -> SteeredLanding | None:
+        """Landing from a state (11,) in so many periods, guessed from the end of a plan; None: none was found."""
+        there = np.linspace(len(plan.commands) - count, len(plan.commands), count + 1)
+        known = np.arange(len(plan.states))
+        states = np.stack([np.interp(there, known, x) for x in plan.states.T], axis=1)
+        held = np.clip(np.floor(there[:-1]).astype(int), 0, len(plan.commands) - 1)
+        return self._solved(state, _packed(states, plan.commands[held]), count)
+
+    def _solved(self, state: np.ndarray, guess: np.ndarray, count: int) -> SteeredLanding | None:
+        if count not in self._programs:
+            self._programs[count] = _Program(
+                self._lander, self._descent, self._turning, self._step, count, self._period
+            )
+        answer = self._programs[count].solve(state, guess)
+        if answer is None:
+            return None
+        states, commands = answer
+        gains, misses = self._gains(states, commands)
+        return SteeredLanding(self._period, states, commands, gains, misses)
+
+    def _gains(self, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`SteeredLanding.gains` and `SteeredLanding.misses`, by Riccati's recursion from the end."""
+        count = len(commands)
+        units = np.array([_THRUST, 1.0, 1.0])
+        gains = np.zeros((count, _COMMANDS, _STATES))
+        misses = np.zeros((count + 1, 6, _STATES))
+        misses[-1, :, :6] = np.eye(6)
+        price = np.diag(_LAST_PRICES)
+        for k in reversed(range(count)):
+            slopes = self._slopes(states[k] / _UNITS, commands[k] / units)
+            motion = np.array(slopes[0]) * _UNITS[:, None] / _UNITS
+            push = np.array(slopes[1]) * _UNITS[:, None] / units
+            weighed = push.T @ price
+            gains[k] = -solve(np.diag(_COMMAND_PRICES) + weighed @ push, weighed @ motion)
+            closed = motion + push @ gains[k]
+            price = np.diag(_STATE_PRICES) + motion.T @ price @ closed
+            price = 0.5 * (price + price.T)
+            misses[k] = misses[k + 1] @ closed
+        return gains, misses
+
+    def _guess(self, state: np.ndarray, plan: Landing, count: int) -> np.ndarray:
+        """The convex optimum over so many periods, its directions smoothed and differentiated."""
+        length = len(plan.acceleration)
+        knots = np.linspace(0.0, length, count + 1)
+        along = np.arange(length + 1)
+        upright = math.hypot(*state[6:8]) < 1e-6
+        first = [0.0, 0.0, 1.0] if upright else direction_of(state[6:8])
+        size = np.linalg.norm(plan.acceleration, axis=1)
+        directions = np.vstack([first, plan.acceleration / size[:, None]])
+        for _ in range(4):
+            inner = directions[:-2] + 2.0 * directions[1:-1] + directions[2:]
+            directions[1:-1] = 0.25 * inner
+        tilt = np.array([tilt_of(direction) for direction in directions])
+        thrust = size * 0.5 * (plan.mass[1:] + plan.mass[:-1])
+        table = np.column_stack([plan.p, plan.v, tilt, plan.mass])
+        at_knots = np.stack([np.interp(knots, along, x) for x in table.T], axis=1)
+        if count > 1:
+            rate = np.gradient(at_knots[:, 6:8], self._period, axis=0)
+            turning = np.gradient(rate, self._period, axis=0)[:-1]
+        else:
+            rate, turning = np.zeros((2, 2)), np.zeros((1, 2))
+        held = np.interp(knots[:-1], np.arange(length), thrust)
+        states = np.column_stack([at_knots[:, :8], rate, at_knots[:, 8]])
+        return _packed(states, np.column_stack([held, turning]))
+
+
+def direction_of(tilt: np.ndarray) -> np.ndarray:
+    """(3,) direction of thrust with a tilt (2,), rad."""
+    angle = math.hypot(*tilt)
+    share = math.sin(angle) / angle if angle > 1e-9 else 1.0
+    return np.array([tilt[1] * share, -tilt[0] * share, math.cos(angle)])
+
+
+def tilt_of(direction: np.ndarray) -> np.ndarray:
+    """(2,) rotation vector in W, rad, that turns the vertical into a direction (3,) above the horizon."""
+    x, y, z = direction / np.linalg.norm(direction)
+    across = math.hypot(x, y)
+    if across < 1e-9:
+        return np.array([-y, x])
+    return np.array([-y, x]) * (math.atan2(across, z) / across)
+
+
+def angular_velocity(tilt: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """(3,) rad/s in W, of thrust whose tilt (2,), rad, changes at a rate (2,), rad/s, without spin about it."""
+    small = 1e-4
+    change = direction_of(tilt + small * rate) - direction_of(tilt - small * rate)
+    return np.cross(direction_of(tilt), change / (2.0 * small))
+
+
+def tilt_rate(direction: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """(2,) rate of the tilt, rad/s, of thrust along a direction (3,) that turns with w (3,) in W, rad/s."""
+    small = 1e-4
+    moved = np.cross(w, direction) * small
+    return (tilt_of(direction + moved) - tilt_of(direction - moved)) / (2.0 * small)
+
+
+def _packed(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """The solver's variables: states after each period, then commands."""
+    units = np.array([_THRUST, 1.0, 1.0])
+    return np.concatenate([(states[1:] / _UNITS).ravel(), (commands / units).ravel()])
+
+
+def _step(lander: Lander, descent: Descent, period: float) -> ca.Function:
+    """Motion over one period in the solver's units, by the classical Runge-Kutta method."""
+    state = ca.SX.sym("state", _STATES)
+    command = ca.SX.sym("command", _COMMANDS)
+    units = ca.DM(_UNITS)
+
+    def slope(x: ca.SX) -> ca.SX:
+        tilt = x[6:8]
+        angle = ca.sqrt(ca.sumsqr(tilt) + 1e-12)
+        share = ca.sin(angle) / angle
+        direction = ca.vertcat(tilt[1] * share, -tilt[0] * share, ca.cos(angle))
+        push = direction * (command[0] * _THRUST / (x[10] * _UNITS[10]))
+        acceleration = push - ca.DM([0.0, 0.0, descent.gravity])
+        flow = command[0] * (_THRUST / lander.exhaust_speed)
+        derivative = ca.vertcat(x[3:6] * _UNITS[3], acceleration, x[8:10], command[1:3], -flow)
+        return derivative / units
+
+    first = slope(state)
+    second = slope(state + 0.5 * period * first)
+    third = slope(state + 0.5 * period * second)
+    fourth = slope(state + period * third)
+    after = state + period / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+    return ca.Function("step", [state, command], [after])
+
+
+class _Program:
+    """The nonlinear program of landings in a number of periods."""
+
+    def __init__(
+        self,
+        lander: Lander,
+        descent: Descent,
+        turning: float,
+        step: ca.Function,
+        count: int,
+        period: float,
+    ) -> None:
+        self._count = count
+        states = ca.MX.sym("states", _STATES, count)
+        commands = ca.MX.sym("commands", _COMMANDS, count)
+        start = ca.MX.sym("start", _STATES)
+        before = ca.horzcat(start, states[:, :-1])
+
+        # Rows, each with its bounds: intervals join; tilt in the middle and at the end of a period; glide slope;
+        # height in the middle; where it ends.
+        rows: list[ca.MX] = [ca.vec(states - step.map(count)(before, commands))]
+        low = [np.zeros(_STATES * count)]
+        high = [np.zeros(_STATES * count)]
+        middle = (
+            before[6:8, :] + 0.5 * period * before[8:10, :] + 0.125 * period**2 * commands[1:3, :]
+        )
+        for tilt in (middle, states[6:8, :]):
+            rows.append(ca.sum1(tilt**2).T)
+            low.append(np.full(count, -np.inf))
+            high.append(np.full(count, descent.tilt**2))
+        rim = states[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
+        rows.append((rim**2 - ca.sum1(states[:2, :] ** 2)).T)
+        low.append(np.zeros(count))
+        high.append(np.full(count, np.inf))
+        height = 0.5 * (before[2, :] + states[2, :]) * _UNITS[2]
+        height += 0.125 * period * (before[5, :] - states[5, :]) * _UNITS[5]
+        rows.append(height.T)
+        low.append(np.full(count, _HEIGHT))
+        high.append(np.full(count, np.inf))
+        for part, tolerance in (
+            (states[:3, -1], descent.position_tolerance / _UNITS[0]),
+            (states[3:6, -1], descent.velocity_tolerance / _UNITS[3]),
+        ):
+            rows.append(ca.sumsqr(part))
+            low.append(np.zeros(1))
+            high.append(np.full(1, tolerance**2))
+
+        cost = -10.0 * states[10, -1] + _SMOOTHNESS * ca.sumsqr(commands[1:3, :]) / count
+        problem = {
+            "x": ca.vertcat(ca.vec(states), ca.vec(commands)),
+            "p": start,
+            "f": cost,
+            "g": ca.vertcat(*rows),
+        }
+        self._solver = ca.nlpsol("landing", "ipopt", problem, _OPTIONS)
+
+        least = np.full((count, _STATES), -np.inf)
+        least[:, 2] = _HEIGHT / _UNITS[2]
+        least[:, 10] = (lander.mass - lander.propellant) / _UNITS[10]
+        weakest = [lander.least_thrust / _THRUST, -turning, -turning]
+        strongest = [lander.largest_thrust / _THRUST, turning, turning]
+        self._bounds = {
+            "lbx": np.concatenate([least.ravel(), np.tile(weakest, count)]),
+            "ubx": np.concatenate([np.full(least.size, np.inf), np.tile(strongest, count)]),
+            "lbg": np.concatenate(low),
+            "ubg": np.concatenate(high),
+        }
+
+    def solve(self, state: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """States (N + 1, 11) and commands (N, 3) in SI units; None: the solver did not succeed."""
+        answer = self._solver(x0=guess, p=state / _UNITS, **self._bounds)
+        if not self._solver.stats()["success"]:
+            return None
+        x = np.array(answer["x"]).ravel()
+        split = _STATES * self._count
+        after = x[:split].reshape(self._count, _STATES) * _UNITS
+        commands = x[split:].reshape(self._count, _COMMANDS) * [_THRUST, 1.0, 1.0]
+        return np.vstack([state, after]), commands

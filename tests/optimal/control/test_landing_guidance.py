@@ -1,0 +1,75 @@
+"""Guidance for descents: it lands near the bound of its start, in both engines, and finds back to its way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.flight import Flight, fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.landing_guidance import LandingGuidance
+from rans.optimal.convex.landing import Descent, Lander, best_landing
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, scenarios
+from rans.tasks.land import Land
+
+LANDER = load_spacecraft("mars-lander-steered")
+TASK = Land()
+
+
+def used(flight: Flight) -> float:
+    left = flight.states.stores[0]
+    return float(left[0, 0] - left[flight.lengths[0], 0])  # type: ignore[index]
+
+
+def starts(seed: int) -> Scenario:
+    return scenarios(TASK, LANDER, seed, 1)
+
+
+@pytest.mark.parametrize("flying", [fly, fly_in_drake])
+def test_it_lands_near_the_bound_and_breaks_no_limit(flying: Any) -> None:
+    begun = starts(7)
+    flight = flying(LANDER, TASK, LandingGuidance(LANDER, TASK), begun, TASK.timing)
+    assert flight.done.all()
+    assert not flight.violated().any()
+    p, v = (np.array(x.columns()).ravel() for x in (begun.start.p, begun.start.v))
+    descent = Descent.of(TASK, craft=LANDER)
+    bound = best_landing(Lander.of(LANDER), descent, (p, v), 0.5, "bound")
+    assert bound is not None
+    assert 1.0 < used(flight) / bound.propellant < 1.015
+
+
+class Kicked(LandingGuidance):
+    """Guidance whose engines give two thirds more than they should for two seconds, and whose wheels then err."""
+
+    _flown = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        commands = super().act(state, goal, observation)
+        if 80 <= self._flown < 84:
+            commands[:, :6] = 0.5
+        if self._flown == 84:
+            commands[:, 6:8] = 0.3
+        self._flown += 1
+        return commands
+
+
+def test_it_plans_again_when_it_is_off_its_way() -> None:
+    guidance = Kicked(LANDER, TASK)
+    flight = fly(LANDER, TASK, guidance, starts(8), TASK.timing)
+    assert flight.done is not None
+    assert flight.done.all()
+    assert not flight.violated().any()
+
+
+def test_it_is_for_landers_that_wheels_turn() -> None:
+    with pytest.raises(ConfigError, match="flies descents"):
+        LandingGuidance("free-flyer", "go-to-pose")
+    with pytest.raises(ConfigError, match="reserve"):
+        LandingGuidance(LANDER, TASK, reserve=0.5)
+    with pytest.raises(ConfigError, match="reaction wheels"):
+        LandingGuidance(replace(LANDER, wheels=()), TASK)
