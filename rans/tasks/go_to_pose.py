@@ -113,14 +113,15 @@ class GoToPose(Arrived, SingleTask):
                 if is_used(self.misaligned_weight)
                 else {}
             ),
-            **self.arrived(
-                transition,
-                closest,
-                distance / self.position_tolerance,
-                angle / self.attitude_tolerance,
-            ),
+            **self.arrived(transition, closest, *self._shares(transition.state, transition.goal)),
+            **self.departed(transition, partial(self._shares, goal=transition.goal)),
             **self.prices(transition),
         }
+
+    def _shares(self, state: State, goal: State) -> tuple[Field, ...]:
+        """Errors over their tolerances."""
+        distance, angle = self.errors(state, goal).values()
+        return distance / self.position_tolerance, angle / self.attitude_tolerance
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import add
@@ -150,6 +150,9 @@ class Arrived:
     boundary_weight: float = 0.0
     """Reward lost outside of the tolerances, but within twice as much: a flight to the goal passes through in a
     step or two, and one that has arrived should not leave."""
+    departed_weight: float = 0.0
+    """Reward lost in a control period that begins at rest within the tolerances and does not end so: who has
+    arrived should stay, and correct itself with pulses that leave it at rest."""
     arrived_speed: float = 0.05
     """Speed below which a craft counts as at rest, m/s."""
     arrived_spin: float = math.radians(5.0)
@@ -169,10 +172,8 @@ class Arrived:
         """
         state = transition.state
         inside = partial(within, sharpness=self.arrived_sharpness)
-        shares = tuple(share / self.arrived_within for share in shares)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.arrived_weight):
-            rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin
             worth = sum(closest) * self.arrived_fine_weight + self.arrived_weight
             if is_used(self.arrived_still_weight):
                 worth = (
@@ -181,11 +182,38 @@ class Arrived:
                 )
             if is_used(self.arrived_thrust_weight):
                 worth = worth - reduce(add, transition.thrusters) * self.arrived_thrust_weight
-            terms["arrived"] = inside(*shares, *rest) * worth
+            terms["arrived"] = self._at_rest(state, shares) * worth
         if is_used(self.boundary_weight):
+            shares = tuple(share / self.arrived_within for share in shares)
             near = inside(*(0.5 * share for share in shares))
             terms["boundary"] = near * (1.0 - inside(*shares)) * -self.boundary_weight
         return terms
+
+    def departed(
+        self, transition: Transition, shares: Callable[[State], tuple[Field, ...]]
+    ) -> dict[str, Field]:
+        """The price of leaving rest within the tolerances; nothing where its weight is zero.
+
+        Args:
+            transition: control period.
+            shares: errors of a state over the task's tolerances.
+        """
+        if not is_used(self.departed_weight):
+            return {}
+        after = transition.state
+        before = after if transition.before is None else transition.before
+        stayed = self._at_rest(after, shares(after))
+        left = self._at_rest(before, shares(before)) * (1.0 - stayed)
+        return {"departed": left * -self.departed_weight}
+
+    def _at_rest(self, state: State, shares: tuple[Field, ...]) -> Field:
+        """Smooth indicator of rest within the tolerances: 1 inside, 0 outside."""
+        return within(
+            *(share / self.arrived_within for share in shares),
+            state.v.norm() / self.arrived_speed,
+            speed(state.spin()) / self.arrived_spin,
+            sharpness=self.arrived_sharpness,
+        )
 
 
 def is_used(setting: Any) -> bool:

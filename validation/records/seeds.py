@@ -36,6 +36,7 @@ _COLUMNS = {
     "impulse": "N s",
     "duty at rest": "%",
     "error": "m or m/s",
+    "leaves rest": "%",
     "failed": "per million",
 }
 """Of each the mean; smaller is better in every one."""
@@ -161,6 +162,7 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
         "impulse": float(entry.thrust.mean()),
         "duty at rest": 100.0 * float(commands[-last_fifth(len(commands)) :].mean()),
         "error": float(next(iter(entry.errors.values())).mean()),
+        "leaves rest": 100.0 * float(1.0 - entry.stays.mean()),
         "failed": 1e6 * failed.unsolved / failed.flights,
     }
 
