@@ -1,12 +1,12 @@
-"""RANS trains agents that fly thruster-driven spacecraft, and proves what they are worth.
+"""RANS trains agents that fly thruster-driven spacecraft, and measures them against Drake and optimal control.
 
     >>> agent = rans.load_agent("go-to-pose-2d")
     >>> rans.evaluate(agent, episodes=64)["solved"].value
     100.0
 
-Importing it registers the Gymnasium environments of `rans.tasks.gymnasium_ids`, each also as moved by
-Drake: "rans/GoToPose2D-Drake-v0"; `TASKS.register` adds those of a task of your own. What needs torch,
-Drake, CasADi or SciPy is loaded when first used.
+Importing it registers the Gymnasium environments of `rans.tasks.gymnasium_ids`. Each exists a second time with
+Drake in place of the fast engine, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds those of a task of
+your own. torch, Drake, CasADi and SciPy are loaded when first used.
 """
 
 import rans.safe_path  # noqa: F401  # before anything else: see there

@@ -1,4 +1,4 @@
-"""An agent, or another controller, with what it is for: it acts, is judged, is shown, and is handed on."""
+"""An agent or a controller as an object: act, evaluate, compare, view, export and save."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ class Agent:
     >>> agent.evaluate(episodes=16)["solved"].value
     100.0
 
-    `rans.train` and `rans.load_agent` make one. Other functions at the top of the package take it where they
-    take a name.
+    `rans.train` and `rans.load_agent` return one. All functions of `rans` that take the name of an agent take an
+    `Agent` as well.
     """
 
     def __init__(self, run: LoadedRun, spec: str = "") -> None:
         self.run = run
-        """The controller, and what it is for."""
+        """The controller, with its spacecraft, task, timing and conditions."""
         self.spec = spec
-        """Text that names it in commands: a run folder, or pretrained:NAME; empty where there is none."""
+        """Its name in commands: a run folder, or pretrained:NAME; empty if it has none."""
         self._memory: tuple[np.ndarray, ...] | None = None
 
     def __repr__(self) -> str:
@@ -75,12 +75,12 @@ class Agent:
 
     @property
     def name(self) -> str:
-        """Its name in tables."""
+        """Name of the agent in tables."""
         return self.run.controller.name
 
     @property
     def controller(self) -> Controller:
-        """What gives the commands, as `rans.fly` takes it."""
+        """The controller that gives the commands, as `rans.fly` takes it."""
         return self.run.controller
 
     @property
@@ -90,7 +90,7 @@ class Agent:
 
     @property
     def task(self) -> Task:
-        """The task, with the settings of the training."""
+        """The task of the agent, with the settings of its training."""
         return self.run.task
 
     @property
@@ -105,7 +105,7 @@ class Agent:
 
     @property
     def folder(self) -> Path | None:
-        """Its run folder; None: it has none."""
+        """Run folder of the agent; None if it has none."""
         from rans.evaluation.fly.agent import Agent as Network
         from rans.evaluation.fly.contestants import agent_folder
 
@@ -114,7 +114,7 @@ class Agent:
         return agent_folder(self.spec)
 
     def under(self, conditions: str | Path | Conditions | None) -> Agent:
-        """This agent, judged under other conditions: a name, a TOML file or a value; None: its own.
+        """The same agent, to be evaluated under other conditions: a name, a file or a `Conditions`; None: its own.
 
         Raises:
             ConfigError: there are no such conditions.
@@ -122,11 +122,11 @@ class Agent:
         return Agent(self.run.under(conditions), self.spec)
 
     def reset(self) -> None:
-        """Forget what `act` remembers: call it where an episode begins."""
+        """Clear the memory that `act` keeps; call it at the beginning of every episode."""
         self._memory = None
 
     def act(self, observation: Any) -> np.ndarray:
-        """The deterministic action for an observation; an agent with a memory remembers it until `reset`.
+        """The deterministic action for an observation; an agent with a memory keeps it until `reset`.
 
         Args:
             observation: (width,) or (N, width), as the task's environments give it.
@@ -202,8 +202,8 @@ class Agent:
 
         Args:
             episodes: number of episodes.
-            seed: of starts, goals and conditions.
-            engine: "fast", or "drake" as an independent judge.
+            seed: random seed of starts, goals and conditions.
+            engine: what computes the motion: "fast" (RANS's own equations), or "drake".
             first: number of the first episode.
 
         Raises:
@@ -214,31 +214,31 @@ class Agent:
         return flown(self.run, episodes, seed, engine, first)
 
     def evaluate(self, **options: Any) -> Metrics:
-        """Metrics with 95 % intervals; options as of `rans.evaluate`."""
+        """Fly from fixed starts, and return metrics with 95 % intervals; options as for `rans.evaluate`."""
         from rans.api.judging import evaluate
 
         return evaluate(self, **options)
 
     def compare(self, *others: Any, **options: Any) -> Comparison:
-        """Fly from the same starts as others, controllers and the optimum; options as of `rans.compare`."""
+        """Compare with agents, controllers and the optimum from the same starts; options as for `rans.compare`."""
         from rans.api.judging import compare
 
         return compare(self, *others, **options)
 
     def stress(self, *others: Any, **options: Any) -> StressReport:
-        """Fly under each disturbance at increasing size; options as of `rans.stress`."""
+        """Fly under one disturbance at a time, at increasing magnitude; options as for `rans.stress`."""
         from rans.api.judging import stress
 
         return stress(self, *others, **options)
 
     def assure(self, **options: Any) -> Assurance:
-        """Bound the probability of failure; options as of `rans.assure`."""
+        """Bound the failure probability; options as for `rans.assure`."""
         from rans.api.judging import assure
 
         return assure(self, **options)
 
     def view(self, *others: Any, **options: Any) -> Replay:
-        """A page that replays flights in three dimensions; options as of `rans.view`."""
+        """Fly, and return a page that replays the flights in three dimensions; options as for `rans.view`."""
         from rans.api.pages import view
 
         return view(self, *others, **options)
@@ -265,13 +265,13 @@ class Agent:
         return file
 
     def export(self, output: str | Path, form: Form = "onnx", **options: Any) -> Path:
-        """Write the agent for other software; form and options as of `rans.export`."""
+        """Export the agent for other software, and return the folder; options as for `rans.export`."""
         from rans.api.pages import export
 
         return export(self, output, form, **options)
 
     def report(self) -> Path:
-        """Gather what its run folder holds on one page; see `rans.report`."""
+        """Write the page report.html of its run folder, and return the file; see `rans.report`."""
         from rans.api.pages import report
 
         if self.folder is None:
@@ -279,7 +279,7 @@ class Agent:
         return report(self.folder)
 
     def save(self, folder: str | Path) -> Path:
-        """Copy the agent into a new folder, which `rans.load_agent` and every command open.
+        """Copy the agent into a new folder, for `rans.load_agent` and every command, and return the folder.
 
         Raises:
             ConfigError: it has no run folder, as a controller, or the new one is not empty.
@@ -321,7 +321,7 @@ def load_agent(
     *,
     trust: bool = False,
 ) -> Agent:
-    """An agent, a controller or a policy made elsewhere, with the spacecraft and the task that it is for.
+    """Load an agent, a controller or a policy made elsewhere, with its spacecraft and its task.
 
     >>> rans.load_agent("go-to-pose-2d")
     <go-to-pose-2d: GoToPose for floating-platform>
@@ -334,15 +334,17 @@ def load_agent(
 
     Args:
         agent: a run folder, an exported folder, the name of an agent that comes with RANS, CONTROLLER:TASK-2d,
-            sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d or python:MODULE:FUNCTION:TASK-2d; or a policy as such: a
-            Stable-Baselines3 model, a torch module or a function of observations (N, width).
-        task: of a policy that knows none, by name or with settings.
-        spacecraft: of such a policy, by name, TOML file or as such; None: the usual one of the plane.
-        trust: whether ``sb3:`` files may be pickles of strangers, which run the code in them.
+            sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d or python:MODULE:FUNCTION:TASK-2d; or a policy: a
+            Stable-Baselines3 model, a torch module, or a function of observations (N, width) that returns
+            commands (N, thrusters).
+        task: task of a policy that does not name one: a name or a `Task`.
+        spacecraft: spacecraft of such a policy: a name, a TOML file or a `Spacecraft`; None: the floating
+            platform.
+        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
 
     Raises:
-        ConfigError: there is none, its files are damaged, or a policy does not fit task and spacecraft.
-            Opening files runs nothing that is in them, unless they are trusted.
+        ConfigError: there is no such agent, its files are damaged, or a policy does not fit task and spacecraft.
+            Opening files runs no code, except with ``trust``.
     """
     from rans.episode import Setup
     from rans.evaluation.fly.agent import LoadedRun, run_of

@@ -108,27 +108,28 @@ def init_spacecraft(
     radius: float | None = None,
     thrust_sharing: str | None = None,
 ) -> Draft:
-    """A spacecraft's commented file, as `rans init` writes it.
+    """Describe a new spacecraft by numbers, and return it with its commented TOML file.
 
     >>> draft = rans.init_spacecraft("mine", base="atmos", mass=16.0)
     >>> draft.spacecraft, draft.bearable()
     (<Spacecraft mine: 16 kg in the plane, thrusters 8 x 1.5 N>, (0, 1, 2, 3, 4, 5, 6, 7))
 
     Args:
-        name: of the spacecraft.
-        base: a spacecraft whose numbers hold where none is given; None: all that a file needs must be given.
-        dimension: 2 moves in the plane, 3 in space.
-        mass: kg.
-        inertia: about the centre of mass, kg m^2: one moment, or in space three along the axes of G.
-        size: x, y and in space z of a uniform box, m, from which the inertia follows where none is given.
-        centre_of_mass: in G, m.
+        name: name of the spacecraft.
+        base: spacecraft whose values are kept where none is given; None: all required values must be given.
+        dimension: 2: the plane; 3: space.
+        mass: mass, kg.
+        inertia: moment of inertia about the centre of mass, kg m^2: one number, or in space three about the axes of
+            the frame G in which positions are given.
+        size: sides of a uniform box, m, from which the inertia is computed if it is not given.
+        centre_of_mass: position of the centre of mass in G, m.
         thrusters: each a `Thruster` or "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5".
         wheels: each a `Wheel` or "AXIS; TORQUE; MOMENTUM; INERTIA".
-        actuators: "on-off", "pulsed" or "throttle".
-        counts: of pulsed actuators: steps of a control period.
-        least: shortest pulse in counts, or least level of a throttle.
-        most: largest level of a throttle.
-        radius: for drawings, m.
+        actuators: kind of thrusters: "on-off", "pulsed" or "throttle".
+        counts: number of steps into which pulsed thrusters divide a control period.
+        least: shortest pulse in counts, or least level of a throttle as a share of full force.
+        most: largest level of a throttle as a share of full force.
+        radius: outer radius for drawings, m.
         thrust_sharing: "none" or "split", see `Spacecraft`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What an agent or a controller is worth: metrics, comparisons, robustness, bounds on failure, checks."""
+"""Evaluation of agents and controllers: metrics, comparisons, robustness, failure bounds, checks."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from validation.study.checks import Study
 
 SpacecraftLike = str | Path | Spacecraft
-"""By name, TOML file or as such."""
+"""A spacecraft: its name, its TOML file, or a `Spacecraft`."""
 ConditionsLike = str | Path | Conditions
-"""By name, TOML file or as such."""
+"""Conditions of episodes: a name, a TOML file, or a `Conditions`."""
 CRAFT = "floating-platform"
 """Spacecraft where none is named."""
 STRESSED = ("lab", "roboran", "orbit", "harsh")
@@ -73,24 +73,24 @@ def evaluate(
     protocol: ProtocolName = "own",
     guard: bool = False,
 ) -> Metrics:
-    """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
+    """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
 
     >>> found = rans.evaluate("go-to-pose-2d", episodes=16)
     >>> found["solved"].value, found["solved"].unit
     (100.0, '%')
 
     Args:
-        agent: an `Agent`, a `Lookahead`, or a text as `load_agent` takes it.
+        agent: an `Agent`, a `Lookahead`, or a name as `load_agent` takes it.
         episodes: number of flights.
-        seed: of starts and goals.
-        engine: "fast", or "drake" as an independent judge.
-        conditions: domain randomization, disturbances, faults and sensors, by name, TOML file or as such;
-            None: those of the training.
+        seed: random seed of starts and goals; the default is in no training.
+        engine: what computes the motion: "fast" (RANS's own equations), or "drake" as an independent check.
+        conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
+            `Conditions`; None: those of the training.
         protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
-        guard: whether it flies behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
+        guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
 
     Raises:
-        ConfigError: one of these does not exist, or the agent knows several tasks and none is picked, as in
+        ConfigError: one of these does not exist, or a multi-task agent is named without a task: name it
             NAME#TASK.
     """
     from rans.evaluation.fly.contestants import in_protocol
@@ -120,25 +120,25 @@ def compare(
     workers: int | None = None,
     guard: bool = False,
 ) -> Comparison:
-    """Fly agents, policies and simple controllers from the same starts, beside what is possible.
+    """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
     >>> found = rans.compare("go-to-pose-2d", beside=["lqr"], episodes=4)
     >>> [entry.name for entry in found.entries]
     ['go-to-pose-2d', 'LQR']
 
     Args:
-        *contestants: agents, or texts as of `rans compare`; the first gives task, spacecraft and rate. Others
-            may also be models of Stable-Baselines3, controllers made for these (`Controller`), or what makes
-            one of them, such as a class.
-        beside: controllers that join them, unless one of that name is there, and "optimal", the best that
-            is possible; a name, or several.
+        *contestants: agents, or names as for `rans compare`; the first sets task, spacecraft and control rate.
+            Others may also be Stable-Baselines3 models, controllers (`Controller`), or a class or function that
+            makes a controller from spacecraft, task and timing.
+        beside: names of controllers that join, and "optimal" for optimal trajectories and certified bounds; a
+            name, or several.
         episodes: number of starts.
-        certified: starts whose bounds are certified, about 25 processor seconds each.
-        seed: of the starts.
-        engine: see `evaluate`.
-        conditions: see `evaluate`.
-        trust: whether ``sb3:`` files may be pickles of strangers, which run the code in them.
-        workers: processes; None: one per processor.
+        certified: number of starts whose bounds are certified, half a minute of processor time each.
+        seed: random seed of the starts.
+        engine: what computes the motion, "fast" or "drake".
+        conditions: as for `evaluate`; None: those of the first contestant.
+        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        workers: number of processes; None: one per processor.
         guard: see `evaluate`.
 
     Raises:
@@ -194,21 +194,21 @@ def stress(
     output: str | Path | None = None,
     guard: bool = False,
 ) -> StressReport:
-    """Robustness sweep: fly under each disturbance at increasing size, and under sets of conditions.
+    """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
 
     >>> found = rans.stress("go-to-pose-2d", only=["latency"], episodes=8, workers=1)
     >>> found.effect_rows()[0][:2]
     ['latency', 's']
 
     Args:
-        *contestants: as of `compare`; others are compared with the first.
-        conditions: sets of conditions by name or TOML file; None: lab, roboran, orbit and harsh, or with
-            ``only`` none.
+        *contestants: as for `compare`; the others are compared with the first.
+        conditions: sets of conditions to fly under as well, by name or TOML file; None: lab, roboran, orbit and
+            harsh, or with ``only`` none.
         only: names of single disturbances, such as "latency"; by default all, and failed thrusters.
-        episodes: flights of each contestant in each scenario.
-        slow_episodes: flights of controllers that are slow, such as MPC.
-        seed: of starts, goals and disturbances.
-        worst: worst episodes that the report lists of each contestant in a scenario.
+        episodes: number of flights of each contestant at each magnitude and in each set of conditions.
+        slow_episodes: the same for slow controllers, such as MPC.
+        seed: random seed of starts, goals and disturbances.
+        worst: number of worst episodes that the report lists for each contestant.
         trust: see `compare`.
         workers: processes; None: one per processor.
         output: folder to write stress.html and stress.json into; None: nothing is written, see
@@ -259,23 +259,24 @@ def assure(
     trust: bool = False,
     output: str | Path | None = None,
 ) -> Assurance:
-    """Bound the probability that an agent fails, from very many flights, and fly the failures again.
+    """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
 
     >>> found = rans.assure("go-to-pose-2d", episodes=2000, worst=0)
     >>> found.campaign.flights, found.campaign.bound().high < 0.02
     (2000, True)
 
     Args:
-        agent: an `Agent` or a text as `load_agent` takes it.
+        agent: an `Agent`, or a name as `load_agent` takes it.
         conditions: domain randomization, disturbances, faults and sensors; None: those of the training.
         episodes: number of flights; None: 100,000, or with ``failure_below`` as many as it takes.
-        failure_below: probability to show or to refute, such as 1e-4.
-        confidence: probability that every bound holds.
-        worst: failed flights of each kind that are flown again in Drake.
-        rare: flights of an importance sampling of rarer failures; 0: none.
-        search: name of conditions in whose units the smallest disturbance that breaks the agent is looked
-            for; None: no search.
-        seed: of starts, goals and conditions.
+        failure_below: failure probability to show or to refute, such as 1e-4; the campaign ends as soon as
+            its count decides.
+        confidence: confidence of every bound.
+        worst: number of failed flights of each kind that are flown again in Drake.
+        rare: number of flights to estimate rarer failures by importance sampling; 0: none.
+        search: name of conditions; searches for the smallest disturbance that makes the agent fail, in units of
+            these. None: no search.
+        seed: random seed of starts, goals and conditions.
         device: "auto" (a GPU if there is one), "cpu" or "cuda".
         trust: see `compare`.
         output: folder to write assurance.html and assurance.json into; None: nothing is written.
@@ -340,13 +341,14 @@ def follow(
     'circle'
 
     Args:
-        agent: an `Agent` for track-velocity, or a text as `load_agent` takes it.
+        agent: an `Agent` for track-velocity, or a name as `load_agent` takes it.
         path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m.
-        speed: speed to fly at, m/s.
-        look_ahead: radius within which the farthest point of the path is flown to, m.
+        speed: speed along the path, m/s.
+        look_ahead: look-ahead radius, m: the commanded velocity points to the farthest point of the path
+            within it.
         flights: number of flights.
-        seed: of the starts.
-        engine: see `evaluate`.
+        seed: random seed of the starts.
+        engine: what computes the motion, "fast" or "drake".
 
     Raises:
         ConfigError: the agent is for another task, or there is no such path.
@@ -417,7 +419,7 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
     ('one dead', '8 of 8')
 
     Args:
-        spacecraft: what flies, by name, TOML file or as such.
+        spacecraft: a name, a TOML file or a `Spacecraft`.
 
     Raises:
         ConfigError: there is no such spacecraft, or it has one thruster.
@@ -460,11 +462,11 @@ def validate(
     (True, 2)
 
     Args:
-        spacecraft: what flies, by name, TOML file or as such.
+        spacecraft: a name, a TOML file or a `Spacecraft`.
         quick: fewer states and flights and no compiler: some seconds instead of some minutes.
-        layer: the only one to look at: thrusters, commands, accelerations, period, flights, engine, ...
-        conditions: to fly under too, each effect alone and all together.
-        seed: of the random states and commands.
+        layer: check this layer only: thrusters, commands, accelerations, period, flights, engine, ...; None: all.
+        conditions: conditions to check under too, each effect alone and all together.
+        seed: random seed of states and commands.
 
     Raises:
         ConfigError: Drake refuses the mass properties, or one of these does not exist.
@@ -488,7 +490,7 @@ class Speed:
     device: str
     measurements: list[Measurement]
     ratios: list[Ratio]
-    """Shares of what the machine's memory could move."""
+    """Measured speeds as shares of the bound that the memory bandwidth sets."""
 
     def __repr__(self) -> str:
         said = "; ".join(
@@ -510,7 +512,7 @@ def benchmark(
     num_envs: Sequence[int] = (),
     quick: bool = False,
 ) -> Speed:
-    """Measure engine, trainer, optimiser and agents on this machine, as `rans benchmark` without peers.
+    """Measure the speed of engine, trainer, optimizer and agents on this machine.
 
     >>> found = rans.benchmark("floating-platform", num_envs=[16], quick=True)
     >>> len(found.measurements) > 3
@@ -518,9 +520,9 @@ def benchmark(
 
     Args:
         spacecraft: names, TOML files or objects.
-        task: what they fly.
+        task: task to step and to train.
         device: "cpu" or "cuda"; None: a GPU if there is one.
-        num_envs: sizes of the batch; none: usual ones of the device.
+        num_envs: batch sizes; empty: the usual ones for the device.
         quick: rough figures in seconds.
 
     Raises:

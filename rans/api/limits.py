@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rans.optimal.trajectory.objectives import ObjectiveName
 
 StateLike = int | State
-"""Number of a scenario, or a state, see `state`."""
+"""A start: the number of a scenario, or a state as `state` makes it."""
 
 
 def state(
@@ -32,7 +32,7 @@ def state(
     velocity: Sequence[float] | None = None,
     spin: float | Sequence[float] | None = None,
 ) -> State:
-    """A state to start from or to arrive at, in the plane or in space.
+    """Make a state to start from or to arrive at, in the plane or in space.
 
     >>> rans.state((3.0, -1.0), attitude=0.5).v
     Vec2(x=0.0, y=0.0)
@@ -40,8 +40,9 @@ def state(
     Quat(w=1.0, x=0.0, y=0.0, z=0.0)
 
     Args:
-        position: p_WB, two or three numbers, m.
-        attitude: R_WB: in the plane the heading, rad; in space a quaternion (w, x, y, z), which is normalised.
+        position: p_WB, the position in the world frame W: two or three numbers, m.
+        attitude: R_WB, of the body frame B in W: in the plane the heading, rad; in space a quaternion
+            (w, x, y, z), which is normalized.
             None: aligned with the world.
         velocity: v_WB in W, m/s; None: at rest.
         spin: in the plane w_WB, rad/s; in space w_WB_B, three numbers. None: none.
@@ -96,7 +97,7 @@ def optimal_trajectory(
     most_spin: float | None = None,
     keep_out: Sequence[Sequence[float]] = (),
 ) -> OptimalTrajectory:
-    """The best trajectory from one start, with thrust between 0 and 1, flown in Drake.
+    """Compute an optimal trajectory from one start, with thrust between 0 and 1, and fly it in Drake.
 
     >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
     >>> found.status, round(found.trajectory.cost, 1)
@@ -106,20 +107,21 @@ def optimal_trajectory(
     ('solved', array([2., 1., 1.]))
 
     Args:
-        task: what to do, by name or with settings.
-        spacecraft: what flies, by name, TOML file or as such.
-        objective: see `rans.optimal.trajectory.objectives.objective_of`, as the others that are not here.
-        start: number of the scenario of the seed, or a state, see `state`.
+        task: a name or a `Task`.
+        spacecraft: a name, a TOML file or a `Spacecraft`.
+        objective: what is minimized: "fuel" (impulse, N s), "time" (s), "energy" (squared thrust), "tracking"
+            (squared distance), or "reward" (minus the task's return).
+        start: number of a scenario of the seed, or a state as `state` makes it.
         goal: state to arrive at; None: the scenario's.
-        seed: 2023 has the starts that agents are judged on.
-        horizon: s; None: what is usual for the objective.
-        ending: exactly, or within the task's tolerances.
-        control_period: s.
-        intervals: control periods of a least time.
-        guesses: motions to start the optimiser from; the best outcome counts. None: 1, and of tasks that leave
-            the attitude free, or with balls to keep out of, 3, in space 5.
-        most_speed: largest speed on the way, m/s.
-        most_spin: largest angular speed on the way, rad/s.
+        seed: random seed of the scenarios; the default has the starts that agents are evaluated on.
+        horizon: length of the trajectory, s; None: 20, for "reward" 25.
+        ending: "exact" arrives exactly, "set" within the task's tolerances.
+        control_period: time that a command is held, s; for "time" it is computed.
+        intervals: number of control periods, for "time".
+        guesses: number of initial guesses; the best solution counts. None: 1; 3 for tasks that leave the attitude
+            free or with ``keep_out``, in space 5.
+        most_speed: largest speed of the trajectory, m/s.
+        most_spin: largest angular speed of the trajectory, rad/s.
         keep_out: balls that the centre of mass stays out of: the coordinates of the centre in W, then the
             radius, m.
 
@@ -159,25 +161,26 @@ def certify(
     control_period: float = 0.2,
     seconds: float = 20.0,
 ) -> CertifiedBound:
-    """What no on/off controller can beat from one start: a proof, and the best commands that were found.
+    """Bound what any on/off controller can reach from one start, and find commands that come close.
 
     >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
     >>> found.lower, found.upper  # s: nothing is faster than 5.5, and something is as fast
     (5.5, 5.5)
 
     Args:
-        task: what to do, by name or with settings.
-        spacecraft: what flies, by name, TOML file or as such.
+        task: a name or a `Task`.
+        spacecraft: a name, a TOML file or a `Spacecraft`.
         kind: "arrival" at rest, or "settling" within the tolerances for good.
-        horizon: s: bounds the impulse (N s) of being there by then; None: bounds the time (s).
-        start: number of the scenario of the seed, or a state, see `state`.
+        horizon: time, s, by which the event must have happened: bounds the impulse (N s). None: bounds the
+            time (s).
+        start: number of a scenario of the seed, or a state as `state` makes it.
         goal: state to arrive at; None: the scenario's.
-        seed: 2023 has the starts that agents are judged on.
-        control_period: for which commands are held, s.
-        seconds: for the search; less gives a wider gap between both bounds, and changes no bound's truth.
+        seed: random seed of the scenarios; the default has the starts that agents are evaluated on.
+        control_period: time that a command is held, s.
+        seconds: time for the search; less gives a wider gap between the bounds, which hold in any case.
 
     Raises:
-        ConfigError: one of these does not exist, or no bound is known of such an event.
+        ConfigError: one of these does not exist, or no bound is known for this task and spacecraft.
     """
     from rans.api.trajectory import CertifiedBound
     from rans.evaluation.compare.bounds import Event, Kind, bound, question

@@ -1,4 +1,4 @@
-"""What is shown and handed on: replays in three dimensions, reports, exported agents."""
+"""Replays in three dimensions, reports, and export of agents."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Replay:
         return f"<Replay of {names}: {self.title}>"
 
     def html(self) -> str:
-        """The page with everything that it needs."""
+        """HTML text of the page, complete and offline."""
         return self._made().html()
 
     def save(self, file: str | Path) -> Path:
-        """Write the page to a file (.html), which replays anywhere and offline.
+        """Write the page to an HTML file that replays offline, and return the file.
 
         Raises:
             ConfigError: the name has another ending, or the disk refused.
@@ -73,7 +73,7 @@ class Replay:
         return file
 
     def open(self) -> str:
-        """Show the page in the browser, for as long as this Python process lives; its address."""
+        """Open the page in the browser and return its address; it is served while this Python process runs."""
         from rans.window import open_browser
 
         if self._served is None:
@@ -107,7 +107,7 @@ def view(
     save: str | Path | None = None,
     guard: bool = False,
 ) -> Replay:
-    """Fly agents and controllers from the same starts and replay them in three dimensions.
+    """Fly agents and controllers from the same starts, and replay the flights in three dimensions.
 
     >>> replay = rans.view("go-to-pose-2d", "lqr")
     >>> replay
@@ -116,14 +116,15 @@ def view(
     In a notebook the replay shows itself; ``replay.open()`` opens a browser.
 
     Args:
-        *contestants: agents, or texts as `load_agent` takes them; after the first also controllers by name.
+        *contestants: agents, or names as `load_agent` takes them; after the first, the name of a controller is
+            enough.
         conditions: domain randomization, disturbances, faults and sensors; None: those of the trainings.
-        episodes: flights of each.
-        episode: number of the first.
-        seed: of starts and goals.
-        engine: "fast", or "drake".
-        trust: see `compare`.
-        save: file to write the page to (.html); None: none.
+        episodes: number of flights of each.
+        episode: number of the first episode.
+        seed: random seed of starts and goals.
+        engine: what computes the motion: "fast" (RANS's own equations), or "drake".
+        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        save: HTML file to write the page to; None: none.
         guard: whether all fly behind the safety filter for their spacecraft and task.
 
     Raises:
@@ -174,7 +175,7 @@ def title_of(flights: list[Flight], conditions: str | None) -> str:
 
 
 def report(run: str | Path | Agent) -> Path:
-    """Gather what a run folder holds on one page, report.html, that opens offline; its path.
+    """Gather the results in a run folder on one offline page, report.html, and return its path.
 
     >>> folder = tempfile.mkdtemp()
     >>> agent = rans.train("go-to-pose", total_timesteps=8192, run=f"{folder}/mine")
@@ -204,7 +205,7 @@ def export(
     *,
     episodes: int = 1024,
 ) -> Path:
-    """Write an agent for other software, with its contract, pairs to check it by, and a card; its folder.
+    """Export an agent for other software, with a contract, test vectors and a model card; return the folder.
 
     >>> folder = tempfile.mkdtemp()
     >>> written = rans.export("go-to-pose-2d", f"{folder}/mine", "numpy", episodes=16)
@@ -212,11 +213,11 @@ def export(
     ['agent.npz', 'agent.py', 'card.json']
 
     Args:
-        agent: a trained agent: as such, its run folder, or the name of one that comes with RANS.
-        output: folder to write; its name is the agent's.
-        form: "onnx" for any runtime, "numpy" for NumPy alone, "sb3" for Stable-Baselines3 and RANS, or "rans"
-            for RANS alone.
-        episodes: flights behind the card's figures.
+        agent: a trained agent: an `Agent`, its run folder, or the name of one that comes with RANS.
+        output: folder to write; its name becomes the agent's name.
+        form: "onnx" for any ONNX runtime, "numpy" for NumPy alone, "c" for C99, "sb3" for Stable-Baselines3 and
+            RANS, or "rans" for RANS alone.
+        episodes: number of evaluation flights for the model card.
 
     Raises:
         ConfigError: this is no trained agent, or the folder is another agent's.

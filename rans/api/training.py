@@ -1,4 +1,4 @@
-"""Training: one agent, many side by side, and the settings of controllers that need none."""
+"""Training of agents, sweeps over seeds and hyper-parameters, and tuning of controllers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def train(
     report: Callable[[dict[str, Any]], object] | None = None,
     **settings: Any,
 ) -> Agent:
-    """Train an agent until it has solved its task, as `rans train`; on a CPU with one of torch's threads.
+    """Train an agent until it has solved its task, and return it.
+
+    On a CPU it sets torch to one thread for the whole process.
 
     >>> folder = tempfile.mkdtemp()
     >>> agent = rans.train("go-to-pose", "floating-platform-shared", total_timesteps=8192,
@@ -54,32 +56,34 @@ def train(
     <mine: GoToPose for floating-platform-shared>
 
     Args:
-        task: by name or with settings, or the name of an agent that comes with RANS, to train it as it was, or
-            the TOML file of a recipe.
-        spacecraft: what flies, by name, TOML file or as such; None: the floating platform, or the agent's.
-        seed: of starts, goals, weights and actions.
+        task: a name or a `Task`; the name of an agent that comes with RANS, to repeat its training; or the TOML
+            file of a recipe.
+        spacecraft: a name, a TOML file or a `Spacecraft`; None: the task's, or the recipe's.
+        seed: random seed of starts, goals, weights and actions.
         device: "cpu" or "cuda"; None: a GPU if there is one.
-        total_timesteps: environment steps after which training ends, solved or not; None: as usual.
-        conditions: domain randomization, disturbances, faults and sensors; None: everything nominal, or the
-            agent's.
-        ppo: settings of the training; None: those known to work.
-        algorithm: "ppo"; "gradient": down the gradient of the return through the motion, for throttled
-            thrusters; or "imitation" of an expert (docs/learners.md). None: PPO, or the agent's.
-        quality: how long: "quick" (until it is solved), "good" (minutes on two cores) or "best" (a GPU, or
-            long); also with your own spacecraft and conditions. None: quick, or a recipe's own length.
+        total_timesteps: environment steps after which training ends, solved or not; None: the preset's.
+        conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
+            `Conditions`; None: nominal, or the recipe's.
+        ppo: settings of PPO; None: the preset's.
+        algorithm: learner: "ppo"; "gradient", by the gradient of the simulation, for throttled thrusters; or
+            "imitation" of an expert (docs/learners.md). None: PPO, or the recipe's.
+        quality: length of the training: "quick" (seconds, until the task is solved), "good" (minutes on two
+            cores) or "best" (a GPU, or hours); also for your own spacecraft and conditions. None: quick, or a
+            recipe's own length.
         guard: whether the agent learns behind the safety filter for its spacecraft and task
             (docs/missions/guard.md), on a CPU.
-        plain: whether everything is computed as it is written, so that a breakpoint in a task stops.
-        run: a new folder for what it leaves; None: one under runs/.
-        log: loggers that rows of metrics also go to: "hparams", "wandb" or "mlflow".
-        progress: whether to show a line of progress; None: on a terminal and in a notebook.
-        report: called with every row of metrics, such as ``print``.
+        plain: whether to run a task's code without compiling it, so that a breakpoint in it stops; many times
+            slower.
+        run: a new run folder; None: one under runs/.
+        log: loggers that also get every row of metrics: "hparams", "wandb" or "mlflow".
+        progress: whether to show progress; None: on a terminal and in a notebook.
+        report: function that is called with every row of metrics, such as ``print``.
         **settings: any other entry of the config by its name, such as ``learning_rate=1e-3`` or
-            ``thrust_weight=0.05``; where a name stands for several, by the dotted one, as in
+            ``thrust_weight=0.05``; where a name stands for several, use the dotted name, as in
             ``**{"ppo.gamma": 0.99}``.
 
     Raises:
-        ConfigError: one of these does not exist, or they do not go together.
+        ConfigError: one of these does not exist, or they are not compatible.
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
@@ -168,7 +172,7 @@ def sweep(
     output: str | Path | None = None,
     **settings: Any,
 ) -> Sweep:
-    """Train many agents as one batch: every seed with every combination of settings, as `rans sweep`.
+    """Train many agents as one batch: every seed with every combination of settings.
 
     >>> folder = tempfile.mkdtemp()
     >>> found = rans.sweep("go-to-pose", seeds=1, total_timesteps=8192, learning_rate=[1e-3, 2e-3],
@@ -179,14 +183,14 @@ def sweep(
     <best: GoToPose for floating-platform>
 
     Args:
-        task: see `train`.
-        spacecraft: see `train`.
-        seeds: number of seeds, from 0 on.
-        device: see `train`.
-        total_timesteps: environment steps of each member after which it ends, solved or not.
-        conditions: see `train`.
-        algorithm: see `train`.
-        log: loggers that the rows of the best agent go to when all are trained, see `train`.
+        task: as for `train`.
+        spacecraft: name or TOML file; None: the task's, or the recipe's.
+        seeds: number of seeds, counted from 0.
+        device: "cpu" or "cuda"; None: a GPU if there is one.
+        total_timesteps: environment steps after which each member ends, solved or not; None: the preset's.
+        conditions: domain randomization, disturbances, faults and sensors, as for `train`.
+        algorithm: learner, "ppo" or "gradient".
+        log: loggers that get the metrics of the best agent at the end: "hparams", "wandb" or "mlflow".
         output: a new folder for the results; None: one under runs/.
         **settings: entries of the config by name; a list has the values to combine.
 
@@ -238,7 +242,7 @@ def tune(
     conditions: ConditionsLike | None = None,
     output: str | Path | None = None,
 ) -> Tuned:
-    """Search the settings of a controller that needs no training: at random, then near the best.
+    """Search the settings of a controller by random sampling, first anywhere, then near the best.
 
     >>> folder = tempfile.mkdtemp()
     >>> found = rans.tune("lqr", candidates=2, starts=4, output=f"{folder}/lqr.json")
@@ -246,16 +250,16 @@ def tune(
     True
 
     Args:
-        controller: its name, or MODULE:NAME.
-        task: what to tune it for, by name or with settings.
-        spacecraft: what flies, by name, TOML file or as such.
-        candidates: settings to fly, the default ones included.
-        starts: starts of each, of a seed that no report uses.
-        price: of thrust, s per N s: the cost is the mean of settling time and time to rest in the goal set,
-            and the impulse at this price.
-        seconds: processor time after which no further candidate is flown: the same for every controller is an
-            equal budget.
-        conditions: domain randomization, disturbances, faults and sensors to tune in; None: none.
+        controller: name of the controller, or MODULE:NAME.
+        task: task to tune it for: a name or a `Task`.
+        spacecraft: a name, a TOML file or a `Spacecraft`.
+        candidates: number of settings to try, the default ones included.
+        starts: number of flights of each candidate, of a seed that no evaluation uses.
+        price: price of impulse, s per N s: the cost of a candidate is the mean of settling time and time of first
+            rest, plus the impulse of the episode times this price.
+        seconds: processor time after which no further candidate is flown; use the same for every controller to
+            give all an equal budget.
+        conditions: domain randomization, disturbances, faults and sensors to tune under; None: nominal.
         output: file to write the settings to (.json); None: under runs/controllers, where every command looks
             for them, unless the ones there were found on more starts or cost less.
 

@@ -32,7 +32,7 @@ _COLUMNS = {2: "x y heading v_x v_y w", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_
 
 
 class ControlHistory(ABC):
-    """Commands from one start, each held for a control period: arrays, a figure, a table, and flights."""
+    """Commands from one start, each held for a control period, with arrays, a figure, a table and flights."""
 
     @property
     @abstractmethod
@@ -91,7 +91,7 @@ class ControlHistory(ABC):
 
 
 class OptimalTrajectory(Optimum, ControlHistory):
-    """A trajectory that the optimiser found, with thrust between 0 and 1, flown in Drake.
+    """An optimal trajectory with thrust between 0 and 1, flown in Drake; `rans.optimal_trajectory` returns it.
 
     >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
     >>> found.t.shape, found.x.shape, found.u.shape, found.multipliers.shape
@@ -115,7 +115,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
 
     @property
     def status(self) -> str:
-        """How it ended, in words."""
+        """Either "solved", or the reason why there is no solution."""
         return self.sentence
 
     @property
@@ -149,7 +149,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
 
 @dataclass(frozen=True, repr=False)
 class CertifiedBound(Bound, ControlHistory):
-    """What no on/off controller beats from one start, and the best on/off commands that were found.
+    """Certified bounds of one start, and the best on/off commands that were found; `rans.certify` returns it.
 
     >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
     >>> found.lower, found.upper, found.u.shape
@@ -157,13 +157,13 @@ class CertifiedBound(Bound, ControlHistory):
     """
 
     craft: Spacecraft | None = None
-    """What flies."""
+    """The spacecraft."""
     task: Task | None = None
-    """What it is to do."""
+    """The task."""
     scenario: Scenario | None = None
     """Start and goal, fields of arrays (1,)."""
     control_period: float = 0.2
-    """For which commands are held, s."""
+    """Time that a command is held, s."""
 
     @property
     def u(self) -> np.ndarray:

@@ -44,8 +44,8 @@ COMMANDS = (
 
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
-_ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
-optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
+_ABOUT = """Train agents that fly thruster-driven spacecraft, check them in Drake, and compare them with
+optimal control. `rans COMMAND --help` explains a command, `rans --version` prints the version."""
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""``rans assure``: how surely an agent does not fail."""
+"""``rans assure``: bounds on the failure probability of an agent."""
 
 from __future__ import annotations
 
@@ -26,46 +26,46 @@ _KEPT = 10.0
 
 @dataclass(frozen=True)
 class Assure:
-    """Bound the probability that an agent fails, from very many flights: exactly, with what was found.
+    """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
 
-    Writes assurance.json and assurance.html, a page to sign. Ctrl-C keeps what was flown, and the same
-    command goes on from there. Failed flights are flown again in NumPy and in Drake, and `rans view` shows
-    them. With --failure-below the exit code is 1 unless that was shown. Under torchrun processes share the
-    flights.
+    Writes assurance.json and assurance.html, a report with lines for signatures. Failed flights are repeated
+    in NumPy and in Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
+    was shown. Ctrl-C keeps what was flown, and the same command continues. Under torchrun the processes share
+    the flights.
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
     """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
-    sb3:FILE.zip:TASK-2d, which flies more slowly."""
+    sb3:FILE.zip:TASK-2d; these fly more slowly."""
     conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
-    your own TOML file; by default those of its training."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
+    (none), or your own TOML file; by default those of the training."""
     episodes: int | None = None
     """Number of flights, by default 100,000; with --failure-below the most that are flown."""
     failure_below: float | None = None
-    """A bound on the probability of failure to be shown or refuted, such as 1e-4, by as many flights as that
-    takes."""
+    """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
     confidence: float = 0.99
-    """Probability that every bound holds."""
+    """Confidence of every bound."""
     plan: bool = False
-    """Only say how many flights that takes."""
+    """Print how many flights the campaign takes, and fly nothing."""
     worst: int = 4
-    """Failed flights of each kind to fly again in Drake: so many of the worst, and as many of the first."""
+    """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
     rare: int = 0
-    """Also estimate the probability of failure by so many flights where failures are likely."""
+    """Also estimate the probability of rarer failures, by importance sampling with this many flights."""
     search: str | None = None
-    """Also look for the smallest disturbance that breaks the agent, in units of these conditions, such as
-    lab."""
+    """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
+    as lab."""
     seed: int = ASSURANCE_SEED
     """Seed of starts, goals and conditions."""
     device: str = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
     restart: bool = False
-    """Begin anew, though a campaign was interrupted."""
+    """Discard an interrupted campaign and begin again."""
     output: Path | None = None
     """Folder of the results; by default the agent's."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Fly, fly again what failed, write and print."""

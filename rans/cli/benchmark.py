@@ -25,28 +25,29 @@ _SHORT = 4
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Measure engine, trainer, optimiser and agents; compile time is reported apart.
+    """Measure the speed of engine, trainer, optimizer and agents on this machine.
 
-    An otherwise idle machine is needed for figures that repeat. Ctrl-C keeps what was measured.
+    Compile time is reported separately. Figures repeat on an idle machine only. Ctrl-C keeps what was
+    measured.
     """
 
     spacecraft: tuple[str, ...] = ("floating-platform", "free-flyer")
     """Names of spacecraft that come with RANS, or your own TOML files."""
     task: str = "go-to-pose"
-    """What they fly."""
+    """Task to step and to train."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     num_envs: tuple[int, ...] = ()
-    """Sizes of the batch; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
+    """Batch sizes; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
     peers: bool = False
-    """Measure other simulators and trainers beside ours, and say which cannot be. Those that are missing are
-    installed with pip, each into an environment of its own."""
+    """Measure other simulators and trainers too, and say which cannot be measured. Missing ones are installed
+    with pip, each into an environment of its own."""
     peer_folder: Path | None = None
-    """Where to keep these environments, up to 1.5 GB each; by default in the user's cache."""
+    """Folder of these environments, up to 1.5 GB each; by default in the user's cache."""
     quick: bool = False
-    """Rough figures in seconds: one small batch, few repeats, on a CPU nothing compiled."""
+    """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
     output: Path | None = None
-    """JSON file to write everything to; a figure goes beside it."""
+    """JSON file to write all values to, with a figure next to it."""
     full: bool = False
     """Print warm-up times and notes too; the JSON file always has them."""
 

@@ -1,4 +1,4 @@
-"""``rans compare``: agents between what no controller can beat and what simple ones reach."""
+"""``rans compare``: agents and controllers from the same starts, with the bounds of what is possible."""
 
 from __future__ import annotations
 
@@ -35,51 +35,50 @@ _FIRST = (
 
 @dataclass(frozen=True)
 class Compare:
-    """Fly agents, your own policies and simple controllers from the same starts, beside what is possible.
+    """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
-    Writes compare.html and compare.json. All contestants are checked before any flies; one that fails in
-    flight is named, the rest is still compared, and the exit code is 1. docs/comparison.md explains how they
-    are judged.
+    Writes compare.html and compare.json. All contestants are checked before any flies. If one fails in
+    flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of them after lookahead:,
-    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are
-    compared with it."""
+    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
+    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first sets task, spacecraft and control rate; the
+    others are compared with it."""
     beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = (
         BESIDE
     )
-    """Who joins them: simple controllers, and the best that is possible."""
+    """Controllers that join, and optimal: optimal trajectories and certified bounds."""
     conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
-    your own TOML file; by default those that the first contestant was trained in."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
+    (none), or your own TOML file; by default those that the first contestant was trained in."""
     episodes: int = 128
     """Number of starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake as an independent judge."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
     certified: int = 4
-    """Starts whose bounds are certified if optimal joins, about 25 processor seconds each, in space minutes;
-    kept for the next time."""
+    """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
+    minutes in space. They are kept for the next run."""
     front: bool = False
     """Draw time against impulse as well: the line of an agent with a trade-off, all others, and the certified
     front."""
     positions: int = 9
-    """At which an agent with a trade-off flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
-    tables it has the first and the last."""
+    """Number of values of the trade-off input at which such an agent flies for the front, evenly from 0
+    (fast) to 1 (fuel-efficient); other tables have the first and the last."""
     budget: float = 300.0
-    """Seconds to look for bounds of the front, from one start after the other; kept for the next time."""
+    """Seconds of processor time for bounds of the front. They are kept for the next run."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
-    """Print all scores and the certified gaps, not only the scores that matter first; the page has all."""
+    """Print all scores and the certified gaps, not only the most important scores. The page always has all."""
     trust: bool = False
-    """Open sb3: files that RANS did not write, pickles that run whatever code is in them; run the module of a
-    task that a run folder names as MODULE:NAME. Only if you know their authors."""
+    """Allow code: open sb3: files that RANS did not write (pickles, which can run any code), and run the
+    module that a run folder names as its task. Only if you know their authors."""
 
     def run(self) -> int:
         """Print the table of scores."""

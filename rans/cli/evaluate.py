@@ -1,4 +1,4 @@
-"""``rans evaluate``: what an agent, or another controller, is worth from starts it has never seen."""
+"""``rans evaluate``: metrics of an agent or a controller from starts that no training has seen."""
 
 from __future__ import annotations
 
@@ -34,43 +34,44 @@ _LISTED = 1000
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Fly an agent from fixed starts; write metrics with 95 % intervals, episodes and figures.
+    """Fly an agent from fixed starts, and print metrics with 95 % intervals.
 
-    They go into its run folder, those of other contestants into runs/evaluations/: evaluation.json,
-    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on. Under a
-    TOML file of your own their names have a digest of its conditions.
+    Writes evaluation.json, episodes.npz, evaluation.svg and episode.svg into the run folder, or for other
+    contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
+    under your own conditions, in a digest of these.
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
-    """A run folder, pretrained:NAME, either after lookahead:, or CONTROLLER:TASK-2d or -3d (with @SPACECRAFT
-    if you like)."""
+    """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
+    @SPACECRAFT if you like."""
     protocol: Literal["own", "paper", "original"] = "own"
-    """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
-    platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""
+    """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
+    platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
     conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
-    your own TOML file; by default those of its training."""
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
+    (none), or your own TOML file; by default those of the training."""
     episodes: int = 1024
-    """Number of flights. More than 65,536 of an agent are judged as they fly, on a GPU if there is one: a
-    million take a blink there, a minute or two on two cores. Their table is shorter, and they are written to
+    """Number of flights. More than 65,536 flights of an agent are judged while they fly: a million take about
+    a second on a GPU and one or two minutes on two cores. They have a shorter table, written to
     evaluation-many.json without episodes and figures."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     engine: Literal["fast", "drake", "both"] = "fast"
-    """What computes the motion: the shared equations, Drake as an independent judge, or both side by
-    side, with exit code 1 if they disagree."""
+    """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
+    exits with 1 if they disagree."""
     trajectories: bool = False
     """Write all states and commands into episodes.npz too."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
     plain: bool = False
-    """Fly more than 65,536 episodes by torch's operations as well, as they are written, without a generated
-    program or kernel (docs/plain.md); fewer always fly by plain numbers."""
+    """Fly more than 65,536 episodes one torch operation after the other too, without compiled programs, so
+    that a breakpoint stops (docs/plain.md). Fewer episodes always fly so."""
     full: bool = False
-    """Print all metrics, not only those that matter first; evaluation.json always has all."""
+    """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""

@@ -1,4 +1,4 @@
-"""``rans export``: an agent to share."""
+"""``rans export``: an agent as files for other software."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 
 @dataclass(frozen=True)
 class Export:
-    """Write an agent to hand on: with its contract, pairs to check, and a card that says what it is worth.
+    """Export an agent for other software, with an interface contract, test vectors and a model card.
 
-    "sb3" is a folder that serves wherever a run folder does, whose policy.zip stable_baselines3.PPO.load
-    opens too. "rans" is such a folder without the critic, for RANS only and half as large, as agents come with
-    it. "onnx" is one file for any runtime; "numpy" a Python file and its tables, for NumPy only; "c" a header and
-    a source of C99 without allocation and without a dependency, which is compiled and checked where there is a
-    compiler.
+    sb3 is a folder that works as a run folder; stable_baselines3.PPO.load opens its policy.zip. rans is such
+    a folder without the critic, half as large and for RANS only. onnx is one file for any ONNX runtime. numpy
+    is a Python file and its tables. c is a header and a source in C99, without allocation or dependencies; it
+    is compiled and checked if there is a compiler.
     """
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, or the name of one that comes with RANS."""
     output: Path
-    """Folder to write; its name is the agent's."""
+    """Folder to write; its name becomes the agent's name."""
     format: Form = "sb3"
-    """What to write the agent as."""
+    """Format of the agent."""
     episodes: int = 1024
-    """Flights behind the card's figures."""
+    """Number of evaluation flights for the model card."""
     margins: int = 64
-    """Flights of every latency, mass and sensor noise behind what the contract says that the agent bears; 0:
-    it does not say."""
+    """Number of flights at each latency, mass and sensor noise, from which the contract states what the agent
+    tolerates. 0: it does not state it."""
     guard: bool = False
     """Refused: exported files hold the agent without the safety filter, which needs RANS. The contract names the
     filter, and `rans fly` on the folder puts it before the valves (docs/missions/guard.md)."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Print what was written."""

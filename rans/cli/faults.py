@@ -1,4 +1,4 @@
-"""``rans faults``: which failed thrusters a spacecraft can do without."""
+"""``rans faults``: the thruster faults that a spacecraft can recover from."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tyro.conf import Positional, arg
 class Faults:
     """Show which thrusters may fail, alone or two at once, while every force and torque stays possible.
 
-    Dead thrusters never open, stuck ones always push. What cannot be recovered from, no controller can:
-    there it can only drift safely.
+    A dead thruster never opens, a stuck one is always open. After a fault that is not recoverable, no
+    controller can hold a pose; it can only let the craft drift safely.
     """
 
     craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]
-    """Name of a spacecraft, or the .toml file of your own."""
+    """Name of a spacecraft, or your own TOML file."""
     picture: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Save a figure here (.png, .svg or .pdf)."""
+    """Save a figure to this file (.png, .svg or .pdf)."""
 
     def run(self) -> int:
         """Print the table; exit code 0 whatever it says."""

@@ -19,24 +19,26 @@ Robot = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 
 @dataclass(frozen=True)
 class Fly:
-    """Fly an agent on a robot over a bus, at its control rate, and record the flight as an MCAP bag.
+    """Fly an agent on a robot over ROS 2, PX4 or Zenoh, and record the flight as an MCAP bag.
 
-    Whatever is wrong, a stale or missing state, another rate or spacecraft, a robot that is lost, shuts all
-    valves and is said in one sentence. `rans twin` is a robot to fly it against; docs/robots.md has the checklist.
+    The agent acts at its control rate. Any fault shuts all valves and is reported: a stale or missing state,
+    another control rate or spacecraft, a lost robot. `rans twin` simulates a robot to test with.
+    docs/robots.md has a checklist for the first flight.
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
     """Run folder, name of an agent that comes with RANS, or with --trust the folder of an export as numpy. #TASK
     picks one of the tasks of a multi-task agent."""
     bus: Bus = "dds"
-    """Transport: ROS 2's and PX4's (dds), rmw_zenoh's, or UDP within this machine."""
+    """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh), or udp (within this machine)."""
     robot: Robot = "ros"
-    """What the robot publishes and takes: poses and twists (ros), poses alone, nav_msgs odometry, PX4's odometry
-    and motors, or the messages of RoboRAN's platform or Pingu."""
+    """Messages of the robot: ros (poses and twists), pose (poses alone), odometry (nav_msgs), px4 (odometry
+    and motors), or those of the RoboRAN platform or of Pingu."""
     goal: tuple[float, ...] = ()
-    """x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch, yaw in space. The origin by default."""
+    """Goal: x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch, yaw in space. By default the
+    origin."""
     goal_velocity: tuple[float, ...] = ()
-    """Velocity (m/s), then angular velocity (rad/s), of the goal of agents that track one."""
+    """Velocity (m/s), then angular velocity (rad/s), of the goal, for agents that track a velocity."""
     zones: tuple[float, ...] = ()
     """Keep-out zones of agents that avoid some: x, y (in space also z) and radius of each, m. They stand still;
     a radius includes the spacecraft's own."""
@@ -44,11 +46,11 @@ class Fly:
     """Put the safety filter between the agent and the valves: it replaces commands that lead to a violated
     constraint (docs/missions/guard.md)."""
     trade_off: float | None = None
-    """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
+    """Trade-off input of agents that have one, from 0 (fast) to 1 (fuel-efficient)."""
     seconds: float | None = None
-    """Length of the flight; until it is interrupted by default."""
+    """Length of the flight, s; by default until Ctrl-C."""
     domain: int = 0
-    """ROS_DOMAIN_ID."""
+    """ROS 2 domain (ROS_DOMAIN_ID)."""
     address: str = ""
     """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
     wait: float = 10.0
@@ -56,7 +58,7 @@ class Fly:
     lost_after: float = 1.0
     """Seconds without a state after which the flight ends."""
     output: Path | None = None
-    """New folder for the bag and the agent as it flew; runs/flights/AGENT-TIME by default."""
+    """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
     trust: bool = False
     """Run the agent.py of an exported folder; only if you know its author."""
 

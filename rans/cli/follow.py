@@ -15,29 +15,30 @@ from rans.terminal import Terminal
 
 @dataclass(frozen=True)
 class Follow:
-    """Fly an agent trained for track-velocity along a path with the paper's look-ahead planner.
+    """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
 
-    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder, or those of other
-    contestants into runs/evaluations/.
+    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder, or for other contestants into
+    runs/evaluations/.
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
-    """Run folder of the agent, as `rans train track-velocity` made it, or pretrained:NAME,
-    CONTROLLER:track-velocity-2d or -3d (with @SPACECRAFT if you like)."""
+    """Run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
+    with @SPACECRAFT if you like."""
     path: str = "circle"
-    """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
+    """Path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
     speed: float = 0.25
-    """Speed to fly at, m/s."""
+    """Speed along the path, m/s."""
     look_ahead: float = 0.25
-    """The agent is sent to the farthest point of the path within this radius, m."""
+    """Look-ahead radius, m: the commanded velocity points to the farthest point of the path within it."""
     flights: int = 16
-    """Number of flights; each starts at rest near the path's first point with another attitude."""
+    """Number of flights; each starts at rest near the first point of the path, with another attitude."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     engine: Literal["fast", "drake"] = "fast"
-    """What computes the motion."""
+    """What computes the motion: RANS's own equations (fast), or Drake."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Print a table of how well the flights followed."""

@@ -29,7 +29,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 START = {
     "rans train go-to-pose --output runs/first": "an agent in seconds",
-    "rans compare runs/first": "beside controllers and bounds",
+    "rans compare runs/first": "with controllers and bounds",
     "rans view runs/first": "in three dimensions",
 }
 """First commands, and what each gives."""

@@ -22,24 +22,25 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Init:
-    """Write a spacecraft's TOML file: asks for what options do not say, draws the thrusters, and prints authority.
+    """Write the TOML file of a new spacecraft, draw its thrusters, and print its control authority.
 
-    Authority is the largest force along each axis and torque about it while every other one is zero. Ctrl-C
-    writes nothing.
+    It asks for missing values. The authority is the largest force along each axis, and the largest torque
+    about it, while all others are zero. Ctrl-C writes nothing.
     """
 
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """The file to write."""
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
-    """Begin from this spacecraft, by name or TOML file: its numbers stand where you give none."""
+    """Begin from this spacecraft (name or TOML file) and keep its values where you give none."""
     name: str | None = None
-    """What tables call it; by default the file's name."""
+    """Name of the spacecraft; by default the file's name."""
     dimension: int | None = None
-    """2: x, y and heading; 3: position and attitude."""
+    """2: the plane (x, y and heading); 3: space (position and attitude)."""
     mass: float | None = None
-    """kg."""
+    """Mass, kg."""
     inertia: str | None = None
-    """About the centre of mass, kg m^2: one number, or in space three, such as 0.2,0.3,0.25."""
+    """Moment of inertia about the centre of mass, kg m^2: one number, or in space three, such as
+    0.2,0.3,0.25."""
     size: str | None = None
     """Sides of a uniform box, m, such as 0.1,0.1,0.33 (in the plane two numbers), instead of --inertia."""
     centre_of_mass: str | None = None
@@ -47,15 +48,17 @@ class Init:
     thruster: Annotated[
         UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
     ] = ()
-    """One thruster, again for each: "0.2,0.1;1,0;1.5" is at x 0.2 m and y 0.1 m and pushes along x with 1.5 N."""
+    """A thruster as "position;direction;force", repeated for each: "0.2,0.1;1,0;1.5" is at x 0.2 m and y 0.1
+    m and pushes along x with 1.5 N."""
     wheel: Annotated[
         UseAppendAction[tuple[str, ...]], arg(metavar="AXIS;TORQUE;MOMENTUM;INERTIA")
     ] = ()
-    """One reaction wheel, again for each: "0,0,1;0.1;0.7;0.001" in N m, N m s and kg m^2."""
+    """A reaction wheel as "axis;torque;momentum;inertia", repeated for each: "0,0,1;0.1;0.7;0.001" in N m, N
+    m s and kg m^2."""
     actuators: str | None = None
-    """on-off, pulsed or throttle; by default on-off."""
+    """Kind of thrusters: on-off (the default), pulsed or throttle."""
     counts: int | None = None
-    """Steps into which pulsed valves divide a control period."""
+    """Number of steps into which pulsed valves divide a control period."""
     least: float | None = None
     """Shortest pulse in counts, or least level of a throttle as a share of full force."""
     most: float | None = None
@@ -63,13 +66,13 @@ class Init:
     radius: float | None = None
     """Outer radius for drawings, m."""
     thrust_sharing: str | None = None
-    """none or split: whether open thrusters share one thruster's worth of supply."""
+    """none, or split: the open thrusters share the supply of one."""
     picture: Path | None = None
-    """The drawing (.svg, .png or .pdf); by default beside the file, with the ending .svg."""
+    """File of the drawing (.svg, .png or .pdf); by default next to the TOML file, as .svg."""
     batch: bool = False
-    """Ask nothing: what is missing is an error. So it is where the input is no terminal."""
+    """Ask nothing: a missing value is an error. This is the default where the input is no terminal."""
     overwrite: bool = False
-    """Write over files that exist."""
+    """Overwrite existing files."""
 
     def run(self) -> int:
         """Ask, check, write and draw; 0."""

@@ -44,14 +44,14 @@ from rans.terminal import Terminal
 
 @dataclass(frozen=True)
 class List:
-    """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
+    """List spacecraft, tasks, agents, controllers and conditions, or show one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, a controller, conditions, the .toml file of your own spacecraft or
-    conditions, or MODULE:NAME of whatever is your own. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS:
-    all of them; TRAINING: the settings of a training."""
+    """A spacecraft, task, agent, controller or set of conditions, by name, TOML file or MODULE:NAME.
+    SPACECRAFT, TASKS, AGENTS, CONTROLLERS and CONDITIONS list all of a kind; TRAINING lists the settings of a
+    training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
-    """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
+    """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
     json: bool = False
     """Print JSON, for other programs, with numbers as numbers."""
 
@@ -108,7 +108,7 @@ class List:
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
-            f"{brief(name)}{near}; `rans list` tells all; your own file of a spacecraft or of conditions "
+            f"{brief(name)}{near}; `rans list` prints all; your own file of a spacecraft or of conditions "
             "must end in .toml."
         )
 
@@ -177,7 +177,7 @@ def _all_conditions() -> Listing:
 
     trained_in = [name for name in CONDITIONS.built_in if name.startswith("train-")]
     return Listing(
-        "Conditions (rans list NAME tells every number and its source)",
+        "Conditions (rans list NAME prints every number and its source)",
         ("name", "what"),
         [
             (_named(CONDITIONS, name), *_or_why_not(row, name)[-1:])

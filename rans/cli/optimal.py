@@ -32,62 +32,65 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Optimal:
-    """Find optimal trajectories with relaxed thrust, and fly them in Drake.
+    """Compute optimal trajectories with partly open thrusters, and fly them in Drake.
 
-    Thrust may be anything between shut and open, in Drake too: the trajectories are marks to measure by, no
-    controllers and no certificates. Writes optimal.json (with residuals of the optimality conditions),
-    optimal.npz (with multipliers), optimal.csv and optimal.svg. Exit code 1 if any start was left
-    without a trajectory that Drake flies.
+    The trajectories are references: thrusters may open partly, so they are neither controllers nor
+    certificates. Writes optimal.json (with residuals of the optimality conditions), optimal.npz (with
+    multipliers), optimal.csv and optimal.svg. The exit code is 1 if a start has no trajectory that Drake
+    flies.
 
-    Of missions on an orbit (dock, hold, rendezvous) it finds the least impulse by a deadline, proven from below
-    by a conic program and flown in both engines, and sets guidance, LQR and agents beside it, start by start.
+    For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
+    lower bound from a conic program and a flight in both engines, and compares guidance, LQR and agents with
+    it start by start.
     """
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-    """What to do; `rans list` knows the tasks."""
+    """Task, see `rans list TASKS`."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default the task's own, or
     floating-platform."""
     objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
-    """Least thrust-time, time or squared thrust, least squared distance, or the task's greatest reward."""
+    """What is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or minus
+    the task's return (reward)."""
     ending: Literal["exact", "set"] = "exact"
-    """Arrive exactly, or within the task's tolerances; for fuel, time and energy."""
+    """Arrive exactly, or within the task's tolerances (set); for fuel, time and energy."""
     horizon: float | None = None
-    """Length of the trajectory, s; by default 20, for reward 25. For time it follows. Of a mission on an orbit
-    its deadline, by default the latest."""
+    """Length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission on an
+    orbit it is the deadline, by default the latest."""
     control_period: float = 0.2
-    """Time a command is held, s; for time it follows, and is that of the on/off certificate."""
+    """Time that a command is held, s. For time it is computed, and this is the control period of the on/off
+    certificate."""
     intervals: int = 50
-    """Control periods of a least time."""
+    """Number of control periods, for time."""
     episodes: int = 16
     """Number of starts."""
     start: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
-    """A start of your own instead of scenarios: p.x=3 heading=1.57 (rad) v.y=0.1 w=0, in space q.w q.x q.y q.z
-    for the attitude; or a TOML file with these keys. What is not named is zero."""
+    """Your own start in place of scenarios: p.x=3 heading=1.57 (rad) v.y=0.1 w=0, in space q.w q.x q.y q.z
+    for the attitude; or a TOML file with these keys. Omitted values are zero."""
     goal: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
-    """A goal of your own, in the same way; by default that of the scenario, or with --start the origin."""
+    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     most_speed: float | None = None
-    """Largest speed on the way, m/s."""
+    """Largest speed of the trajectory, m/s."""
     most_spin: float | None = None
-    """Largest angular speed on the way, rad/s."""
+    """Largest angular speed of the trajectory, rad/s."""
     keep_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R ...")] = ()
-    """Balls that the centre of mass stays out of: centre and radius, m; in space x,y,z,r."""
+    """Keep-out balls for the centre of mass: centre and radius, m; in space x,y,z,r."""
     refine: int = 0
-    """How often the problem is solved again with the control period halved; prints cost, estimated error and
-    defect of every mesh."""
+    """Solve again this many times, each time with half the control period, and print cost, estimated error
+    and defect of every mesh."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     guesses: int | None = None
-    """Motions to start the optimiser from, of which the best outcome counts; by default 1, and of tasks that
-    leave the attitude free or with --keep-out 3, in space 5."""
+    """Number of initial guesses; the best solution counts. By default 1; 3 for tasks that leave the attitude
+    free or with --keep-out, in space 5."""
     certify: bool = False
-    """Also find what nothing can beat: certified for on/off thrust where that is possible."""
+    """Also compute what no controller can beat: certified for on/off thrusters where that is possible."""
     certify_seconds: float = 20.0
-    """For every question of the certificate; less gives wider gaps."""
+    """Seconds for each question of the certificate; less gives wider gaps."""
     agents: tuple[str, ...] = ()
-    """Run folders or pretrained:NAME that fly a mission on an orbit beside its bound."""
+    """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
     workers: int | None = None
-    """Processes; by default one per processor."""
+    """Number of processes; by default one per processor."""
     output: Path | None = None
     """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
 

@@ -13,17 +13,17 @@ from rans.errors import ConfigError
 
 @dataclass(frozen=True)
 class Replay:
-    """Give the messages of a bag of `rans fly` to its agent again, and compare every command bit for bit.
+    """Give the messages of a `rans fly` bag to its agent again, and compare every command bit for bit.
 
-    This runs the agent.py beside the bag, which may come from elsewhere: say --trust if it does not.
+    This runs the agent.py next to the bag, which may come from someone else: --trust allows it.
     """
 
     bag: Annotated[Path, Positional, arg(metavar="BAG")]
-    """File that `rans fly` wrote."""
+    """MCAP file that `rans fly` wrote."""
     agent: Path | None = None
-    """Folder of the exported agent; that which flew by default."""
+    """Folder of the exported agent; by default the one that flew."""
     trust: bool = False
-    """Run the agent.py beside the bag; only if you know its author."""
+    """Allow code: run the agent.py next to the bag. Only if you know its author."""
 
     def run(self) -> int:
         """Print how many commands came out the same; 0 if all did."""

@@ -13,10 +13,10 @@ from rans.terminal import Terminal
 
 @dataclass(frozen=True)
 class Report:
-    """Gather a run's checks, training, evaluation, comparison and assurances on one page, to open offline."""
+    """Gather checks, training, evaluation, comparison and assurances of a run on one offline page."""
 
     run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """Run folder; what it does not hold yet is left out."""
+    """Run folder; parts that it does not have yet are left out."""
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""

@@ -26,37 +26,40 @@ _SHIPPED = ("lab", "roboran", "orbit", "harsh")
 
 @dataclass(frozen=True)
 class Stress:
-    """Robustness sweep: fly under each disturbance at increasing size, and under whole sets of conditions.
+    """Fly under one disturbance at a time, at increasing magnitude, to measure robustness.
 
-    Writes stress.html, stress.json and a folder stress of conditions, with which `rans view` shows the worst
-    episodes again. A contestant that fails is named, the rest is still flown, and the exit code is 1.
+    The sweep also flies under whole sets of conditions. Writes stress.html, stress.json and a folder stress
+    of conditions, with which `rans view` shows the worst episodes. If a contestant fails, the others are
+    still flown, and the exit code is 1.
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """As for `rans compare`; the first gives task, spacecraft and rate, others are compared with it. After
-    it also controllers by name, such as lqr."""
+    """Contestants as for `rans compare`. The first sets task, spacecraft and control rate; the others are
+    compared with it. After it, the name of a controller is enough, such as lqr."""
     conditions: tuple[str, ...] | None = None
-    """Sets of conditions (see `rans list CONDITIONS`) or TOML files beside single disturbances; by default lab,
+    """Sets of conditions to fly under, by name (see `rans list CONDITIONS`) or TOML file; by default lab,
     roboran, orbit and harsh, with --only none."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
-    """Single disturbances to fly, such as latency "noise of position"; by default all, and failed thrusters."""
+    """Fly under these disturbances only, such as latency "noise of position"; by default under all, and with
+    failed thrusters."""
     episodes: int = 256
-    """Flights in each scenario."""
+    """Number of flights at each magnitude and in each set of conditions."""
     slow_episodes: int = 32
-    """Flights of controllers that are slow, such as mpc."""
+    """The same for slow controllers, such as mpc."""
     seed: int = EVALUATION_SEED
     """Seed of starts, goals and disturbances."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
     worst: int = 3
-    """Worst episodes to list of each contestant in a scenario."""
+    """Number of worst episodes to list for each contestant."""
     workers: int | None = None
     """Processes; by default one per processor."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Print what each bears."""

@@ -29,17 +29,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Train many agents as one batch: every seed with every combination of hyper-parameters.
+    """Train many agents as one batch, for every seed and every combination of hyper-parameters.
 
-    The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; and
-    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is. torchrun
-    divides the members among GPUs (`torchrun --nproc-per-node 8 -m -- rans sweep ...`).
+    The folder has sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; batches/
+    has checkpoints and TensorBoard events. Ctrl-C stops early and keeps the results. torchrun divides the
+    members among GPUs (`torchrun --nproc-per-node 8 -m -- rans sweep ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
-    """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS."""
+    """Task to learn (see `rans list TASKS`), or the name of an agent that comes with RANS."""
     seeds: int = 8
-    """Number of seeds, from 0 on."""
+    """Number of seeds, counted from 0."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
     """Values for an entry of the config, e.g. --set ppo.learning_rate=1e-3,3e-4 --set ppo.n_steps=32."""
     spacecraft: str | None = None
@@ -47,22 +47,23 @@ class Sweep:
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
-    """End after so many environment steps a member, solved or not."""
+    """End each member after this many environment steps, solved or not."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
     """Folder for the results; by default a new one under runs/."""
     config: Path | None = None
-    """Start from the config.json of a run instead of the task's preset."""
+    """Start from the config.json of a run in place of the task's preset."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
     algorithm: Literal["ppo", "gradient"] | None = None
-    """What learns, as of `rans train`."""
+    """Learner, as for `rans train`."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
-    """Loggers that the metrics of the best agent also go to, at the end."""
+    """Loggers that also get the metrics of the best agent, at the end."""
     trust: bool = False
-    """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that --resume, --config or a recipe names as the task (MODULE:NAME).
+    Only if you know its author."""
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""

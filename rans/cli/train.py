@@ -38,58 +38,58 @@ _GENTLE = 30.0
 
 @dataclass(frozen=True)
 class Train:
-    """Train an agent until it has solved its task; Ctrl-C stops early and keeps everything.
+    """Train an agent until it has solved its task.
 
-    The run folder holds the config, metrics, checkpoints, TensorBoard events, the learning curve and
-    the agent (policy.zip, which stable_baselines3.PPO.load opens too). Several GPUs share a training that
-    torchrun starts (`torchrun --nproc-per-node 8 -m -- rans train ...`).
+    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent
+    (policy.zip, which stable_baselines3.PPO.load opens too). Ctrl-C stops early and keeps everything. Several
+    GPUs share a training that torchrun starts (`torchrun --nproc-per-node 8 -m -- rans train ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
-    """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS, such as
-    go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done. Your own recipe
-    is a .toml file (docs/training.md)."""
+    """Task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
+    go-to-pose-2d, to repeat its whole training; or a recipe of your own, a .toml file (docs/training.md)."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
     floating-platform."""
     seed: int | None = None
-    """Random seed: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
+    """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
-    """End after so many environment steps, solved or not."""
+    """End after this many environment steps, solved or not."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
+    """Change an entry of the config, such as --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
     """Folder for the run; by default a new one under runs/."""
     config: Path | None = None
-    """Start from the config.json of another run instead of a task's preset."""
+    """Start from the config.json of another run in place of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
     algorithm: Literal["ppo", "gradient", "imitation"] | None = None
-    """What learns: ppo; gradient, of the return through the motion, for throttled thrusters; or imitation of an
-    expert, `--set imitation.expert=NAME` (docs/learners.md). By default ppo."""
+    """Learner: ppo (the default); gradient, by the gradient of the simulation, for throttled thrusters;
+    imitation of an expert, `--set imitation.expert=NAME` (docs/learners.md)."""
     quality: Literal["quick", "good", "best"] | None = None
-    """How long to train: quick (seconds: until the task is solved), good (minutes on two cores: less
-    impulse and error) or best (a GPU, or long); also with your own spacecraft and conditions. By default
-    quick."""
+    """Length of the training: quick (the default; seconds, until the task is solved), good (minutes on two
+    cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
+    conditions."""
     view: bool = False
-    """Show the newest agent in the browser while it learns."""
+    """Show the newest agent in the browser during the training."""
     guard: bool = False
     """Learn behind the safety filter for the spacecraft and task, on a CPU (docs/missions/guard.md)."""
     plain: bool = False
-    """Compute everything as it is written, without a generated program or kernel, so that a breakpoint in a
-    task's code stops; many times slower, and equal but for rounding (docs/plain.md)."""
+    """Run the task's code as it is written, without compiling it, so that a breakpoint in it stops; many
+    times slower, with the same results up to rounding (docs/plain.md)."""
     terms: bool = False
-    """Print the return by the terms of the reward too."""
+    """Print the return of each reward term too."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
-    """Loggers that metrics also go to: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
+    """Loggers that also get the metrics: hparams (TensorBoard's table of hyper-parameters), wandb (Weights &
+    Biases), mlflow."""
     trust: bool = False
-    """Run the module that --resume, --config or a recipe's file names as MODULE:NAME; only if you know its
-    author."""
+    """Allow code: run the Python module that --resume, --config or a recipe names as the task (MODULE:NAME).
+    Only if you know its author."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
@@ -294,8 +294,8 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     elif trainer.config.solved_share is not None and not trainer.solved:
         text += (
-            " Another --seed may solve it; what this one lives on shows "
-            f"{shlex.join(['rans', 'report', str(path)])}."
+            " Another --seed may solve it. Its learning curve: "
+            f"{shlex.join(['rans', 'report', str(path)])}"
         )
     return text
 

@@ -17,29 +17,29 @@ from rans.terminal import Terminal, progress, stages, table
 
 @dataclass(frozen=True)
 class Tune:
-    """Search the settings of a controller: random ones first, then near the best.
+    """Search the settings of a controller by random sampling, first anywhere, then near the best.
 
-    Each flies from the same starts of a seed that no report uses. The result is used by every command that
-    flies this controller with this spacecraft, task and rate from here on, if it is run in the same folder.
-    Ctrl-C ends the search with the best so far.
+    All candidates fly from the same starts, of a seed that no evaluation uses. Every command in this folder
+    then uses the result for this controller, spacecraft, task and control rate. Ctrl-C ends the search and
+    keeps the best so far.
     """
 
     controller: Annotated[str, Positional, arg(metavar="CONTROLLER")]
     """Its name, see `rans list`, or MODULE:NAME."""
     task: str = "go-to-pose"
-    """What to tune it for."""
+    """Task to tune it for."""
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     candidates: int = 300
-    """Settings to fly, the default ones included."""
+    """Number of settings to try, the default ones included."""
     starts: int = 256
-    """Starts of each."""
+    """Number of flights of each candidate."""
     price: float = 0.01
-    """Of thrust, s per N s: what is minimised is the mean of settling time and time to rest in the goal set,
-    and the thrust-time of the episode at this price."""
+    """Price of impulse, s per N s. The cost of a candidate is the mean of settling time and time of first
+    rest, plus the impulse of the episode times this price."""
     seconds: float = math.inf
-    """Processor time after which no further candidate is flown: the same for every controller is an equal
-    budget."""
+    """Processor time after which no further candidate is flown; use the same for every controller to give all
+    an equal budget."""
     conditions: str | None = None
     """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None

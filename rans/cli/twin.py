@@ -14,35 +14,36 @@ Engine = Literal["fast", "drake"]
 
 @dataclass(frozen=True)
 class Twin:
-    """Be a robot: publish the state of a simulated spacecraft over a bus, and take commands.
+    """Simulate a robot for `rans fly`, which publishes its state on a bus and takes commands.
 
-    Without a command for two and a half control periods its valves shut. `rans fly` flies an agent against it.
+    Its valves shut two and a half control periods after the last command.
     """
 
     spacecraft: Annotated[str, Positional, arg(metavar="CRAFT")]
-    """Name or TOML file of the spacecraft."""
+    """Name of the spacecraft, or its TOML file."""
     engine: Engine = "fast"
-    """What computes the motion."""
+    """What computes the motion: RANS's own equations (fast), or Drake."""
     bus: Bus = "dds"
-    """Transport: ROS 2's and PX4's (dds), rmw_zenoh's, or UDP within this machine."""
+    """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh), or udp (within this machine)."""
     robot: Robot = "ros"
-    """What the robot publishes and takes, as for `rans fly`."""
+    """Messages of the robot, as for `rans fly`."""
     period: float = 0.2
-    """Control period that the robot takes commands at, s."""
+    """Control period at which the robot takes commands, s."""
     conditions: str | None = None
-    """Latency, noise, dropouts, faults and disturbances: name or TOML file."""
+    """Latency, noise, dropouts, faults and disturbances of the robot: a name (see `rans list CONDITIONS`) or
+    your own TOML file."""
     rate: float = 100.0
     """States published a second."""
     start: tuple[float, ...] = ()
-    """x, y (m) and heading (degrees) in the plane, x, y, z in space; that of the episode by default."""
+    """Start: x, y (m) and heading (degrees) in the plane; x, y, z in space. By default that of the episode."""
     seed: int = 0
-    """Seed of the random numbers of conditions and of the start."""
+    """Random seed of the start and the conditions."""
     episode: int = 0
-    """Number of the episode."""
+    """Number of the episode whose start and conditions are used."""
     seconds: float = 600.0
-    """How long to fly."""
+    """Length of the simulation, s."""
     domain: int = 0
-    """ROS_DOMAIN_ID."""
+    """ROS 2 domain (ROS_DOMAIN_ID)."""
     address: str = ""
     """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
 

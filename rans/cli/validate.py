@@ -16,18 +16,21 @@ from rans.terminal import Terminal, progress, stages, verdict
 
 @dataclass(frozen=True)
 class Validate:
-    """Check a spacecraft's dynamics, layer by layer; exit code 1 if a check fails or none could be made."""
+    """Check a spacecraft's dynamics against Drake and the laws of mechanics, layer by layer.
+
+    The exit code is 1 if a check fails or cannot be made.
+    """
 
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     quick: bool = False
     """Fewer states and flights and no compiler: about a quarter of a minute instead of some minutes."""
     layer: str | None = None
-    """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, draws,
-    readings, onsets, tasks, ..."""
+    """Check this layer only: thrusters, commands, accelerations, period, flights, engine, draws, readings,
+    onsets, tasks, ..."""
     conditions: str | None = None
-    """Fly under these too, each effect alone and all together: a name (see `rans list CONDITIONS`) or your
-    own TOML file."""
+    """Check under these conditions too, each effect alone and all together: a name (see `rans list
+    CONDITIONS`) or your own TOML file."""
     seed: int = 0
     """Seed of the random states and commands."""
     output: Path | None = None

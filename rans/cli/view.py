@@ -23,44 +23,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class View:
-    """Watch agents fly in the browser, at real time and from any side; Ctrl-C ends it.
+    """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 
-    Every agent has a row, every episode a tile. Open thrusters have orange plumes; the goal is green. The bar
-    below has pause, time and speed.
+    Every contestant has a row and every episode a tile. Open thrusters have orange plumes; the goal is green.
+    A bar has pause, time and speed.
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d; after the first,
-    also controllers by name, such as lqr, for its task and spacecraft. Folders of `rans optimal` show their
-    trajectories, in Drake."""
+    """Run folders or any other contestants, such as CONTROLLER:go-to-pose-3d. After the first, the name of a
+    controller is enough, such as lqr. Folders of `rans optimal` show their trajectories, in Drake."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
     your own TOML file; by default those that they were trained in."""
     episodes: int = 1
-    """Flights of each; all contestants of the same task start from the same places."""
+    """Number of flights of each contestant; contestants of the same task have the same starts."""
     episode: int = 0
-    """Number of the first of them, as in the list of a stress report."""
+    """Number of the first episode, as in the list of a stress report."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     engine: Literal["fast", "drake"] = "fast"
-    """What computes the motion: the shared equations, or Drake."""
+    """What computes the motion: RANS's own equations (fast), or Drake."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would lead to a violated constraint
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
     save: Path | None = None
-    """Write a page that replays the flights anywhere, without RANS and offline, and return."""
+    """Write a page that replays the flights offline and without RANS, and return."""
     frames: Path | None = None
-    """Write ten rendered frames of the first flight of all as one picture, and return."""
+    """Write ten frames of the first flight as one picture, and return."""
     video: Path | None = None
-    """Write all flights, side by side, as a film (.mp4, or .gif for a page of text), and return."""
+    """Write all flights, side by side, as a film (.mp4 or .gif), and return."""
     play: bool = False
-    """Fly the first contestant in real time with controls beside it: move the goal, kill or stick a thruster, add
-    delay and noise, let the next contestant command, pause, step, go back."""
+    """Fly the first contestant in real time with controls: move the goal, make a thruster dead or stuck, add
+    delay and noise, switch to the next contestant, pause, step, go back."""
     page: Path | None = None
-    """Write a page in which the agent flies in the browser, offline, and return. Readers move its goal, let
-    thrusters fail, and add delay and noise."""
+    """Write a page in which the agent flies in the browser, offline, and return. In it one can move the goal,
+    let thrusters fail, and add delay and noise."""
     trust: bool = False
-    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
+    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
+    its author."""
 
     def run(self) -> int:
         """Serve the page, or write what was asked for."""
