@@ -79,7 +79,7 @@ class Solid:
             if not holds:
                 raise ConfigError(f"{what}, got {brief(value)}")
         if (self.shape == "mesh") is not bool(self.mesh):
-            raise ConfigError('the key mesh belongs to the shape "mesh" and to no other')
+            raise ConfigError('the key mesh belongs to the shape "mesh", and no other')
         if self.mesh:
             triangles(self.mesh)
 
