@@ -23,7 +23,8 @@ class DescentLaw:
     """Thrust that brings a point to rest at the origin and minimises time and squared acceleration.
 
     The cost is haste * time + integral of |acceleration|^2 / 2. The acceleration is that of the motion; thrust must
-    also balance the weight. It changes linearly with time, from -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at the end of the time to go t, which is the root of
+    also balance the weight. It changes linearly with time, from -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at
+    the end of the time to go t, which is the root of
 
         (haste + g^2 / 2) t^4 - 2 |v|^2 t^2 - 12 p . v t - 18 |p|^2 = 0.
 

@@ -141,7 +141,7 @@ class MultiTask(Task):
             ConfigError: always.
         """
         raise ConfigError(
-            "a multi-task is evaluated on each of its tasks separately, as their tolerances "
+            "a multi-task is judged on each of its tasks separately, as their tolerances "
             "differ: name one of them."
         )
 
