@@ -1,15 +1,15 @@
-"""RANS trains agents that fly thruster-driven spacecraft, and measures them against Drake and optimal control.
+"""RANS trains agents that control thruster-driven spacecraft, and verifies their performance.
 
     >>> agent = rans.load_agent("go-to-pose-2d")
     >>> rans.evaluate(agent, episodes=64)["solved"].value
     100.0
 
-Importing it registers the Gymnasium environments of `rans.tasks.gymnasium_ids`. Each exists a second time with
-Drake in place of the fast engine, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds those of a task of
-your own. torch, Drake, CasADi and SciPy are loaded when first used.
+Importing the package registers the Gymnasium environments of `rans.tasks.gymnasium_ids`, and for each a variant
+that Drake simulates, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds those of a task of your own. Modules
+that need torch, Drake, CasADi or SciPy are loaded on first use.
 """
 
-import rans.safe_path  # noqa: F401  # before anything else: see there
+import rans.safe_path  # noqa: F401  # must come first, see its docstring
 
 # isort: split
 import importlib
@@ -127,7 +127,7 @@ _LAZY = {
     "VelocityToGain": "rans.optimal.control.guidance",
     "Visiting": "rans.optimal.control.visiting",
 }
-"""Where the names are whose modules take long to load."""
+"""Modules of the public names that are loaded on first use."""
 
 __all__ = [
     "train",
@@ -235,7 +235,7 @@ def __dir__() -> list[str]:
 
 
 def _as_html(value: Any) -> str:
-    """A value as HTML for a notebook; the renderer is imported when the first one is displayed."""
+    """HTML of a value for a notebook; the renderer is imported at the first call."""
     from rans.show.pages.notebook import html
 
     return html(value)
@@ -245,7 +245,7 @@ display.html_renderer = _as_html
 
 
 def _enrol(task_name: str) -> None:
-    """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told of every task."""
+    """Register the Gymnasium environments of a task; Gymnasium has had no plug-in mechanism since 1.0."""
     possible = TASKS[task_name].dimensions if task_name in TASKS.built_in else (2, 3)
     for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
         if dimension not in possible:
@@ -253,7 +253,7 @@ def _enrol(task_name: str) -> None:
         kwargs = {"task_name": task_name, "dimension": dimension}
         known = gymnasium.registry.get(gymnasium_id)
         if known is not None and known.kwargs == kwargs:
-            continue  # a notebook's cell ran twice
+            continue  # a notebook cell was run again
         gymnasium.register(
             gymnasium_id,
             "rans.fast.envs.single:SpacecraftEnv",

@@ -1,4 +1,4 @@
-"""``python -m rans`` is ``rans``."""
+"""``python -m rans``: the same as the command ``rans``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the package's values are displayed: as a line of text, and in a notebook."""
+"""Display of the package's values as a line of text and in notebooks."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any
 
 html_renderer: Callable[[Any], str] = repr
-"""Writes a value as HTML. `rans` sets it when it is imported, as the renderer lies in a higher layer."""
+"""Function that returns the HTML of a value. The import of `rans` sets it, as the renderer is in a higher layer."""
 
 
 class NotebookRepr:
-    """A value that notebooks display as a table, with a drawing if there is one."""
+    """Base class of values that notebooks display as a table, with a drawing if there is one."""
 
     def _repr_html_(self) -> str:
-        """HTML for Jupyter, which calls this method by name."""
+        """HTML of the value for Jupyter."""
         return html_renderer(self)
 
 
 class Settings(NotebookRepr):
-    """A dataclass whose `repr` lists only the fields that differ from their defaults."""
+    """Base class of dataclasses whose `repr` lists only the fields that differ from their defaults."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         cls.__repr__ = (
             Settings.__repr__
-        )  # dataclasses write one for every class that has none of its own
+        )  # the dataclass decorator adds one to every class without its own
 
     def __repr__(self) -> str:
-        given: Any = self
-        own = {one.name: repr(getattr(self, one.name)) for one in fields(given)}
-        told = (
-            f"{one.name}={own[one.name]}"
-            for one in fields(given)
-            if own[one.name] != repr(default(one))
+        settings: Any = self
+        texts = {one.name: repr(getattr(self, one.name)) for one in fields(settings)}
+        changed = (
+            f"{one.name}={texts[one.name]}"
+            for one in fields(settings)
+            if texts[one.name] != repr(default(one))
         )
-        return f"{type(self).__name__}({', '.join(told)})"
+        return f"{type(self).__name__}({', '.join(changed)})"
 
 
 def meanings(described: type) -> dict[str, str]:
-    """Docstrings of a dataclass's fields, read from its source; empty if the source is missing."""
+    """Docstrings of the fields of a dataclass by name, read from its source; empty without a source."""
     found = {}
     for part in reversed(described.__mro__):
         if not is_dataclass(part):
@@ -59,5 +59,5 @@ def meanings(described: type) -> dict[str, str]:
 
 
 def default(one: Field[Any]) -> Any:
-    """The default of a dataclass's field; `MISSING` where there is none."""
+    """Default of a dataclass field; `MISSING` if it has none."""
     return one.default if one.default_factory is MISSING else one.default_factory()

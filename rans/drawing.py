@@ -1,4 +1,4 @@
-"""Pictures of spacecraft: their thruster layout, and frames of their motion."""
+"""Drawings of spacecraft: their thruster layout, and frames of their motion."""
 
 from __future__ import annotations
 
@@ -32,31 +32,36 @@ _GOAL = "#009E73"
 _BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
 
 _SMOOTHING = 2
-"""Frames are drawn this many times larger and averaged down, which smooths edges."""
+"""Factor by which frames are drawn larger and then averaged down, for smooth edges."""
 _SECONDS = 2.0
-"""A velocity's arrow is as long as the way of so many seconds."""
+"""Length of a velocity arrow as the distance travelled in this time, s."""
 _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(25.0)
-"""Where space is looked at from."""
+"""Azimuth and elevation of the view in space."""
 
 _AROUND = np.linspace(0.0, math.tau, 49)
 """Angles of the points of a circle, rad."""
 _SIDES = 8
-"""Lines from the apex of a cone in space to its rim."""
+"""Number of lines from the apex of a cone in space to its rim."""
 
 
 class Scene:
-    """Draws frames of one spacecraft: from above in the plane, obliquely in space.
+    """Renderer of frames of one spacecraft, from above in the plane and obliquely in space.
 
-    The view is an orthographic projection, so a sphere is a disc; the body is drawn as one of its
-    outer radius, with its great circles in space. The view holds the craft, its trail and the place to
-    go to. Grid lines are 1 m apart; in space they lie in the plane z = z of that place, or of the start,
-    and a thin line drops from the craft onto it. The body's axes x, y, z are red, green, blue.
+    The view is an orthographic projection. The body is a disc of its outer radius, with great circles in space.
+    The view contains the craft, its trail and the goal position. Grid lines are 1 m apart; in space they lie at
+    the height z of the goal, or of the start, and a thin line connects the craft with that plane. The axes x, y, z
+    of the body are red, green and blue.
 
-    Keep-out zones of the task are red outlines, approach cones and slopes blue ones. The goal, which the task
-    decides, is green, on top: a ring with axes for a pose, a dot for a position, longer axes on the craft for
-    an attitude alone, an arrow for a velocity, beside a blue one for the craft's own. Width and height of a
-    frame are in pixels.
+    Keep-out zones of the task are red outlines; approach cones and glide slopes are blue outlines. The goal is
+    green and on top: a ring with axes for a pose, a dot for a position, longer axes on the craft for an attitude
+    alone, and an arrow for a velocity beside a blue one for that of the craft.
+
+    Args:
+        craft: spacecraft.
+        task: task, which determines goal and scenery.
+        width: width of a frame, pixels.
+        height: height of a frame, pixels.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, width: int = 640, height: int = 480) -> None:
@@ -76,10 +81,13 @@ class Scene:
         command: Sequence[float] | np.ndarray,
         trail: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
-        """One frame, (height, width, 3) uint8, of a state and a goal of numbers.
+        """Frame (height, width, 3), uint8.
 
-        Flames are as long as the command says, 0 (shut) to 1 (open); the trail is of earlier positions in W,
-        (K, 2 or 3) m.
+        Args:
+            state: state of numbers.
+            goal: goal of numbers.
+            command: commands from 0 (shut) to 1 (open), which are the lengths of the flames.
+            trail: earlier positions in W, (K, 2 or 3), m.
         """
         here = columns(state.p)
         place = columns(goal.p)
@@ -108,7 +116,7 @@ class Scene:
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
-        """Choose the centre and the scale of the picture that hold these points of W."""
+        """Set the centre and the scale of the picture so that it contains these points of W."""
         flat = np.array(points) @ self._view.T[:, :2]
         low = flat.min(axis=0)
         high = flat.max(axis=0)
@@ -119,7 +127,7 @@ class Scene:
         self._scale = _SMOOTHING * 0.5 * float(np.min((self.width, self.height) / self._reach))
 
     def _pixels(self, points: Sequence[np.ndarray]) -> list[tuple[float, float]]:
-        """Points of W, K of (3,) m, as pixels; their y axis points down."""
+        """Pixel coordinates of K points (3,) of W, m; the y axis of pixels points down."""
         flat = (np.array(points) @ self._view.T[:, :2] - self._centre) * self._scale
         x = _SMOOTHING * self.width / 2.0 + flat[:, 0]
         y = _SMOOTHING * self.height / 2.0 - flat[:, 1]
@@ -135,7 +143,7 @@ class Scene:
         self._pen.circle(self._pixels([centre])[0], radius, fill, edge, round(1.5 * _SMOOTHING))
 
     def _draw_goal(self, place: np.ndarray, turn: np.ndarray, wanted: Collection[str]) -> None:
-        """A place, a pose or an attitude, whichever of them the task bounds the errors of."""
+        """Draw the position, pose or attitude of the goal, depending on the tolerances of the task."""
         if "attitude" in wanted:
             self._draw_axes(place, turn, (True, False), _GOAL, 1.5 if "position" in wanted else 2.3)
         if {"position", "attitude"} <= set(wanted):
@@ -144,7 +152,7 @@ class Scene:
             self._disc(place, _GOAL, _GOAL, 0.25)
 
     def _arrow(self, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
-        """From one point of W to another; none where they are the same."""
+        """Draw an arrow between two points of W, unless they coincide."""
         (x, y), (tip_x, tip_y) = self._pixels([start, tip])
         length = math.hypot(tip_x - x, tip_y - y)
         if length < 2.0 * _SMOOTHING:
@@ -158,7 +166,7 @@ class Scene:
         self._pen.polygon([(tip_x, tip_y), *corners], fill=colour)
 
     def _draw_grid(self, target: np.ndarray) -> None:
-        """Lines of whole metres; in the plane they run out of the picture."""
+        """Draw lines at whole metres; in the plane they extend beyond the picture."""
         visible = _SMOOTHING * max(self.width, self.height) / self._scale
         half = math.ceil(visible if self.craft.dimension == 2 else float(self._reach.max()))
         middle = np.append(np.round(target[:2]), target[2])
@@ -176,14 +184,15 @@ class Scene:
         colour: str | None = None,
         length: float = 1.5,
     ) -> None:
-        """The heading, or in space the body axes that point to the viewer (True) or away (False)."""
+        """Draw the heading, or in space the body axes that point to the viewer (True) or away (False)."""
         count = 1 if self.craft.dimension == 2 else 3
-        for axis, own in zip(turn.T[:count], _BODY_AXES, strict=False):
+        for axis, usual in zip(turn.T[:count], _BODY_AXES, strict=False):
             if bool(axis @ self._view[2] >= 0.0) in sides:
-                self._line([centre, centre + length * self.craft.radius * axis], colour or own, 2.5)
+                tip = centre + length * self.craft.radius * axis
+                self._line([centre, tip], colour or usual, 2.5)
 
     def _draw_great_circles(self, centre: np.ndarray, turn: np.ndarray) -> None:
-        """The visible halves of the sphere's sections by the body's coordinate planes."""
+        """Draw the visible halves of the sphere's great circles in the coordinate planes of the body."""
         angle = np.linspace(0.0, math.tau, 49)[:, None]
         for first, second in ((0, 1), (1, 2), (2, 0)):
             ring = self.craft.radius * (
@@ -194,7 +203,7 @@ class Scene:
                 self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
 
     def _draw_craft(self, here: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
-        """Back to front: what is behind the body, the body, what is before it."""
+        """Draw the craft from back to front: thrusters and axes behind the body, the body, those before it."""
         nozzles = self._nozzles @ turn.T
         exhausts = self._exhausts @ turn.T
         in_front = nozzles @ self._view[2] >= -1e-9
@@ -218,7 +227,7 @@ class Scene:
 
 
 def _view(dimension: int) -> np.ndarray:
-    """Unit vectors of the picture in W, by row: right, up, towards the viewer."""
+    """Unit vectors of the picture in W, one per row: right, up, and towards the viewer."""
     if dimension == 2:
         return np.eye(3)
     (c, s), (ce, se) = ((math.cos(a), math.sin(a)) for a in (_AZIMUTH, _ELEVATION))
@@ -233,18 +242,18 @@ def rotations(state: Any) -> np.ndarray:
 
 
 def columns(vector: Vector) -> np.ndarray:
-    """Vectors of fields (...) as an array (..., 3), z = 0 in the plane."""
+    """Array (..., 3) of a vector with fields (...); z = 0 in the plane."""
     return np.stack(np.broadcast_arrays(*vector.columns(), 0.0)[:3], axis=-1)
 
 
 def outlines(shape: Shape, reach: float) -> list[np.ndarray]:
-    """Lines that outline a shape of numbers, each (K, 3) in W, m; none of what has no place, as a speed limit.
+    """Lines that outline a shape, each (K, 3) in W, m; empty for a shape without an extent, such as a speed limit.
 
-    A ball is a circle in the plane and three great circles in space, a cone its sides and its rim.
+    A ball is a circle in the plane and three great circles in space; a cone is its sides and its rim.
 
     Args:
-        shape: a shape whose fields are numbers.
-        reach: how far a slope without an end is drawn, m.
+        shape: shape whose fields are numbers.
+        reach: length to which an infinite glide slope is drawn, m.
     """
     if isinstance(shape, Ball):
         centre = columns(shape.centre)
@@ -271,7 +280,7 @@ def _circle(first: np.ndarray, second: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _cone_lines(apex: Any, axis: Any, half_angle: float, length: float) -> list[np.ndarray]:
-    """Sides of the given length, and an arc in the plane or a rim in space between their ends."""
+    """Sides of a cone with this length, and between their ends an arc (plane) or a rim (space)."""
     tip = columns(apex)
     along = columns(axis)
     if isinstance(apex, Vec2):
@@ -287,7 +296,7 @@ def _cone_lines(apex: Any, axis: Any, half_angle: float, length: float) -> list[
 
 
 def check_picture(file: Path) -> None:
-    """Refuse (`ConfigError`) what `save_picture` cannot save as."""
+    """Reject (`ConfigError`) file names that `save_picture` does not support."""
     if file.suffix not in (".png", ".svg", ".pdf"):
         raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
 
@@ -296,16 +305,16 @@ def save_picture(figure: Figure, file: Path) -> None:
     """Save a figure as .png, .svg or .pdf.
 
     Raises:
-        ConfigError: another ending, or the file cannot be written.
+        ConfigError: the name has another ending, or the file cannot be written.
     """
     check_picture(file)
     replace_file(file, lambda draft: figure.savefig(draft, dpi=150))
 
 
 def draw_layout(craft: Spacecraft) -> Figure:
-    """Thrusters with the force each exerts, outline and centre of mass, in the file's frame G.
+    """Figure of the thruster layout: thrusters with their forces, outline and centre of mass, in G.
 
-    Arrows show the force on the spacecraft, the longest for the strongest thruster.
+    Arrows show forces on the spacecraft; the longest is that of the strongest thruster.
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
@@ -340,7 +349,7 @@ def draw_layout(craft: Spacecraft) -> Figure:
 
 
 def _outline(axes: Any, craft: Spacecraft) -> None:
-    """The outer radius, around the centre of mass."""
+    """Draw the outer radius around the centre of mass."""
     centre = craft.centre_of_mass
     if craft.dimension == 2:
         axes.grid(color=_GRID)

@@ -1,4 +1,4 @@
-"""One spacecraft as an ordinary Gymnasium environment, whatever moves it, and what all interfaces share."""
+"""Base class of Gymnasium environments of one spacecraft, and helpers that all environments share."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from rans.tasks.rewards import paid
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One spacecraft flying one task: NumPy in and out, float64 inside.
+    """Gymnasium environment of one spacecraft and one task, with NumPy observations and actions and float64 states.
 
-    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end by
-    themselves: ``terminated`` when the task has failed or the mission is won, otherwise ``truncated`` after
-    ``timing.episode_steps``.
+    Derived classes define the motion. An episode ends as ``terminated`` when the task fails or the mission
+    succeeds, and otherwise as ``truncated`` after ``timing.episode_steps``.
 
-    Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
-    Action: (commands,), as `rans.model.spacecraft.Spacecraft.commands` lists them: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name, with constraints also "margins"; at the end of an episode
-    "is_success", whether the mission was won, or time ran out within the task's tolerances.
+    Observation: (10,) in the plane or (22,) in space, or more, float32; see `rans.tasks.observation_columns`.
+    Action: (commands,), in the order of `rans.model.spacecraft.Spacecraft.commands`; usually 0 (shut) or 1 (open).
+    ``info``: "reward_terms" and "errors" by name, and "margins" if the task has constraints. At the end of an
+    episode also "is_success": whether the mission succeeded, or the last state was within the tolerances.
 
     Args:
-        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
+        task_name: name in `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
-        spacecraft: name, TOML file or object; None: the usual one of this dimension.
-        task: settings; None: the defaults.
-        timing: control period, accuracy and length of an episode; None: the task's own.
-        render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
-            in the browser, at real time (see `rans.window.Window`).
-        conditions: randomization, disturbances, faults and sensors, by name, TOML file or as such; None: none.
-        guard: safety filter between actions and effectors; None: every action is taken.
-        plain: taken as `rans.fast.SpacecraftVectorEnv` takes it, and changes nothing: one spacecraft always
-            flies by its equations as they are written, on plain numbers.
+        spacecraft: name, TOML file or object; None: the default one of the task or the dimension.
+        task: task settings; None: the defaults.
+        timing: control period, substeps, checks and length of an episode; None: those of the task.
+        render_mode: None; "rgb_array": `render` returns frames; "human": every `reset` and `step` displays a
+            frame in the browser in real time (see `rans.window.Window`).
+        conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
+            None: everything is nominal.
+        guard: safety filter between actions and effectors; None: every action is executed.
+        plain: accepted as by `rans.fast.SpacecraftVectorEnv`, without effect: a single environment always
+            evaluates its equations on plain numbers.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -83,16 +83,16 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._spec: EnvSpec | None = None
         self._seed: int | None = None
         self._episode = 0
-        met = None if conditions is None else load_conditions(conditions)
-        self._world = World(Setup(self.craft, self.task, self.timing, met, guard))
+        loaded = None if conditions is None else load_conditions(conditions)
+        self._world = World(Setup(self.craft, self.task, self.timing, loaded, guard))
         self._move = self._mover()
         self._now = None
         self._scene: Any = None
         self._window: Any = None
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # Gymnasium's is an attribute
-        """As registered, with the length of an episode here."""
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # an attribute in Gymnasium
+        """Specification as registered, with the length of an episode of this environment."""
         return self._spec
 
     @spec.setter
@@ -103,10 +103,15 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode: number 0 of a seed, by default the next of the last, or of a random one.
+        """Start the next episode.
+
+        Args:
+            seed: seed of the episodes, of which this one has number 0; None: the next episode of the last seed, or
+                the first one of a random seed.
+            options: {"scenario": `Scenario`} to start from this scenario instead; None: a drawn scenario.
 
         Raises:
-            ConfigError: the options hold anything but {"scenario": `Scenario`}, to be flown in its place.
+            ConfigError: the options have another key or value.
         """
         seed = int(seed) if isinstance(seed, np.integer) else seed
         super().reset(seed=seed)
@@ -117,7 +122,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             self._episode = 0
         chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
         chosen = (
-            _given_scenario(checked("the options of reset", options or {}, dict), chosen) or chosen
+            _scenario_in(checked("the options of reset", options or {}, dict), chosen) or chosen
         )
         self._draws = draws(self._seed, 1, self._episode)
         self._now: Episode | None = _plain(
@@ -132,8 +137,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Hold the commands for one control period.
 
         Raises:
-            ConfigError: the craft cannot follow the action.
-            gymnasium.error.ResetNeeded: there was no `reset` yet.
+            ConfigError: the action has a wrong shape or is out of range.
+            gymnasium.error.ResetNeeded: `reset` has not been called.
         """
         before = self._running()
         values = _numbers(action)
@@ -160,21 +165,29 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @abstractmethod
     def _mover(self) -> Mover | None:
-        """Who moves the spacecraft; None: our equations."""
+        """Function that moves the spacecraft; None: the equations of `rans.model.dynamics`."""
 
     def render(self) -> Any:
-        """A frame (480, 640, 3) uint8 in the mode "rgb_array"; see `rans.drawing.Scene`."""
+        """Frame (480, 640, 3), uint8, in the mode "rgb_array", else None; see `rans.drawing.Scene`."""
         self._running()
         return self._draw() if self.render_mode == "rgb_array" else None
 
     @property
     def state(self) -> State:
-        """The spacecraft's, of numbers; raises `ResetNeeded` before the first `reset`."""
+        """State of the spacecraft, of numbers.
+
+        Raises:
+            gymnasium.error.ResetNeeded: `reset` has not been called.
+        """
         return self._running().state
 
     @property
     def goal(self) -> State:
-        """The episode's, of numbers; raises as `state`."""
+        """Goal of the episode, of numbers.
+
+        Raises:
+            gymnasium.error.ResetNeeded: `reset` has not been called.
+        """
         return self._running().goal
 
     def close(self) -> None:
@@ -192,7 +205,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._scene.render(now.state, now.goal, self._command, self._trail)
 
     def _show(self) -> None:
-        """Show the newest frame if the render mode asks for it."""
+        """Display the newest frame in the render mode "human"."""
         if self.render_mode != "human":
             return
         if self._window is None:
@@ -207,97 +220,103 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._now
 
     def _observe(self) -> np.ndarray:
-        seen = self._world.observe(self._running(), self._draws)
-        return np.array([float(np.squeeze(x)) for x in seen], dtype=np.float32)
+        columns = self._world.observe(self._running(), self._draws)
+        return np.array([float(np.squeeze(x)) for x in columns], dtype=np.float32)
 
     def _errors(self) -> dict[str, float]:
         now = self._running()
         return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
 
 
-def dense(given: Any) -> Any:
-    """A tensor of torch without gradients, as it lies in memory; anything else as it is.
+def dense(value: Any) -> Any:
+    """A torch tensor detached from its graph, without lazy conjugation; other values are returned as is.
 
     Raises:
-        ConfigError: a tensor that is sparse, nested, quantized or without numbers.
+        ConfigError: the tensor is sparse, nested, quantized or on the meta device.
     """
-    if not hasattr(given, "detach"):
-        return given
+    if not hasattr(value, "detach"):
+        return value
     kinds = {
-        "nested": given.is_nested,
-        "quantized": given.is_quantized,
-        "meta": given.is_meta,
-        str(given.layout): str(given.layout) != "torch.strided",
+        "nested": value.is_nested,
+        "quantized": value.is_quantized,
+        "meta": value.is_meta,
+        str(value.layout): str(value.layout) != "torch.strided",
     }
     if odd := [kind for kind, true in kinds.items() if true]:
         raise ConfigError(
             f"actions and masks of torch must be ordinary tensors, got a {odd[0]} one; "
-            "to_dense() makes one of most others."
+            "to_dense() converts most others."
         )
-    return given.detach().resolve_conj().resolve_neg()
+    return value.detach().resolve_conj().resolve_neg()
 
 
 def array(actions: Any) -> np.ndarray:
-    """Actions that are no tensor as an array, its numbers as torch knows them too.
+    """Array of actions that are not a tensor, in a dtype that torch supports too.
 
     Raises:
-        ConfigError: rows of them are of different lengths.
+        ConfigError: rows have different lengths.
     """
     try:
-        given = np.asarray(actions)
+        values = np.asarray(actions)
     except ValueError as error:
         raise ConfigError(
             f"actions must be numbers in rows of one length, got {brief(actions)}."
         ) from error
-    wide = given.dtype.kind == "f" and given.dtype.itemsize > 8
-    return given.astype(np.float64 if wide else given.dtype.newbyteorder("="), copy=False)
+    wide = values.dtype.kind == "f" and values.dtype.itemsize > 8
+    return values.astype(np.float64 if wide else values.dtype.newbyteorder("="), copy=False)
 
 
 def _numbers(action: Any) -> np.ndarray:
-    """Actions of NumPy or torch, in a dtype that NumPy knows."""
-    given = dense(action)
-    if given is action:
+    """NumPy array of actions of NumPy or torch."""
+    values = dense(action)
+    if values is action:
         return array(action)
-    return given.cpu().numpy() if given.is_complex() else given.cpu().double().numpy()
+    return values.cpu().numpy() if values.is_complex() else values.cpu().double().numpy()
 
 
 def _plain(episode: Episode) -> Episode:
-    """The same of numbers, but for whole ones."""
+    """The episode with floats in place of arrays; whole numbers stay."""
     whole = lambda x: np.asarray(x).dtype.kind in "iu"  # noqa: E731
     return map_leaves(lambda x: x if whole(x) else float(np.squeeze(x)), episode)
 
 
-def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:
-    """The scenario among the options of `reset`, if there is one: as many numbers as another one has."""
+def _scenario_in(options: dict[str, Any], like: Scenario) -> Scenario | None:
+    """Scenario in the options of `reset`, checked against one of the same shape; None if there is none."""
     for key in options:
         if key != "scenario":
             raise ConfigError(f'unknown option {key!r} of reset; the only one is "scenario".')
-    given = options.get("scenario")
-    if given is None:
+    chosen = options.get("scenario")
+    if chosen is None:
         return None
     widths = [len(leaves(s)) for s in (like.start, like.goal)]
-    numbers = [leaves(s) for s in (given.start, given.goal)] if isinstance(given, Scenario) else []
+    is_scenario = isinstance(chosen, Scenario)
+    numbers = [leaves(s) for s in (chosen.start, chosen.goal)] if is_scenario else []
     if [len(x) for x in numbers] != widths or not all(np.isfinite(x).all() for x in numbers):
         raise ConfigError(
             "the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
-            f"{widths[0]} and {widths[1]} finite numbers, got {given!r}."
+            f"{widths[0]} and {widths[1]} finite numbers, got {chosen!r}."
         )
-    return given
+    return chosen
 
 
 def observation_space(
     task: Task, dimension: Dimension, dtype: type[np.floating[Any]] = np.float32
 ) -> spaces.Box:
-    """The columns of a task's observation, within their bounds; without one, any finite float32 number.
+    """Gymnasium space of a task's observation, with the bounds of its columns.
 
-    Gymnasium's and SB3's checkers ask for finite bounds.
+    Columns without a bound have the largest float32 number, because the checkers of Gymnasium and SB3 require
+    finite bounds.
     """
     bounds = np.minimum(example(task, dimension).bounds(), np.finfo(np.float32).max).astype(dtype)
     return spaces.Box(-bounds, bounds, dtype=dtype)
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
-    """The render mode; `ConfigError`, unless environments have it."""
+    """The render mode, checked.
+
+    Raises:
+        ConfigError: it is not None, "human" or "rgb_array".
+    """
     if render_mode not in (None, "human", "rgb_array"):
         raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
     return render_mode
@@ -309,7 +328,7 @@ def choose(
     spacecraft: str | Path | Spacecraft | None,
     task: Task | None,
 ) -> tuple[Spacecraft, Task]:
-    """Spacecraft and task of an environment, from what `rans.environment.Environment` takes.
+    """Spacecraft and task of an environment, from the arguments of `rans.environment.Environment`.
 
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.

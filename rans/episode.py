@@ -1,8 +1,8 @@
-"""One episode and its one step: what the engine, the kernels, environments, flights and Drake all drive.
+"""Episodes and the step function that the engine, kernels, environments, flights and Drake share.
 
-Everything is a pure function over fields (`rans.model.fields`) without branches, so that the same source
-steps one spacecraft of numbers, a batch of NumPy or torch, and the symbols that a GPU kernel is made from.
-Drivers differ in who moves the spacecraft (our equations, or Drake) and who begins the next episode.
+Everything is a pure function over fields (`rans.model.fields`) without branches, so that the same source steps one
+spacecraft of numbers, a batch of NumPy or torch, and the symbols of a GPU kernel. Drivers differ in the function
+that moves the spacecraft (the equations of RANS, or Drake) and in how the next episode begins.
 """
 
 from __future__ import annotations
@@ -36,126 +36,127 @@ Command = tuple[Field, ...]
 
 @dataclass(frozen=True)
 class Episode:
-    """What is known of N running episodes, or of one: states and goals are a `State` of fields each."""
+    """Data of one running episode, or of N."""
 
     state: Any
+    """State of the spacecraft, a `State` of fields."""
     goal: Any
-    """Of floats where the task's goal never varies."""
+    """Goal, a `State` of fields, or of floats if the task's goal never varies."""
     body: Body | None = None
-    """What flies: numbers, or fields where spacecraft differ; None: as designed. Conditions change it."""
+    """Body before conditions change it, of numbers, or of fields where spacecraft differ; None: as designed."""
     parameters: EpisodeParameters | None = None
-    """What it drew from its conditions; None: nothing, or what is drawn again in every step."""
+    """Parameters drawn from the conditions; None: there are none, or they are drawn again in every step."""
     past: tuple[Any, ...] = ()
-    """The states before, the last one first: as many as readings may be old."""
+    """Earlier states, the newest first, for delayed readings."""
     reading: Any = None
-    """What sensors told last, where they may tell it again."""
+    """Last reading of the sensors, where it may be kept; None: not stored."""
     clock: Field = 0
-    """int32: control periods since the episode's start in the low bits, and above them how many episodes of
-    this environment came before. Their count wraps around."""
+    """Clock, int32: control periods since the start of the episode in the low bits, and in the high bits the number
+    of earlier episodes of this environment, which wraps around."""
     commands: tuple[Command, ...] = ()
-    """The last ones, the newest first: as many as are still felt, or as the task's reward looks at."""
+    """Last commands, the newest first, as far as delayed valves or the reward need them."""
     violated: Field | None = None
-    """1 where a margin of the task's constraints was negative before, else 0; None: that ends episodes."""
+    """1 where a constraint was violated before, else 0; None: there are none, or a violation ends the episode."""
 
     def memory(self) -> list[Field]:
-        """Every field that varies, in the order of definition."""
+        """Fields that vary, in the order of definition."""
         return [x for x in leaves(self) if not isinstance(x, int | float)]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one control period gave, before any reset."""
+    """Result of one control period, before any restart."""
 
     episode: Episode
-    """As it arrived."""
+    """Episode at the end of the period."""
     command: Command
-    """Command that the effectors were given."""
+    """Command that the effectors received."""
     terms: dict[str, Field]
-    """Reward by name."""
+    """Reward terms by name."""
     failed: Field
-    """The task failed, a constraint was violated that ends episodes, or the state is no longer finite."""
+    """Whether the task failed, a violated constraint ends the episode, or the state is no longer finite."""
     done: Field | None
-    """The mission was won, before any failure; None: the task lasts until time is up."""
+    """Whether the mission succeeded before any failure; None: the task lasts until it is truncated."""
     truncated: Field
-    """Time is up, and nothing else ended the episode in the same step."""
+    """Whether the time is up and nothing else ended the episode in this step."""
     reached: Field
-    """Whether every error is within the task's tolerance; of a mission that can be won, whether it was.
+    """Whether every error is within its tolerance; for a mission that can succeed, whether it did.
 
     False where the episode failed, or a constraint was violated.
     """
     margins: dict[str, Field]
-    """The least of each margin of `Task.constraints` over the checks of the period, until the episode ended."""
+    """Least value of each margin of `Task.constraints` over the checks of the period, until the episode ended."""
     guarded: Field | None = None
-    """Whether the guard gave another command than the wanted one; None: there is no guard."""
+    """Whether the guard replaced the command; None: there is no guard."""
 
     @property
     def reward(self) -> Field:
-        """Sum of the terms."""
+        """Reward: sum of the terms."""
         return sum(self.terms.values())
 
     @property
     def terminated(self) -> Field:
-        """Whether the task ended the episode: it failed, or was won."""
+        """Whether the task ended the episode by failure or success."""
         return self.failed if self.done is None else self.failed | self.done
 
     @property
     def ended(self) -> Field:
-        """Whether this was the episode's last step."""
+        """Whether this was the last step of the episode."""
         return self.terminated | self.truncated
 
     @property
     def success(self) -> Field:
-        """Whether the episode ended as a success: won, or, where it cannot be, reached when time was up."""
+        """Whether the episode ended as a success: the mission succeeded, or the last state is within tolerances."""
         return self.reached & self.ended
 
 
 class Guard(Protocol):
     """A safety filter between a policy and the effectors of a spacecraft.
 
-    It is a pure function over fields like everything in this module, so that it works in every engine. One
-    that chooses by their values, and so cannot be traced or compiled, says so by a true attribute
-    ``by_values``: engines then step without a generated program, on NumPy or torch.
+    It is a pure function over fields, so that it works in every engine. A guard that branches on values, and thus
+    cannot be traced or compiled, has a true attribute ``by_values``; engines then step without a generated program,
+    on NumPy or torch.
     """
 
     def admitted(
         self, world: World, state: Any, goal: Any, command: Command
     ) -> tuple[Command, Field]:
-        """Command that may be given in place of the wanted one, and whether it is another (bool).
+        """Safe command in place of the desired one, and whether it differs from it (bool).
 
         Args:
-            world: what flies, with its task and its equations.
-            state: state as the spacecraft's sensors measure it.
+            world: spacecraft, task and equations of motion.
+            state: measured state.
             goal: goal with the episode's data in its ``notes``.
-            command: wanted command, one field per thruster.
+            command: desired command, one field per command of the craft.
         """
         ...
 
 
 class Setup(NamedTuple):
-    """What flies, which task, for how long, under which conditions, and what guards it."""
+    """Spacecraft, task, timing, conditions and guard of episodes."""
 
     craft: Spacecraft
     """Spacecraft."""
     task: Task
-    """Task with its starts; agents are judged on those of ``task.for_evaluation()``."""
+    """Task with its starts; ``task.for_evaluation()`` has the starts of evaluations."""
     timing: Timing = Timing()
-    """Control period, accuracy and length of an episode."""
+    """Control period, substeps, checks and length of an episode."""
     conditions: Conditions | None = None
-    """Randomization, disturbances, faults and sensors; None: everything is as designed."""
+    """Domain randomization, disturbances, faults and sensors of the episodes; None: everything is nominal."""
     guard: Guard | None = None
-    """Safety filter between policy and effectors; None: every command is given."""
+    """Safety filter between policy and effectors; None: every command is executed."""
 
 
 @dataclass(frozen=True)
 class World:
-    """Everything about episodes that does not change while they run."""
+    """Setup of episodes with derived data, constant while episodes run."""
 
     setup: Setup
     nodes: int = NODES
     """Nodes of the quadrature in the plane (`rans.model.dynamics.advance`)."""
 
     def __post_init__(self) -> None:
-        """Choose the substeps for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
+        """Choose the substeps; under conditions for the largest accelerations in 1,024 episodes."""
         setup = self.setup
         bodies = None
         torque = 0.0
@@ -165,7 +166,7 @@ class World:
             torque = setup.conditions.steady_torque
         timing = chosen(setup.craft, setup.timing, bodies, torque)
         object.__setattr__(self, "setup", setup._replace(timing=timing))
-        # What a step reads of the craft is known beforehand: torch's compiler cannot trace cached properties.
+        # Computed here because the compiler of torch cannot trace cached properties.
         _ = (
             self.forces,
             self.remembered,
@@ -186,7 +187,7 @@ class World:
 
     @property
     def timing(self) -> Timing:
-        """Timing of the setup, with a number of substeps."""
+        """Timing of the setup, with the number of substeps chosen."""
         return self.setup.timing
 
     @property
@@ -195,7 +196,7 @@ class World:
         return self.setup.conditions
 
     def move(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
-        """States at the checks of one control period, by our equations; the last one is at its end."""
+        """States at the checks of a control period by the equations of motion; the last one is at its end."""
         body = step_inputs.body
         command = step_inputs.commands[0]
         pieces = None
@@ -214,11 +215,11 @@ class World:
         )
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
-        """What a policy sees now."""
+        """Columns of the observation of an episode."""
         return observation(self.task, self.sensed(episode, draws), episode.goal)
 
     def number(self, clock: Field, draws: Draws) -> Field:
-        """Number of the episode, which with the seed decides all that it draws."""
+        """Number of the episode at a clock; with the seed it determines all draws."""
         return draws.first + self.timing.episode(clock) * draws.stride
 
     def scenario(self, clock: Field, draws: Draws) -> tuple[Any, Any]:
@@ -233,10 +234,17 @@ class World:
         draws: Draws | None = None,
         body: Body | None = None,
     ) -> Episode:
-        """A new episode from a start to a goal.
+        """New episode from a start to a goal.
 
-        The clock is as in `Episode`. Under conditions it takes draws. A body is what flies before conditions
-        change it; None: as designed. Effectors begin as the craft's ``stores`` say, unless the start has some.
+        Args:
+            start: state at the start; without stores, those of the effectors take their initial values.
+            goal: goal at the start.
+            clock: clock as in `Episode`.
+            draws: seed of the random numbers; needed under conditions.
+            body: body before conditions change it; None: as designed.
+
+        Raises:
+            ConfigError: there are conditions and no ``draws``.
         """
         still = (0,) * len(self.craft.commands)
         if self.craft.stores and not start.stores:
@@ -265,13 +273,13 @@ class World:
 
     @cached_property
     def remembered(self) -> int:
-        """How many commands an episode remembers."""
+        """Number of commands that an episode stores."""
         return max(
             self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft))
         )
 
     def _never(self, start: Any, goal: Any, clock: Field) -> Field | None:
-        """What `Episode.violated` is at first."""
+        """Initial value of `Episode.violated`."""
         if self.task.violation_ends or not self.task.constraints(start, goal):
             return None
         return clock * 0.0
@@ -281,16 +289,16 @@ class World:
         return Memory.of(self.conditions, self.timing.control_period)
 
     def recalled(self, episode: Episode, draws: Draws | None) -> Episode:
-        """The episode with what it drew from its conditions, drawn again if it does not remember.
+        """The episode with its parameters, which are drawn again if it does not store them.
 
         Raises:
-            ConfigError: there is nothing to draw with.
+            ConfigError: there are conditions and no ``draws``.
         """
         if self.conditions is None or episode.parameters is not None:
             return episode
         if draws is None:
             raise ConfigError(
-                "what an episode meets is drawn by its seed and number: give `draws` with "
+                "the parameters of an episode are drawn by its seed and number: give `draws` with "
                 "conditions."
             )
         return replace(
@@ -306,7 +314,7 @@ class World:
         )
 
     def step_inputs(self, episode: Episode, command: Command, draws: Draws | None) -> StepInputs:
-        """What moves the spacecraft while a command is held."""
+        """Body, commands and disturbances of a control period in which a command is held."""
         parameters = episode.parameters
         period = self.timing.control_period
         if parameters is None or draws is None:
@@ -321,11 +329,11 @@ class World:
         )
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
-        """The state as sensors tell it."""
+        """Measured state of the episode."""
         return episode.reading if episode.reading is not None else self.read(episode, draws)
 
     def read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
-        """What sensors read anew; the last reading, if there was one, stands where they drop out."""
+        """New reading of the sensors; the last reading, if there is one, is kept where they drop out."""
         parameters = episode.parameters
         if parameters is None or parameters.sensors is None or draws is None:
             return episode.state
@@ -341,7 +349,7 @@ class World:
 
 
 Mover = Callable[[Any, StepInputs], tuple[Any, ...]]
-"""States at the checks of one control period, the last one at its end: `World.move`, or Drake."""
+"""Function to the states at the checks of a control period, the last one at its end: `World.move`, or Drake."""
 
 
 def step(
@@ -351,9 +359,14 @@ def step(
     draws: Draws | None = None,
     move: Mover | None = None,
 ) -> Outcome:
-    """Hold the command, one number for each of the craft's ``commands``, for one control period.
+    """Hold a command for one control period, then evaluate reward and ends of the episode.
 
-    Under conditions it takes draws, and an episode with its parameters. By default our equations move.
+    Args:
+        world: setup of the episodes.
+        episode: episode; under conditions with its parameters (`World.recalled`).
+        command: one field per command of the craft.
+        draws: seed of the random numbers; needed under conditions.
+        move: function that moves the spacecraft; None: `World.move`.
     """
     task = world.task
     period = world.timing.control_period
@@ -367,7 +380,7 @@ def step(
         obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])
 
-    # Motion, and what is asked at every check.
+    # Motion, and constraints, memory and success at every check.
     states = (move or world.move)(episode.state, world.step_inputs(episode, command, draws))
     state = states[-1]
     checked = _check_period(task, episode, states, period / world.timing.checks)
@@ -376,7 +389,7 @@ def step(
     done = None if checked.done is None else checked.done & ~lost
     failed = task.failed(state, goal)
     if checked.done is not None:
-        # What is won at a check is over: the rest of the period counts for nothing.
+        # A success at a check ends the episode; the rest of the period is ignored.
         failed = failed & ~checked.done
     failed = failed | lost
     if checked.violated is not None and task.violation_ends:
@@ -428,19 +441,19 @@ class _PeriodChecks(NamedTuple):
     """Result of the checks of one control period."""
 
     goal: Any
-    """At the end of the period."""
+    """Goal at the end of the period."""
     margins: dict[str, Field]
-    """The least of each, until the episode was over."""
+    """Least value of each margin until the end of the episode."""
     violated: Field | None
-    """Whether any was negative until then; None: the task has no constraints."""
+    """Whether any margin was negative until then; None: the task has no constraints."""
     done: Field | None
-    """Whether the mission was won before anything was violated that ends it; None: it cannot be won."""
+    """Whether the mission succeeded before a violation that ends it; None: the task has no success."""
 
 
 def _check_period(
     task: Task, episode: Episode, states: tuple[Any, ...], apart: float
 ) -> _PeriodChecks:
-    """Ask the task at every check of a control period, ``apart`` (s) from each other."""
+    """Evaluate goal, constraints and success at every check of a control period, ``apart`` (s) from each other."""
     goal = episode.goal
     least: dict[str, Field] = {}
     violated: Field | None = None
@@ -458,7 +471,7 @@ def _check_period(
                 least = margins if not least else _least(least, margins)
                 violated = now if violated is None else violated | now
             else:
-                # After the end of the episode nothing counts.
+                # Margins after the end of the episode are ignored.
                 smaller = _least(least, margins)
                 least = {name: where(over, least[name], smaller[name]) for name in margins}
                 violated = violated | (now & ~over)
@@ -474,7 +487,7 @@ def _least(one: dict[str, Field], other: dict[str, Field]) -> dict[str, Field]:
 
 
 def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
-    """The next episode where one ended, elsewhere the same."""
+    """Next episode where one has ended, elsewhere the same episode."""
     ended = outcome.ended
     arrived = outcome.episode
 
@@ -488,25 +501,25 @@ def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
 
 
 class StepAndRestart(NamedTuple):
-    """Result of one step and of the restart where an episode ended, in fields of any library."""
+    """Result of a step and of the restart where an episode ended."""
 
     after: Episode
-    """The episode to act in next."""
+    """Episode of the next step."""
     outcome: Outcome
-    """Of the one that acted."""
+    """Outcome of this step."""
     observation: tuple[Field, ...]
-    """Of the episode to act in next."""
+    """Observation of the episode of the next step."""
     final_observation: tuple[Field, ...]
-    """Of the state arrived in."""
+    """Observation at the end of this step, before a restart."""
 
 
 def step_and_restart(
     world: World, episode: Episode, command: Command, draws: Draws, plain: bool = False
 ) -> StepAndRestart:
-    """`step` and, where an episode ended, `restart`.
+    """`step` and, where an episode has ended, `restart`.
 
-    What is traced or compiled begins an episode everywhere in every step, and chooses; a ``plain`` step
-    begins none as long as none ended.
+    Traced and compiled programs begin an episode everywhere in every step and then select; a ``plain`` step begins
+    episodes only if one has ended.
     """
     remembers = episode.parameters is not None
     outcome = step(world, world.recalled(episode, draws), command, draws)

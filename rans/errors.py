@@ -1,4 +1,4 @@
-"""What can go wrong, as sentences a user can act on."""
+"""Exceptions of RANS, whose messages are sentences that a user can act on, and helpers to write them."""
 
 import difflib
 import math
@@ -14,19 +14,19 @@ T = TypeVar("T")
 
 
 def legible(text: str, longest: int = 2000) -> str:
-    """A text without control characters, which could command a terminal, and cut where it is too long."""
+    """Text with control characters escaped, which could control a terminal, and truncated if it is too long."""
     shown = text if len(text) <= longest else f"{text[:longest]} ... ({len(text):,} characters)"
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in shown)
 
 
 def brief(value: object) -> str:
-    """A wrong value for the middle of a sentence: as Python spells it, cut where that is long."""
+    """`repr` of a value for the middle of a sentence, truncated if it is long."""
     text = repr(value)
     return text if len(text) <= 120 else f"{text[:80]} ... ({len(text):,} characters)"
 
 
 def counted(count: int, noun: str) -> str:
-    """How many there are, such as "1 start" or "1,024 starts"."""
+    """Number with a noun, such as "1 start" or "1,024 starts"."""
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
@@ -34,28 +34,32 @@ _LONGEST_NAME = 1000
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Where a known name is near, " (did you mean ...?)" for the middle of a sentence."""
-    if len(name) > _LONGEST_NAME:  # comparing takes as long as it is
+    """Suggestion " (did you mean ...?)" of a similar known name, or an empty text."""
+    if len(name) > _LONGEST_NAME:  # the comparison would take too long
         return ""
     near = difflib.get_close_matches(name, list(known), 1)
     return f" (did you mean {near[0]}?)" if near else ""
 
 
 def checked(what: str, value: object, kind: type[T]) -> T:
-    """The value, if it is of this class; else a `ConfigError`, which tells who gave a dict what to write."""
+    """The value, checked to be of a class.
+
+    Raises:
+        ConfigError: it is not; for a dict the message says what to write instead.
+    """
     if isinstance(value, kind):
         return value
     top = kind.__name__ in getattr(sys.modules.get("rans"), "__all__", ())
     module = "rans." if top else "" if kind.__module__ == "builtins" else f"{kind.__module__}."
     name = f"{module}{kind.__name__}"
     if isinstance(value, dict):
-        given = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
-        raise ConfigError(f"{what} takes an object, no dict: {name}({given}).")
+        arguments = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
+        raise ConfigError(f"{what} takes an object, not a dict: {name}({arguments}).")
     raise ConfigError(f"{what} must be a {name}, got {brief(value)}.")
 
 
 def one_of(what: str, value: object, known: Iterable[str]) -> None:
-    """Refuse (`ConfigError`) what is none of these names."""
+    """Reject (`ConfigError`) a value that is none of these names."""
     names = list(known)
     if value not in names:
         near = meant(value, names) if isinstance(value, str) else ""
@@ -63,7 +67,11 @@ def one_of(what: str, value: object, known: Iterable[str]) -> None:
 
 
 def whole(what: str, value: object, least: int = 1) -> int:
-    """The value, if it is a whole number from the least one to 2^31; else a `ConfigError`."""
+    """The value, checked to be a whole number >= ``least`` and < 2^31.
+
+    Raises:
+        ConfigError: it is not.
+    """
     if (
         isinstance(value, bool)
         or not isinstance(value, Integral)
@@ -76,12 +84,12 @@ def whole(what: str, value: object, least: int = 1) -> int:
 
 
 def is_finite(value: object) -> bool:
-    """Whether this is a finite real number; a truth value is none."""
+    """Whether a value is a finite real number; booleans are not."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def fits(value: object, condition: Callable[[Any], bool]) -> bool:
-    """Whether the condition holds; it does not where it cannot be asked of such a value."""
+    """Whether a condition is true for a value; False if it raises a TypeError."""
     try:
         return bool(condition(value))
     except TypeError:
@@ -89,7 +97,11 @@ def fits(value: object, condition: Callable[[Any], bool]) -> bool:
 
 
 def named(what: str, value: object, kind: type) -> str:
-    """The text of a name or a path, where an object of this class was taken already; else `ConfigError`."""
+    """Text of a name or a path.
+
+    Raises:
+        ConfigError: it is neither; the message says that an object of ``kind`` is accepted too.
+    """
     return str(
         value
         if isinstance(value, str | PathLike)
@@ -98,31 +110,32 @@ def named(what: str, value: object, kind: type) -> str:
 
 
 def where_raised(error: BaseException) -> str:
-    """File and line of a user's code that an exception came from, as " (my_file.py, line 12, in act)".
+    """File and line of user code that raised an exception, as " (my_file.py, line 12, in act)".
 
-    Frames of this package and of installed ones do not count; empty where there are no others.
+    Frames of this package and of installed ones are skipped; the text is empty if there are no others.
     """
-    own = os.path.dirname(os.path.abspath(__file__))
+    package = os.path.dirname(os.path.abspath(__file__))
+    library = os.path.dirname(os.__file__)
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = os.path.abspath(frame.filename)
-        installed = "site-packages" in file or file.startswith((own, os.path.dirname(os.__file__)))
+        installed = "site-packages" in file or file.startswith((package, library))
         if not installed:
             return f" ({os.path.basename(file)}, line {frame.lineno}, in {frame.name})"
     return ""
 
 
 _LONGEST = 4000
-"""Characters of a sentence: more than any of ours has, whose names and values are of usual length."""
+"""Largest number of characters of a message, above that of any message with names of usual length."""
 
 
 class RansError(Exception):
-    """Base of every error RANS raises on purpose; its text is one sentence for the user.
+    """Base class of the errors that RANS raises on purpose; the message is one sentence for the user.
 
-    Where something in it is so long that nobody could read it, the middle is left out.
+    The middle of a very long message is left out.
     """
 
-    def __init__(self, *given: object) -> None:
-        super().__init__(*(_readable(one) if isinstance(one, str) else one for one in given))
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_readable(one) if isinstance(one, str) else one for one in arguments))
 
 
 def _readable(sentence: str) -> str:
@@ -133,11 +146,11 @@ def _readable(sentence: str) -> str:
 
 
 class ConfigError(RansError):
-    """A value the user gave cannot work: the message names it, its bound and the usual cause."""
+    """A value from the user is invalid; the message names the value, its bound and the usual cause."""
 
 
 class NonFiniteState(RansError):
-    """A state, reward or weight became NaN or infinite; the message says where it was dumped."""
+    """A state, reward or weight became NaN or infinite; the message names the file with its dump."""
 
 
 class SolverFailed(RansError):
@@ -145,4 +158,4 @@ class SolverFailed(RansError):
 
 
 class WorkerLost(RansError):
-    """A training on several processes lost one of them; the message says how to go on."""
+    """A training on several processes lost one of them; the message says how to continue."""

@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, and what a measurement ran on."""
+"""Reading and writing of files: complete or absent, with locks and size limits; versions behind a measurement."""
 
 from __future__ import annotations
 
@@ -25,36 +25,38 @@ from typing import Any
 from rans.errors import ConfigError
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
-"""Packages whose versions can change a measured value."""
+"""Packages whose versions can affect measurements."""
 
 LARGEST_TEXT = 2**26
-"""Bytes of a text: a hundred times the largest that RANS writes."""
+"""Largest number of bytes of a text file that is read."""
 _LARGEST_LINES = 2**28
-"""Bytes of a file of JSON, one a line, which the rows of a training fill."""
+"""Largest number of bytes of a file with one JSON object per line, such as the rows of a training."""
 _DEEPEST = 64
-"""Tables and lists within each other: many times as deep as in any file of RANS."""
+"""Largest nesting depth of tables and lists."""
 
 _ABANDONED = 10.0
-"""Age of a draft, s, at which a process that cannot be found is taken for dead."""
+"""Age of a draft, s, above which it is removed if its process does not exist."""
 
 LOCK = ".lock"
-"""Name of the file in a folder that `Lock` holds while somebody trains there."""
+"""Name of the lock file (`Lock`) of a training in its folder."""
 
 
 def replace_file(file: Path, write: Callable[[Path], object]) -> None:
-    """Write a file beside its place and move it there, so that a reader never sees half of it.
+    """Write a file atomically: to a draft beside it, which then replaces it.
 
-    Missing folders are made; ``write`` writes the whole content to the path it is given, where an empty
-    file waits that did not exist before: nobody can have laid a link there. A link in the file's place is
-    replaced, and what it leads to stays as it is.
+    Missing folders are created. A symbolic link in place of the file is replaced; its target does not change.
+
+    Args:
+        file: file to write.
+        write: writes the whole content to the path that it receives, an empty new file.
 
     Raises:
-        ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed. Or there is
-            a folder in its place, or a file in its folder's.
+        ConfigError: the disk is full or read-only, permission is missing, the path is a folder, or one of its
+            folders is a file. The old file is not changed.
     """
-    if file.is_dir():  # also without a name, which means the current folder
+    if file.is_dir():  # an empty name means the current folder
         raise ConfigError(f"cannot write {file}: it is a folder; give the name of a file.")
-    if file.exists() and not file.is_file():  # moving a file there would end a device
+    if file.exists() and not file.is_file():  # a device would be replaced
         raise ConfigError(
             f"cannot write {file}: it is a pipe or a device; give the name of a file."
         )
@@ -80,8 +82,8 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
 
 
 def _clear_drafts(file: Path) -> None:
-    """Remove what processes left that were killed while they wrote this file."""
-    # Drafts of older versions had no random part.
+    """Remove drafts of processes that were killed while they wrote this file."""
+    # Drafts of older versions have no random part.
     named = re.compile(rf"\.(\d+)(\.[0-9a-f]{{8}})?\.{re.escape(file.name)}")
     for draft in file.parent.glob(f".*.{glob.escape(file.name)}"):
         found = named.fullmatch(draft.name)
@@ -89,9 +91,9 @@ def _clear_drafts(file: Path) -> None:
             continue
         try:
             about = draft.lstat()
-        except FileNotFoundError:  # its writer has just finished
+        except FileNotFoundError:  # its process has just finished
             continue
-        # Another machine's process may be at work, whose number says nothing here.
+        # The process may run on another machine, where its number has another meaning.
         abandoned = not _is_alive(int(found[1])) and time.time() - about.st_mtime > _ABANDONED
         if abandoned and stat.S_ISREG(about.st_mode):
             draft.unlink(missing_ok=True)
@@ -102,18 +104,22 @@ def _is_alive(process: int) -> bool:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # it is somebody else's
+    except PermissionError:  # a process of another user
         return True
     return True
 
 
 def _opened(file: Path, flags: int) -> int:
-    """Descriptor of a file that is no link, nor a pipe that nobody reads; OSError where it is one."""
+    """Descriptor of an opened file; OSError for a symbolic link or a pipe without a reader."""
     return os.open(file, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
 
 
 def append_text(file: Path, text: str) -> None:
-    """Add to the end of a file, or begin it; `ConfigError` where it is a link or the disk refuses."""
+    """Append a text to a file, which is created if it is missing.
+
+    Raises:
+        ConfigError: the file is a symbolic link or cannot be written.
+    """
     try:
         with open(
             _opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8"
@@ -127,41 +133,40 @@ def append_text(file: Path, text: str) -> None:
 
 
 def inside(folder: Path, *parts: str) -> Path:
-    """A place in a folder that may be a stranger's: no link leads from it to somewhere else.
+    """Path within an untrusted folder, none of whose parts is a symbolic link.
 
-    The folder itself may be a link, which the user named. What comes with this package may consist of links,
-    as some installers make them.
+    The folder itself may be a link. Files of this package may be links, as some installers create them.
 
     Raises:
         ConfigError: one of the parts is a symbolic link.
     """
-    place = folder
+    path = folder
     for part in parts:
-        place /= part
-        if place.is_symlink() and not folder.is_relative_to(Path(__file__).parent):
+        path /= part
+        if path.is_symlink() and not folder.is_relative_to(Path(__file__).parent):
             raise ConfigError(
-                f"{place} is a symbolic link, which may lead to any file of yours. If you know "
-                f"where it leads, take a copy without links: cp -rL {shlex.quote(str(folder))} "
+                f"{path} is a symbolic link, which may lead to any file of yours. If you know "
+                f"where it leads, make a copy without links: cp -rL {shlex.quote(str(folder))} "
                 "COPY."
             )
-    return place
+    return path
 
 
 def inside_for_others(folder: Path, *parts: str) -> Path:
-    """`inside` for a folder in which a library opens files by names of its own: none there is a link."""
-    place = inside(folder, *parts)
-    if place.is_dir():
-        for name in os.listdir(place):
+    """`inside` for a folder whose files a library opens by itself: its entries are no links either."""
+    path = inside(folder, *parts)
+    if path.is_dir():
+        for name in os.listdir(path):
             inside(folder, *parts, name)
-    return place
+    return path
 
 
 class Lock:
-    """Held by one process at a time; it goes with the process.
+    """Lock file that one process holds at a time; it is released when the process ends.
 
     Args:
-        file: made when the lock is taken, and never written, replaced or removed: a lock goes with the file
-            that is opened, so who opens another one of the same name is not kept out.
+        file: created when the lock is taken, and never written, replaced or removed, because the lock belongs to
+            the opened file and not to its name.
     """
 
     def __init__(self, file: Path) -> None:
@@ -169,7 +174,14 @@ class Lock:
         self._held = -1
 
     def take(self, refusal: str) -> None:
-        """Hold it from now on; ConfigError with this sentence where another process does."""
+        """Take the lock.
+
+        Args:
+            refusal: message of the error if another process holds it.
+
+        Raises:
+            ConfigError: another process holds the lock, or the file cannot be opened.
+        """
         if self._held >= 0:
             return
         _make_folder(self._file.parent)
@@ -185,16 +197,16 @@ class Lock:
         except BlockingIOError:
             self.release()
             raise ConfigError(refusal) from None
-        except OSError:  # a file system without locks: nobody can be kept out
+        except OSError:  # a file system without locks
             return
 
     @property
     def is_held(self) -> bool:
-        """Whether it was taken by this object."""
+        """Whether this object holds the lock."""
         return self._held >= 0
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the lock."""
         if self._held >= 0:
             os.close(self._held)
             self._held = -1
@@ -205,13 +217,13 @@ class Lock:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path) -> Iterator[None]:
-    """Wait until no other process is within this for the same folder; a missing one is made.
+    """Context in which only one process at a time is, for the same folder; a missing folder is created.
 
-    For who reads a file there, extends it and replaces it, which takes a moment: else the last of two would
-    write without what the first has added. File systems without locks keep nobody waiting.
+    It protects a read, change and replacement of a file against other processes. It has no effect on file systems
+    without locks.
 
     Raises:
-        ConfigError: the folder cannot be made or opened.
+        ConfigError: the folder cannot be created or opened.
     """
     _make_folder(folder)
     try:
@@ -227,23 +239,23 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
 
 
 def distinct(name: str, content: str = "") -> str:
-    """A name as part of a file's name, so that others get other ones.
+    """Unique part of a file name for a name.
 
     Args:
-        name: stays as it is where that is possible; with a digest where a file's name cannot hold it.
-        content: of a user's file; its digest tells it from what comes with the package by that name, and
-            from other files of that name.
+        name: unchanged if possible; characters that file names cannot have are replaced and a digest is added.
+        content: content of a user's file, whose digest distinguishes it from others of the same name; empty: no
+            file.
     """
     plain = re.sub(r"[^\w.-]+", "-", name)
-    told = content or (name if plain != name else "")
-    if not told:
+    source = content or (name if plain != name else "")
+    if not source:
         return plain
-    digest = hashlib.sha256(told.encode("utf-8", "surrogatepass")).hexdigest()
+    digest = hashlib.sha256(source.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{plain}-{digest[:8]}"
 
 
 def _make_folder(folder: Path) -> None:
-    """With those above it; `ConfigError` that names the file in the way, or why the disk refused."""
+    """Create a folder and its parents; a `ConfigError` names the file in the way or the reason of the system."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -257,17 +269,17 @@ def _make_folder(folder: Path) -> None:
 
 
 def ready_folder(folder: Path) -> Path:
-    """The folder, where results of long work will find their place; a missing one is made by the first.
+    """The folder, checked to be writable before long work; a missing folder is not left behind.
 
     Raises:
-        ConfigError: it cannot be, or nothing can be written there.
+        ConfigError: the folder cannot be created, or nothing can be written there.
     """
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         ready = os.access(folder, os.W_OK | os.X_OK)
-        with contextlib.suppress(OSError):  # another process is at work there
-            for one in missing:  # so that work that fails leaves no empty folder
+        with contextlib.suppress(OSError):  # another process writes there
+            for one in missing:  # work that fails leaves no empty folder
                 one.rmdir()
     except OSError as error:
         reason = error.strerror or error
@@ -280,17 +292,17 @@ def ready_folder(folder: Path) -> Path:
 
 
 def write_text(file: Path, text: str) -> None:
-    """`replace_file` for text in UTF-8; of a file's name that is none, the bytes are spelt out."""
+    """`replace_file` for a text in UTF-8; characters without an encoding are escaped."""
     replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace"))
 
 
 def write_json(file: Path, value: Any) -> None:
-    """`replace_file` for JSON; numbers it has no word for are texts, see `plain`."""
+    """`replace_file` for JSON; numbers that are not finite become texts (`plain`)."""
     write_text(file, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: what is not finite becomes "inf", "-inf" or "nan", see `number`."""
+    """Value for JSON, in which numbers that are not finite become "inf", "-inf" or "nan" (`number`)."""
     if isinstance(value, Mapping):
         return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -299,12 +311,16 @@ def plain(value: Any) -> Any:
 
 
 def number(value: float | str | None) -> float:
-    """A number that `plain` may have made a text; null, as older files say, is infinite too."""
+    """Number from JSON, which `plain` may have written as a text; null (older files) is infinity."""
     return math.inf if value is None else float(value)
 
 
 def regular(file: Path, what: str = "") -> Path:
-    """The file itself; `ConfigError` where it is none, but a folder, or a pipe or device without an end."""
+    """The path, checked to be a regular file.
+
+    Raises:
+        ConfigError: it does not exist, or is a folder, a pipe or a device.
+    """
     try:
         mode = file.stat().st_mode
     except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
@@ -312,15 +328,21 @@ def regular(file: Path, what: str = "") -> Path:
         raise ConfigError(f"cannot read {what}{file}: {reason}.") from error
     if not stat.S_ISREG(mode):
         raise ConfigError(
-            f"cannot read {what}{file}: it is no file, but a folder, a pipe or a device."
+            f"cannot read {what}{file}: it is not a file, but a folder, a pipe or a device."
         )
     return file
 
 
 def read_bytes(file: Path, most: int, what: str = "") -> bytes:
-    """The bytes in a file; `ConfigError` where it cannot be read or has more than that.
+    """Bytes of a file.
 
-    A word such as "the mesh " may say what it is.
+    Args:
+        file: file to read.
+        most: largest number of bytes.
+        what: description of the file in messages, such as "the mesh ".
+
+    Raises:
+        ConfigError: the file cannot be read or is too large.
     """
     try:
         with regular(file, what).open("rb") as stream:
@@ -328,26 +350,36 @@ def read_bytes(file: Path, most: int, what: str = "") -> bytes:
             content = b"" if size > most else stream.read(most + 1)
     except OSError as error:
         raise ConfigError(f"cannot read {what}{file}: {error}.") from error
-    found = max(size, len(content))  # a file may say that it is empty, or grow
-    if found > most:
+    length = max(size, len(content))  # the reported size may be zero, and a file may grow
+    if length > most:
         raise ConfigError(
-            f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
-            "another file than it should be, or damaged."
+            f"{what}{file} has {length:,} bytes, and at most {most:,} are read; it is probably the wrong "
+            "file, or damaged."
         )
     return content
 
 
 def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
-    """The text in a file, see `read_bytes`; `ConfigError` where it cannot be read or is no text."""
+    """Text of a file in UTF-8 with lines that end in a newline; arguments as for `read_bytes`.
+
+    Raises:
+        ConfigError: the file cannot be read, is too large, or is not a text in UTF-8.
+    """
     try:
         text = read_bytes(file, most, what).decode("utf-8")
     except UnicodeError as error:
-        raise ConfigError(f"{what}{file} is damaged, it is no text in UTF-8: {error}.") from error
-    return text.replace("\r\n", "\n").replace("\r", "\n")  # as files opened as texts have it
+        raise ConfigError(
+            f"{what}{file} is damaged, it is not a text in UTF-8: {error}."
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does in text mode
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it is unreadable, damaged, too large or too deep."""
+    """Value of a JSON file.
+
+    Raises:
+        ConfigError: the file cannot be read, is damaged, too large or nested too deeply.
+    """
     text = read_text(file)
     try:
         value = json.loads(text)
@@ -361,7 +393,7 @@ def read_json(file: Path) -> Any:
 
 
 def check_depth(value: Any) -> None:
-    """Refuse (`ConfigError`) tables and lists that are too deep within each other."""
+    """Reject (`ConfigError`) tables and lists that are nested too deeply."""
     level = [value]
     for _ in range(_DEEPEST + 1):
         containers = [one for one in level if isinstance(one, dict | list)]
@@ -372,19 +404,19 @@ def check_depth(value: Any) -> None:
             for one in containers
             for inner in (one.values() if isinstance(one, dict) else one)
         ]
-    raise ConfigError(f"tables and lists may be at most {_DEEPEST} deep within each other.")
+    raise ConfigError(f"tables and lists may be nested at most {_DEEPEST} deep.")
 
 
 def read_json_lines(file: Path) -> list[dict[str, Any]]:
-    """The objects in a file of one a line, up to a line cut off by an interruption.
+    """Objects of a file with one JSON object per line, up to a line that was cut off by an interruption.
 
     Raises:
-        ConfigError: it cannot be read or is too large, or a line is something else or too deep.
+        ConfigError: the file cannot be read or is too large, or a line is not an object or nested too deeply.
     """
     lines = read_bytes(file, _LARGEST_LINES).decode("utf-8", "replace").splitlines()
     values: list[Any] = []
     with contextlib.suppress(ValueError, RecursionError):
-        values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
+        values.extend(map(json.loads, lines))  # keeps the lines before the one that was cut off
     for line, value in enumerate(values, 1):
         if not isinstance(value, dict):
             raise ConfigError(f"{file} is damaged: line {line} must be an object, {{...}}.")
@@ -396,13 +428,13 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error of another library says, without its advice."""
+    """First line of an exception's message, for errors of other libraries."""
     return str(error).partition("\n")[0].rstrip(".") or type(error).__name__
 
 
 def environment() -> dict[str, str]:
-    """Versions and hardware behind a measured value."""
-    torch = sys.modules.get("torch")  # for those who have loaded it
+    """Versions and hardware of a measurement."""
+    torch = sys.modules.get("torch")  # only if it is already loaded
     gpu = (
         torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
     )
@@ -419,12 +451,12 @@ def environment() -> dict[str, str]:
 
 
 def command_line() -> str:
-    """The command that runs, as it can be typed again."""
+    """Command line of this process, quoted for a shell."""
     return shlex.join(["rans", *sys.argv[1:]])
 
 
 def git_revision() -> str:
-    """Revision of the working copy this package runs from, or "unknown" when installed from a wheel."""
+    """Git revision of the working copy of this package, or "unknown" without one."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--tags"]
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
@@ -434,7 +466,7 @@ def git_revision() -> str:
 
 
 def package_version(package: str) -> str:
-    """Of what is installed; who runs a copy of the sources may not have installed `rans` itself."""
+    """Version of an installed package, or "not installed", as for `rans` in a copy of its sources."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -442,7 +474,7 @@ def package_version(package: str) -> str:
 
 
 def _processor() -> str:
-    """Name of the processor; Linux tells it only in a file."""
+    """Name of the processor, which Linux provides only in a file."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Flights: what a controller did from a batch of scenarios, in one form for every engine."""
+"""Flights: trajectories of a controller from a batch of scenarios, in one form for every engine."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rans.verdict import FlightAccumulator
 
 
 class Controller(Protocol):
-    """Anything that decides which thrusters to open: an agent, an LQR, an MPC.
+    """Protocol of controllers, which compute commands from states: agents, LQR, MPC and others.
 
     >>> import numpy as np
     >>> class Coasting:
@@ -43,24 +43,26 @@ class Controller(Protocol):
 
     @property
     def name(self) -> str:
-        """What to call it in tables."""
+        """Name of the controller in tables."""
         ...
 
     def reset(self, count: int) -> None:
-        """Forget the past: ``count`` new episodes start."""
+        """Reset internal states for ``count`` new episodes."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, commands) for every episode: what the craft takes, usually 0 or 1 (open) per thruster.
+        """Commands (N, commands) of N episodes, usually 0 (shut) or 1 (open) per thruster.
 
-        State and goal are a `State` of float64 arrays (N,) each; the observation is (N, width) float32, as
-        `rans.tasks.observation_terms` orders it.
+        Args:
+            state: measured states, a `State` of float64 arrays (N,).
+            goal: goals, a `State` of float64 arrays (N,), or of numbers where all are the same.
+            observation: observations (N, width), float32, in the order of `rans.tasks.observation_columns`.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Flight:
-    """N episodes of T control periods: `fly` makes them.
+    """Trajectories of N episodes over T control periods, from `fly`.
 
     >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
     >>> flight = rans.fly("atmos", "go-to-pose", rans.LQR("atmos", "go-to-pose"), starts, rans.Timing())
@@ -72,24 +74,24 @@ class Flight:
     task: Task
     timing: Timing
     states: Any
-    """`State` whose fields are float64 arrays (T + 1, N)."""
+    """States, a `State` of float64 arrays (T + 1, N)."""
     goals: Any
-    """Goals as a `State` of arrays (T + 1, N) where they move, elsewhere (N,)."""
+    """Goals, a `State` of arrays (T + 1, N) if they vary, else (N,)."""
     commands: np.ndarray
-    """(T, N, commands), see `rans.model.spacecraft.Spacecraft.commands`: of most craft 0 to 1 per thruster."""
+    """Commands (T, N, commands) in the order of `rans.model.spacecraft.Spacecraft.commands`."""
     controller: str
     """Name of the controller."""
     engine: str = "fast"
-    """"fast" (our equations) or "drake" (the reference)."""
+    """"fast" (equations of `rans.model.dynamics`) or "drake" (the reference)."""
     margins: dict[str, np.ndarray] = field(default_factory=dict)
-    """(T, N) by name: the least of each constraint's margin in every period; infinite once a mission is won."""
+    """Least margin (T, N) of each constraint in every period, by name; infinite after a success."""
     done: np.ndarray | None = None
-    """(N,) bool, whether the mission was won; None: it cannot be, and lasts until time is up."""
+    """Whether the mission succeeded, (N,) bool; None: the task lasts until it is truncated."""
     lengths: np.ndarray | None = None
-    """(N,) int, control periods until the mission was won, otherwise T. From then on a flight stands still
-    with shut thrusters. None: T for all."""
+    """Control periods until the mission succeeded, else T, (N,) int. Afterwards the state of a flight is constant
+    and its thrusters are shut. None: T for all."""
     guarded: np.ndarray | None = None
-    """(T, N) bool, whether a safety filter gave another command than the wanted one; None: there was none."""
+    """Whether a safety filter replaced the command, (T, N) bool; None: there was none."""
 
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period
@@ -101,20 +103,20 @@ class Flight:
 
     @property
     def times(self) -> np.ndarray:
-        """(T + 1,) s."""
+        """Times of the states, s, (T + 1,)."""
         return np.arange(len(self.commands) + 1) * self.timing.control_period
 
     @property
     def openings(self) -> np.ndarray:
-        """(T, N, thrusters) commands of the thrusters alone, without those of reaction wheels."""
+        """Commands (T, N, thrusters) of the thrusters alone."""
         return self.commands[:, :, : len(self.craft.thrusters)]
 
     def errors(self) -> dict[str, np.ndarray]:
-        """The task's errors at every instant, each (T + 1, N)."""
+        """Errors of the task at every instant by quantity, (T + 1, N), SI units."""
         return self.task.errors(self.states, self.goals)
 
     def rewards(self) -> dict[str, np.ndarray]:
-        """Reward terms of every step, each (T, N); one that is a plain number is that at every step."""
+        """Reward terms of every step by name, (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
         goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
@@ -141,19 +143,19 @@ class Flight:
         }
 
     def violated_when(self) -> np.ndarray:
-        """(T, N) whether a constraint's margin was negative in this period."""
+        """Whether the margin of a constraint was negative in each period, (T, N)."""
         violated = np.zeros(self.commands.shape[:2], dtype=bool)
         for margin in self.margins.values():
             violated |= margin < 0.0
         return violated
 
     def violated(self) -> np.ndarray:
-        """(N,) whether a constraint's margin was ever negative."""
+        """Whether the margin of a constraint was ever negative, (N,)."""
         return np.asarray(self.violated_when().any(axis=0))
 
     @cached_property
     def verdict(self) -> FlightAccumulator:
-        """Verdict on the N episodes, arrays (N,): which settled and when, were solved, and failed."""
+        """Verdict on the N episodes, with arrays (N,): settled and when, solved, and failed (`rans.verdict`)."""
         steps = len(self.commands)
         timing = replace(self.timing, episode_steps=steps)
         setting = Setup(self.craft, self.task, timing)
@@ -164,10 +166,10 @@ class Flight:
         return map_leaves(np.asarray, verdict)
 
     def failed(self) -> np.ndarray:
-        """(N,) whether the episode failed before it was won.
+        """Whether each episode failed, (N,).
 
-        The task declared it so after a step, a constraint was violated that ends episodes, or a number of the
-        state was not finite.
+        An episode fails if the task declares a failure after a step, a constraint is violated that ends episodes,
+        or a number of the state is not finite, in each case before a success.
         """
         return np.asarray(self.verdict.failed)
 
@@ -221,27 +223,34 @@ def fly(
     draws: Draws | None = None,
     guard: Guard | None = None,
 ) -> Flight:
-    """Fly a batch of scenarios, in float64.
+    """Simulate a controller from a batch of scenarios, in float64.
 
     >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
     >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
     <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
 
-    Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
-    state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
-    One whose mission is won stands still from then on.
-    Warns of spins for which our equations had too few substeps.
+    Episodes run for the full time even after a failure, so that no flight is missing in statistics. The states of
+    an episode are NaN after a state that is not finite, and the controller then receives its start. The state of an
+    episode is constant after a success. Warns if the craft is too fast for its control period.
 
-    The controller sees all N episodes at once; their starts are of float64 arrays (N,), as
-    `rans.scenario.scenarios` gives them. ``engine`` says who moves, for `Flight.engine`, and ``move`` how:
-    by default our equations. The body is of numbers or of arrays (N,); None: as designed. Under conditions
-    the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
-    A guard stands between the controller and the effectors (`rans.episode.Guard`).
+    Args:
+        craft: spacecraft, by name, TOML file or object.
+        task: task, by name or as an object.
+        controller: controller, which receives all N episodes at once.
+        starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
+        timing: control period, substeps, checks and number of periods.
+        engine: name of the engine for `Flight.engine`.
+        move: function that moves the spacecraft; None: the equations of `rans.model.dynamics`.
+        body: body of numbers or arrays (N,); None: as designed.
+        conditions: domain randomization, disturbances, faults and sensors; None: everything is nominal. Under
+            conditions the controller receives measured states.
+        draws: random numbers of the scenarios (`rans.scenario.draws`); needed under conditions.
+        guard: safety filter between controller and effectors; None: every command is executed.
 
     Raises:
-        ConfigError: there is no such spacecraft or task, the starts are no batch for its
-            dimension, the controller is none or was made for another dimension, number of
-            thrusters or width of the observation, or there are conditions, but nothing to draw with.
+        ConfigError: there is no such spacecraft or task, the starts are not a batch of its dimension, the
+            controller is not a `Controller` or belongs to another dimension, number of commands or width of
+            the observation, or there are conditions without ``draws``.
     """
     craft = load_spacecraft(craft)
     task = load_task(task)
@@ -266,17 +275,17 @@ def fly(
     won = None
     lengths = None
     for step_number in range(timing.episode_steps):
-        seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
-        told = np.asarray(
-            controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64
+        observations = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
+        desired = np.asarray(
+            controller.act(world.sensed(now, draws), now.goal, observations), dtype=np.float64
         )
-        if told.shape != (count, len(craft.commands)):
+        if desired.shape != (count, len(craft.commands)):
             raise ConfigError(
                 f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
-                f"shape {(count, len(craft.commands))}, got {told.shape}: was it made for another "
+                f"shape {(count, len(craft.commands))}, got {desired.shape}: was it made for another "
                 f"craft than {craft.name}?"
             )
-        outcome = step(world, now, tuple(told.T), draws, move)
+        outcome = step(world, now, tuple(desired.T), draws, move)
         command = np.stack(outcome.command, axis=1)
         if outcome.guarded is not None:
             changed = np.broadcast_to(outcome.guarded, count)
@@ -286,7 +295,7 @@ def fly(
             if won is None or lengths is None:
                 won = np.zeros(count, dtype=bool)
                 lengths = np.full(count, timing.episode_steps)
-            # What is won stands still.
+            # After a success the state is constant.
             before = now
             command = np.where(won[:, None], 0.0, command)
             period_margins = {k: np.where(won, np.inf, x) for k, x in outcome.margins.items()}
@@ -326,12 +335,12 @@ def fly(
 
 
 def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
-    """Refuse (`ConfigError`) what is no batch of starts, or one for the other dimension."""
+    """Reject (`ConfigError`) starts that are not a batch, or are of another dimension."""
     shapes = {np.shape(field) for field in leaves(starts.start)}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 1 or shape[0] < 1:
         raise ConfigError(
-            "starts must be of arrays of one length (N,), of one start at least, as "
-            "rans.scenario.scenarios gives them."
+            "starts must have arrays of one length (N,), with one start at least, as "
+            "rans.scenario.scenarios returns them."
         )
     dimension = len(starts.start.p.columns())
     if dimension != craft.dimension:
@@ -342,7 +351,7 @@ def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
 
 
 def _takes(value: Any, method: str, arguments: int) -> bool:
-    """Whether a value has a method that may be called with so many arguments."""
+    """Whether a value has a method that can be called with this number of arguments."""
     function = getattr(value, method, None)
     if not callable(function):
         return False
@@ -356,7 +365,7 @@ def _takes(value: Any, method: str, arguments: int) -> bool:
 
 
 def _check_controller(controller: Controller, craft: Spacecraft) -> None:
-    """Refuse (`ConfigError`) what is no controller, or is one for other spacecraft."""
+    """Reject (`ConfigError`) a value that is not a controller, or a controller of another kind of spacecraft."""
     if not (_takes(controller, "reset", 1) and _takes(controller, "act", 3)):
         raise ConfigError(
             "a controller has the methods reset and act, see rans.Controller, such as "
@@ -372,10 +381,10 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
 
 
 def _form(craft: Spacecraft) -> tuple[int, int]:
-    """What its controllers cannot do without."""
+    """Dimension and number of commands, which a controller must match."""
     return craft.dimension, len(craft.commands)
 
 
 def _stacked(trees: list[Any]) -> Any:
-    """One tree whose fields are those of many, (T, N)."""
+    """Tree whose fields (T, N) are stacked from those of many trees."""
     return unflatten(trees[0], [np.stack(x) for x in zip(*map(leaves, trees), strict=True)])

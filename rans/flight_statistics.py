@@ -1,4 +1,4 @@
-"""Counts and sums over very many flights, of which nothing else is kept."""
+"""Counts and sums over very many flights, whose trajectories are not stored."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class Sums:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Sums:
-        """Sums of (N,) values."""
+        """Sums of values (N,)."""
         values = values.astype(np.float64)
         return cls(float(values.sum()), float(np.square(values).sum()), len(values))
 
     @property
     def mean(self) -> float:
-        """Mean; NaN of no flight."""
+        """Mean; NaN without flights."""
         return self.total / self.count if self.count else math.nan
 
     @property
     def error(self) -> float:
-        """Standard error of the mean; NaN of fewer than two."""
+        """Standard error of the mean; NaN for fewer than two flights."""
         if self.count < 2:
             return math.nan
         spread = max(0.0, self.squares / self.count - self.mean**2) * self.count / (self.count - 1)
@@ -47,44 +47,44 @@ class Sums:
 
 
 QUANTITIES = ("return", "impulse", "duty at rest")
-"""Quantities that are summed, of failed flights up to their failure: return; impulse, N s; mean share of
-thrusters open in the last fifth."""
+"""Quantities that are summed: return; impulse, N s; mean share of open thrusters in the last fifth. Those of failed
+flights end at their failure."""
 
 
 @dataclass(frozen=True)
 class FlightStatistics:
-    """How many flights settled and failed, and when and how; statistics of different scenarios can be added."""
+    """Counts of settled and failed flights with times and kinds; those of different scenarios can be added."""
 
     flights: int
     steps: int
     """Steps of each flight, T."""
     settled_at: np.ndarray
-    """(T + 1,) int64: number of flights that settled at each instant (`rans.verdict`)."""
+    """Number of flights that settled at each instant (`rans.verdict`), (T + 1,) int64."""
     failures: dict[Failure, int]
     """Number of flights that did not solve their task, by the kind of failure."""
     numbers: np.ndarray
-    """(M,) int64: scenario numbers of unsolved flights, rising; at most ``listed``, those met first."""
+    """Scenario numbers of the first unsolved flights, ascending, at most ``listed``, (M,) int64."""
     kinds: np.ndarray
-    """(M,) uint8: the `Failure` of each."""
+    """`Failure` of each listed flight, (M,) uint8."""
     sums: dict[str, Sums]
     """Sums of the `QUANTITIES`."""
     listed: int = 100_000
     """Largest number of unsolved flights that are listed."""
     ways: frozenset[str] = field(default_factory=frozenset)
-    """What computed the flights, such as "CPU, float32"."""
+    """Devices and precisions that computed the flights, such as "CPU, float32"."""
 
     @property
     def unsolved(self) -> int:
-        """Number of flights that did not solve their task, in any way."""
+        """Number of flights that did not solve their task, of all kinds."""
         return sum(self.failures.values())
 
     @property
     def settled(self) -> int:
-        """Number of flights that settled, however late."""
+        """Number of flights that settled at any instant."""
         return int(self.settled_at.sum())
 
     def settling_step(self, share: float = 0.5) -> float:
-        """Instant by which this share of all flights is settled; infinite if so many never are."""
+        """Instant by which a share of all flights has settled; infinite if fewer settle."""
         reached = np.flatnonzero(np.cumsum(self.settled_at) >= share * self.flights)
         return float(reached[0]) if len(reached) and self.flights else math.inf
 
@@ -134,12 +134,12 @@ class FlightStatistics:
         """Statistics of N flights that have ended.
 
         Args:
-            world: what flew.
-            numbers: (N,) numbers of the scenarios.
-            outcome: (N,) each: number of a `Failure` or 0, whether the flight settled, and at which instant.
-            totals: (N,) each: return, impulse, and open thrusters summed over the last fifth.
+            world: setup of the flights.
+            numbers: numbers of the scenarios, (N,).
+            outcome: number of a `Failure` or 0, whether the flight settled, and at which instant; (N,) each.
+            totals: return, impulse, and open thrusters summed over the last fifth; (N,) each.
             listed: largest number of unsolved flights that are listed.
-            way: what computed the flights.
+            way: device and precision that computed the flights.
         """
         steps = world.timing.episode_steps
         (failure, settles, settled) = outcome

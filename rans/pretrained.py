@@ -1,4 +1,4 @@
-"""The agents that come with the package: what flies of a run folder, without what only training needs."""
+"""Agents that come with the package: run folders without the files that only training needs."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from rans.errors import ConfigError, brief, meant
 from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
-"""One folder an agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
+"""Folder with one folder per agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
 RECIPE_FOLDER = FOLDER.parent / "recipes"
-"""One TOML file NAME.toml an agent, by which it is trained (`rans.fast.learn.recipes`)."""
+"""Folder with a recipe NAME.toml for each agent, with which it was trained (`rans.fast.learn.recipes`)."""
 
 _FORMER_NAMES = {"go-to-pose-2d-knob": "go-to-pose-2d-trade-off"}
-"""Names of agents and recipes in the version before, which work for one version more and warn."""
+"""Former names of agents and recipes, which are accepted with a warning for one more version."""
 
 
 def present_agent(name: str) -> str:
-    """Present name of an agent or a recipe; a former one warns with a `DeprecationWarning`."""
+    """Present name of an agent or a recipe; a former name gives a `DeprecationWarning`."""
     if (new := _FORMER_NAMES.get(name)) is None:
         return name
     warnings.warn(
-        f"the agent {name} is called {new} now; its former name goes with the next version.",
+        f"the agent {name} is now called {new}; its former name will be removed in the next version.",
         DeprecationWarning,
         stacklevel=3,
     )
@@ -40,10 +40,10 @@ def pretrained_names() -> list[str]:
 
 
 def pretrained_folder(name: str) -> Path:
-    """Where the agent of this name is.
+    """Folder of the agent of this name.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no such agent.
     """
     name = present_agent(name)
     if name not in pretrained_names():
@@ -55,5 +55,9 @@ def pretrained_folder(name: str) -> Path:
 
 
 def pretrained_card(name: str) -> dict[str, Any]:
-    """What an agent is worth and how it came to be (`rans.deploy.export`); raises as `pretrained_folder`."""
+    """Card of an agent: its metrics and its training (`rans.deploy.export`).
+
+    Raises:
+        ConfigError: there is no such agent.
+    """
     return read_json(pretrained_folder(name) / "card.json")

@@ -1,4 +1,4 @@
-"""Worker processes that start fresh, keep quiet when interrupted and never outlive their parent."""
+"""Worker processes that are spawned, ignore interrupts and end with their parent."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Answer = TypeVar("Answer")
 State = TypeVar("State")
 
 _SAFE_PATH = "PYTHONSAFEPATH"
-"""In the environment of a Python process: it does not put the current folder before its library."""
+"""Environment variable that keeps Python from searching the current folder before its library."""
 
 
 def processors() -> int:
-    """How many this process may use: a job of a cluster may have fewer than its machine."""
+    """Number of processors that this process may use; a cluster job may have fewer than its machine."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -40,20 +40,22 @@ def submitted(
     prepare: Callable[..., object],
     arguments: tuple[Any, ...],
 ) -> Iterator[list[Future[Answer]]]:
-    """Jobs at work in other processes, as futures in their order.
+    """Context of jobs that run in other processes, as futures in order.
 
-    The processes are started afresh, not forked: the parent may hold threads (torch, Drake) that a fork
-    would copy half alive. With the default start method of a script that means its top level must be
-    guarded by ``if __name__ == "__main__"``. An interrupt, or whatever else ends the block early, ends the
-    processes at once, and the jobs that they are at are lost.
+    The processes are spawned instead of forked, because a fork does not copy the threads of torch and Drake. An
+    interrupt, or any other early end of the block, ends the processes at once; unfinished jobs are lost.
 
-    Every process, by default one per processor, calls ``prepare(*arguments)`` before its first job. This and
-    the function, called with one tuple a job, are of a module's top level.
+    Args:
+        function: called with one tuple of arguments per job; defined at the top level of a module.
+        jobs: arguments of each job.
+        workers: number of processes; None: one per processor.
+        prepare: called once in every process before its first job; defined at the top level of a module.
+        arguments: arguments of ``prepare``.
     """
     others = set(multiprocessing.active_children())
     with contextlib.ExitStack() as kept:
         file = kept.enter_context(_pickled(prepare, arguments))
-        with _started_safely():  # its locks start a process already
+        with _started_safely():  # the locks of the pool start a process
             pool = kept.enter_context(
                 ProcessPoolExecutor(
                     workers or processors(),
@@ -71,22 +73,22 @@ def submitted(
         except BaseException:
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
-            # Else the pool's thread waits for the rest of an answer that somebody was at, for ever.
+            # Otherwise the thread of the pool waits forever for the rest of an unfinished answer.
             vars(pool)["_result_queue"]._writer.close()
             pool.shutdown(cancel_futures=True)
             raise
 
 
 class Workers(Generic[State]):
-    """Processes that make a state each, once, and answer jobs with it.
+    """Pool of processes, each of which creates a state once and answers jobs with it.
 
-    They start afresh and end early as those of `submitted` do, and use one thread of torch each.
+    The processes start and end as those of `submitted`, and use one thread of torch each.
 
     Args:
-        make: makes the state, such as a controller and what it flies; of a module's top level.
-        arguments: those of ``make``; they can be pickled.
-        count: number of processes, None: one per processor; with 1, jobs are done in this process.
-        work: what the processes do, in the past tense, for the error when one dies: "flew episodes".
+        make: creates the state, such as a controller and its task; defined at the top level of a module.
+        arguments: arguments of ``make``, which can be pickled.
+        count: number of processes; None: one per processor; 1: jobs run in this process.
+        work: description of the work in the past tense for the error when a process dies, such as "flew episodes".
     """
 
     def __init__(
@@ -104,11 +106,11 @@ class Workers(Generic[State]):
     def ordered(
         self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
     ) -> Generator[Answer]:
-        """Answers in the order of the jobs, each as soon as it and those before it are known.
+        """Yield answers in the order of the jobs, each as soon as it and those before it are known.
 
         Args:
-            function: called with the state and one tuple a job; of a module's top level.
-            jobs: what is to be done.
+            function: called with the state and the arguments of a job; defined at the top level of a module.
+            jobs: arguments of each job.
 
         Raises:
             RansError: a process died.
@@ -126,15 +128,15 @@ class Workers(Generic[State]):
         jobs: Sequence[tuple[Any, ...]],
         dead: Callable[..., Answer] | None = None,
     ) -> Generator[tuple[int, Answer]]:
-        """Number and answer of every job, in the order in which they end.
+        """Yield number and answer of every job, in the order in which they end.
 
         Args:
-            function: called with the state and one tuple a job; of a module's top level.
-            jobs: what is to be done.
-            dead: called with one tuple a job for the answer where a process died; None: an error.
+            function: called with the state and the arguments of a job; defined at the top level of a module.
+            jobs: arguments of each job.
+            dead: called with the arguments of a job whose process died, for its answer; None: raise an error.
 
         Raises:
-            RansError: a process died, and there is no answer for that.
+            RansError: a process died, and ``dead`` is None.
         """
         if self._count == 1:
             yield from enumerate(self._here(function, jobs))
@@ -176,17 +178,17 @@ class Workers(Generic[State]):
 
 
 _state: list[Any] = []
-"""What `Workers` made in this worker process."""
+"""State of `Workers` in this worker process."""
 
 
 def _make_state(make: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     _use_one_thread()
     _state[:] = [make(*arguments)]
-    _use_one_thread()  # if only this imported torch
+    _use_one_thread()  # torch may have been imported by `make`
 
 
 def _use_one_thread() -> None:
-    """There is one process per processor; where nobody imported torch, it need not be."""
+    """Limit torch, if it is imported, to one thread, because there is one process per processor."""
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(1)
 
@@ -196,14 +198,15 @@ def _with_state(function: Callable[..., Answer], *job: Any) -> Answer:
 
 
 def nothing() -> None:
-    """State of `Workers` whose jobs need none."""
+    """Create the state None, for `Workers` whose jobs need no state."""
 
 
 @contextlib.contextmanager
 def _pickled(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[Path]:
-    """In a file: what is large would keep this process waiting until the one that starts has read it.
+    """Context with a file that holds a pickled call.
 
-    And as a plain pickle: that of multiprocessing shares torch's tensors by files that stay open.
+    Large arguments in a pipe would block this process until the new one has read them. The pickle of
+    multiprocessing would share torch tensors by files that stay open.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "prepare"
@@ -215,17 +218,17 @@ def _unpickled(file: Path) -> None:
     _answered(file.read_bytes())
 
 
-def _answered(asked: bytes) -> Any:
-    function, arguments = cloudpickle.loads(asked)
+def _answered(job: bytes) -> Any:
+    function, arguments = cloudpickle.loads(job)
     return function(*arguments)
 
 
 @contextlib.contextmanager
 def _started_safely() -> Iterator[None]:
-    """A Python process started now does not look for modules in the current folder first.
+    """Context in which new Python processes do not search the current folder for modules first.
 
-    It would by itself, before this one tells it where to look: a stranger's ``random.py`` beside an agent
-    would run in it, and in the process that multiprocessing starts to keep account of what is shared.
+    Otherwise an untrusted ``random.py`` beside an agent would run in a new process and in the resource tracker of
+    multiprocessing.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
@@ -240,9 +243,9 @@ def _started_safely() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _script_left_alone() -> Iterator[None]:
-    """A process started now does not import what runs as ``__main__``, as Python has it by default.
+    """Context in which new processes do not import the main script, as Python does by default.
 
-    A script that is not guarded by ``if __name__ == "__main__"`` would do all its work again in each.
+    A script without ``if __name__ == "__main__"`` would otherwise repeat its work in every process.
     """
     main = vars(sys.modules["__main__"])
     kept = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
@@ -255,10 +258,13 @@ def _script_left_alone() -> Iterator[None]:
 
 @contextlib.contextmanager
 def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
-    """Another process that does something until this block ends; whatever becomes of it, the block goes on.
+    """Context in which another process runs a function; the block continues even if that process fails.
 
-    It starts afresh, as those of `submitted` do, ignores Ctrl-C, and ends with this process even when that
-    is killed. The function is of a module's top level.
+    The process is spawned, ignores Ctrl-C, and ends with the block or with this process.
+
+    Args:
+        function: function to run, defined at the top level of a module.
+        arguments: arguments of the function.
     """
     process = multiprocessing.get_context("spawn").Process(
         target=_begin, args=(function, arguments), daemon=True
@@ -273,13 +279,15 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
 
 
 def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches all processes; the parent handles it
     threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare(*arguments)
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed leaves no workers behind."""
+    """End this process when its parent ends, even if the parent was killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -288,22 +296,22 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def _interrupts_deferred() -> Iterator[None]:
-    """A process started now hears no Ctrl-C from its first moment; this one hears it when the block ends."""
+    """Context in which new processes ignore Ctrl-C from their start; this process handles it after the block."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    resource_tracker.ensure_running()  # whose start would unblock the signal
-    heard: list[int] = []
+    resource_tracker.ensure_running()  # its start would unblock the signal
+    received: list[int] = []
     handler = signal.signal(
-        signal.SIGINT, lambda number, _: heard.append(number)
-    )  # any thread may get it
+        signal.SIGINT, lambda number, _: received.append(number)
+    )  # any thread may receive it
     blocked = signal.pthread_sigmask(
         signal.SIG_BLOCK, {signal.SIGINT}
-    )  # which new processes inherit
+    )  # new processes inherit the mask
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         signal.signal(signal.SIGINT, handler)
-        if heard:
+        if received:
             signal.raise_signal(signal.SIGINT)

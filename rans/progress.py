@@ -1,4 +1,4 @@
-"""Progress of work that takes long: one protocol for all that reports it and all that shows it."""
+"""Protocols of progress reports, between long computations and displays."""
 
 from __future__ import annotations
 
@@ -6,21 +6,18 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Called while work goes on with the number of units done since the last call.
+    """Callback of a computation with the number of units done since the last call.
 
-    A unit is what the work consists of: an episode, a problem, a bound, a frame.
+    A unit is a part of the work, such as an episode, a problem, a bound or a frame.
     """
 
     def __call__(self, count: int, /) -> object:
-        """Report so many more units."""
+        """Report ``count`` more units."""
         ...
 
 
 class Stages(Protocol):
-    """Called when a stage of the work begins, with its name and number of units; returns its `Progress`.
-
-    The number is None where nobody knows it.
-    """
+    """Callback at the start of a stage with its name and number of units (None: unknown); returns `Progress`."""
 
     def __call__(self, name: str, total: int | None, /) -> Progress:
         """Begin a stage."""
@@ -28,9 +25,9 @@ class Stages(Protocol):
 
 
 def unseen(count: int, /) -> None:
-    """`Progress` that nobody watches."""
+    """`Progress` without a display."""
 
 
 def unseen_stages(name: str, total: int | None, /) -> Progress:
-    """`Stages` that nobody watches."""
+    """`Stages` without a display."""
     return unseen

@@ -1,4 +1,4 @@
-"""What can be had by name: built in, from packages that are installed, or from any module as MODULE:NAME."""
+"""Registry of objects by name: built in, from installed packages, or from any module as MODULE:NAME."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from rans.files import first_line
 T = TypeVar("T")
 
 TRUST_VARIABLE = "RANS_TRUST"
-"""In the environment, so that processes started from here know too: files may name code."""
+"""Environment variable, inherited by child processes, that allows files to name code."""
 
 
 def trust_files() -> None:
-    """Let files name any module's object as MODULE:NAME, whose code then runs, as ``--trust`` does.
+    """Allow files to name objects as MODULE:NAME, whose code then runs, as ``--trust`` does.
 
-    For this process and those that it starts, from now on. Only for run folders, configs and sweeps whose
-    authors you know.
+    It applies to this process and those that it starts from now on. Use it only for run folders, configs and sweeps
+    whose authors you trust.
 
     >>> rans.trust_files()
     >>> agent = rans.load_agent("go-to-pose-2d")
@@ -35,19 +35,22 @@ def trust_files() -> None:
 
 
 class Registry(Mapping[str, T]):
-    """Objects by name, each loaded when it is first asked for: names alone import nothing.
+    """Mapping of names to objects, each loaded on first use; listing names imports nothing.
 
-    Names are those built in, the entry points that installed packages declare, and what `register` added.
-    Besides, ``MODULE:NAME`` finds an object of any module, also in the current folder. Whoever takes
-    that from a file, which may be a stranger's, asks `check_file` first.
+    Names are built in, entry points of installed packages, or added by `register`. ``MODULE:NAME`` is an object of
+    any module, which may be in the current folder; for names from untrusted files call `check_file` first.
 
-    Those built in are where "module:Name" or, for the text of a file, "package:file.toml" says; no package
-    replaces them. ``checked``, called with what was loaded, gives the object to hand out. Messages tell what
-    the objects are, and what else a user may name (``or_else``).
+    Args:
+        kind: kind of the objects in messages, such as "task".
+        group: group of the entry points.
+        built_in: "module:Name" of each built-in name, or "package:file.toml" for the text of a file. Packages
+            cannot replace them.
+        checked: converts and checks a loaded object.
+        or_else: other forms that a user may give, for messages.
 
     Raises:
-        ConfigError: by ``registry[name]``: there is no such object, or it does not work; the sentence names
-            the package it is of.
+        ConfigError: by ``registry[name]``: there is no such object, or it is not valid; the message names its
+            package.
     """
 
     def __init__(
@@ -67,7 +70,7 @@ class Registry(Mapping[str, T]):
         self._own: dict[str, T] = {}
         self._vouched: set[str] = set()
         self.announce: Callable[[str], object] = lambda _: None
-        """Called with every name that `register` adds: who keeps names elsewhere too sets it."""
+        """Callback with every name that `register` adds, for other registries."""
 
     def __repr__(self) -> str:
         return f"<{self._kind} by name: {', '.join(self)}>"
@@ -89,14 +92,14 @@ class Registry(Mapping[str, T]):
         return self._loaded[name]
 
     def register(self, name: str) -> Callable[[T], T]:
-        """A decorator that gives an object a name for this process; another process does not know it.
+        """Decorator that registers an object under a name in this process; other processes do not know it.
 
         Raises:
-            ConfigError: the name is taken by somebody else, or the object does not work.
+            ConfigError: the name is taken or not valid, or the object is not valid.
         """
         if name in self.built_in or name in self._offered or ":" in name:
             raise ConfigError(
-                f"the {self._kind} {brief(name)} exists already, or is no name; choose another one."
+                f"the {self._kind} {brief(name)} exists already, or is not a valid name; choose another one."
             )
 
         def keep(found: T) -> T:
@@ -107,15 +110,21 @@ class Registry(Mapping[str, T]):
         return keep
 
     def vouch_for(self, name: str) -> None:
-        """Let files name this MODULE:NAME in this process, whose program named or gave the object itself."""
+        """Allow files to name this MODULE:NAME in this process, whose program has named the object itself."""
         self._vouched.add(name)
 
     def check_file(self, name: object, file: object) -> None:
-        """Refuse (`ConfigError`) what a file that may be a stranger's names as MODULE:NAME.
+        """Reject MODULE:NAME from an untrusted file, because loading it would run code.
 
-        To look for it would run code: the module's, that of an attribute, or the object itself, which may be
-        a function. Whether the module is loaded already makes no difference: somebody else loaded it.
-        Names without a colon are of RANS, of installed packages or of `register`, and are never refused.
+        It makes no difference whether the module is already loaded. Names without a colon belong to RANS, to
+        installed packages or to `register`, and are always accepted.
+
+        Args:
+            name: name in the file.
+            file: file, for the message.
+
+        Raises:
+            ConfigError: the name has a colon, and neither `trust_files` nor `vouch_for` allows it.
         """
         if not isinstance(name, str) or ":" not in name:
             return
@@ -123,12 +132,12 @@ class Registry(Mapping[str, T]):
             return
         raise ConfigError(
             f"{file} names the {self._kind} {brief(name)}, and to use it would run that "
-            "module's code. If you know who made it, add --trust; from Python, call "
+            "module's code. If you trust its author, add --trust; from Python, call "
             "rans.trust_files() first."
         )
 
     def package(self, name: str) -> str:
-        """The installed package that offers this name; nothing for what comes with RANS or was registered."""
+        """Installed package that provides a name; empty for names of RANS and of `register`."""
         offered = () if name in self.built_in else self._offered.get(name, ())
         return " and ".join(entry.dist.name if entry.dist else "unknown" for entry in offered)
 
@@ -155,46 +164,45 @@ class Registry(Mapping[str, T]):
             ) from error
 
     def _resolve(self, name: str) -> Any:
-        """What a name stands for, as its module has it."""
+        """Object of a name as its module defines it."""
         if name in self.built_in:
             return resolve(self.built_in[name])
         if name not in self._offered:
             return resolve_typed(name)
         first, *others = self._offered[name]
         if others:
-            raise ConfigError("there are two of this name; uninstall one of the packages.")
+            raise ConfigError("two packages have this name; uninstall one of them.")
         return resolve(first.value)
 
 
 def allow_current_folder() -> None:
-    """Let modules of the current folder be imported, where no other one has their name.
+    """Allow imports from the current folder, after a user typed MODULE:NAME.
 
-    Only where the user typed MODULE:NAME. The folder is looked through last: a file in it that has the name
-    of a module of Python's or of an installed package takes nobody's place. Worker processes take over where
-    this one looks.
+    The folder is searched last, so that its files cannot replace modules of Python or of installed packages. Worker
+    processes inherit the search path.
     """
     if (folder := str(Path.cwd())) not in sys.path:
         sys.path.append(folder)
 
 
 def resolve_typed(reference: str) -> Any:
-    """The object behind "module:Name" that a user typed, also of a module of the current folder.
+    """Object of "module:Name" that a user typed, whose module may be in the current folder.
 
     Raises:
-        ConfigError: there is no such object, its module fails, or that is of Python's own library.
+        ConfigError: there is no such object, its module fails, or the module belongs to Python's library.
     """
     if reference.partition(":")[0].partition(".")[0] in sys.stdlib_module_names:
-        raise ConfigError("it is of Python's own library, where nothing of RANS is.")
+        raise ConfigError("it belongs to Python's library, which has no objects for RANS.")
     allow_current_folder()
     return resolve(reference)
 
 
 def resolve(reference: str) -> Any:
-    """The object behind "module:Name", or the text of "package:file.toml".
+    """Object of "module:Name", or text of "package:file.toml".
 
     Raises:
-        ConfigError: there is no such object, it belongs to another module that this one has imported as
-            such ("module:os.abort"), or its module fails.
+        ConfigError: there is no such object, it belongs to another imported module ("module:os.abort"), or its
+            module fails.
     """
     module, _, name = reference.partition(":")
     try:
@@ -205,11 +213,11 @@ def resolve(reference: str) -> Any:
             found = getattr(found, part)
             if isinstance(found, ModuleType):
                 raise ConfigError(
-                    f"{brief(part)} is a module there; name what is in it by its own name, "
+                    f"{brief(part)} is a module there; name its objects by its own name, "
                     "as in PACKAGE.MODULE:NAME."
                 )
         return found
     except ConfigError:
         raise
-    except Exception as error:  # a module's top level raises anything
+    except Exception as error:  # the top level of a module may raise anything
         raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error

@@ -1,4 +1,4 @@
-"""Former names of settings, which work for one version more and warn."""
+"""Former names of settings, which are accepted with a warning for one more version."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ T = TypeVar("T")
 
 
 def renamed(**former: str) -> Callable[[type[T]], type[T]]:
-    """Decorator of a dataclass some of whose fields had other names in the version before.
+    """Decorator of a dataclass whose fields had other names in the previous version.
 
-    Each keyword is a former name and its value the present one. The former name still works as a keyword
-    argument, as a key of a table (`rans.structure.structure`) and, to read, as an attribute; each use warns with
-    a `DeprecationWarning` that says the present name.
+    Each keyword is a former name and its value the present one. A former name is still accepted as a keyword
+    argument, as a key of a table (`rans.structure.structure`) and as an attribute to read; each use gives a
+    `DeprecationWarning` with the present name.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -39,7 +39,7 @@ def renamed(**former: str) -> Callable[[type[T]], type[T]]:
 
 
 def present_name(cls: type, name: str) -> str:
-    """Present name of a setting; a former one warns."""
+    """Present name of a setting; a former name gives a warning."""
     new = getattr(cls, "former_names", {}).get(name)
     if new is None:
         return name
@@ -48,7 +48,7 @@ def present_name(cls: type, name: str) -> str:
 
 
 def with_present_names(cls: type, table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table of settings under their present names; what stands under a former name counts, and warns."""
+    """Table of settings under their present names; former names give a warning."""
     result = dict(table)
     for old, new in getattr(cls, "former_names", {}).items():
         if old in result:
@@ -64,7 +64,7 @@ def _read(old: str, new: str, owner: Any) -> Any:
 
 def _warn(cls: type, old: str, new: str) -> None:
     warnings.warn(
-        f"{cls.__name__}.{old} is deprecated and goes with the next version: name it {new}.",
+        f"{cls.__name__}.{old} is deprecated and will be removed in the next version: name it {new}.",
         DeprecationWarning,
         stacklevel=3,
     )

@@ -1,24 +1,24 @@
-"""Imported first of all by ``rans``: nothing of the current folder is imported in the place of a library.
+"""First import of ``rans``, which keeps files of the current folder from replacing library modules.
 
-``python -m rans`` has Python look in the current folder before its own library. A folder with a stranger's
-agents may hold a ``random.py``, which would then run. This module imports nothing that is not built in, not
-even ``__future__``, which could be such a file.
+With ``python -m rans`` Python searches the current folder before its own library. A folder with untrusted agents
+may contain a ``random.py``, which would then run. This module imports only built-in modules, and not even
+``__future__``, which could be such a file.
 
-What Python itself imports to find RANS comes before: ``importlib``, ``contextlib`` and a dozen others, and
-``rans``. Only the command ``rans``, and ``python -P -m rans``, look nowhere else.
+Modules that Python imports to find RANS come earlier: ``importlib``, ``contextlib``, a dozen others, and ``rans``.
+Only the command ``rans`` and ``python -P -m rans`` do not search the current folder at all.
 """
 
 import sys
 
 
 def leave_out_current_folder() -> None:
-    """Undo what ``python -m`` did to `sys.path`, if this process began so, and not with ``-P``.
+    """Remove the current folder from the front of `sys.path`, where ``python -m`` without ``-P`` has put it.
 
-    Where RANS itself is of that folder, a checkout that is not installed, the folder is looked through last.
+    If RANS itself is in that folder (a checkout that is not installed), the folder is searched last.
     """
     began_as_module = getattr(sys, "argv", [""])[:1] == [
         "-m"
-    ]  # so it is until the module was found
+    ]  # the value until Python has found the module
     if not began_as_module or sys.flags.safe_path or not sys.path:
         return
     folder = sys.path.pop(0)

@@ -1,7 +1,7 @@
-"""Scenarios: where an episode starts and where it should end.
+"""Scenarios: start and goal of an episode.
 
-A scenario is a function of (seed, episode) alone: scenario 7 of seed 3 is the same in the fast engine, in
-Drake and in an optimal control problem, on every device, however many spacecraft fly.
+A scenario is a function of (seed, episode) alone: scenario 7 of seed 3 is the same in the fast engine, in Drake and
+in an optimal control problem, on every device and for any number of spacecraft.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from rans.tasks.derived import check_dimension
 from rans.tasks.observation_terms import Dimension
 
 EVALUATION_SEED = 2023
-"""Scenarios that agents are judged on; no training should use them."""
+"""Seed of evaluations; no training should use it."""
 SELECTION_SEED = 2024
-"""Scenarios that decide when a training may end."""
+"""Seed of the selection of agents during training."""
 TUNING_SEED = 2025
-"""Scenarios that controllers without training are tuned on."""
+"""Seed on which controllers without training are tuned."""
 FAILURES_SEED = 2027
-"""Scenarios that trainings look for the agent's failures in, to begin episodes there."""
+"""Seed in which trainings search failures of the agent, to start episodes there."""
 ASSURANCE_SEED = 2026
-"""Scenarios that `rans assure` counts failures in: nobody was trained, selected, tuned or judged on them."""
+"""Seed of `rans assure`, which training, selection, tuning and evaluation do not use."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Where an episode starts and where it should end.
+    """Start and goal of an episode.
 
-    >>> from rans.scenario import scenario
+     from rans.scenario import scenario
     >>> one = scenario(rans.GoToPose(), 2, seed=3, episode=7)
     >>> one.goal.p
     Vec2(x=0.0, y=0.0)
@@ -47,7 +47,7 @@ class Scenario:
 
 
 def draws(seed: int, count: int, first: int = 0) -> Draws:
-    """What episodes ``first`` to ``first + count - 1`` of a seed draw with.
+    """Random numbers of episodes ``first`` to ``first + count - 1`` of a seed.
 
     Raises:
         ConfigError: the seed has more than 64 bits.
@@ -71,7 +71,7 @@ def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scena
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
-    """Many scenarios as one whose fields are float64 arrays (N,)."""
+    """N scenarios as one with float64 arrays (N,)."""
     columns = zip(*map(leaves, scenarios), strict=True)
     return unflatten(scenarios[0], [np.array(column, dtype=np.float64) for column in columns])
 
@@ -80,23 +80,23 @@ def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int =
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,).
 
     Raises:
-        ConfigError: the task works in the other dimension alone, or the seed has more than 64 bits.
+        ConfigError: the task is for the other dimension only, or the seed has more than 64 bits.
     """
     return sampled_scenarios(task, craft, draws(seed, count, first))
 
 
-def sampled_scenarios(task: Task, craft: Spacecraft, own: Draws) -> Scenario:
-    """The scenarios of N episodes with these random numbers, as one batch of float64 arrays (N,).
+def sampled_scenarios(task: Task, craft: Spacecraft, draws: Draws) -> Scenario:
+    """Scenarios of N episodes with these random numbers, as one batch of float64 arrays (N,).
 
     Raises:
-        ConfigError: see `rans.tasks.derived.check_dimension`.
+        ConfigError: the task is for the other dimension only.
     """
     check_dimension(task, craft.dimension)
-    found = Scenario(*task.sample(own.random(craft.dimension, own.first)))
-    return map_leaves(lambda x: np.full(len(own.first), x, np.float64), found)
+    sampled = Scenario(*task.sample(draws.random(craft.dimension, draws.first)))
+    return map_leaves(lambda x: np.full(len(draws.first), x, np.float64), sampled)
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:
-    """The scenarios of a batch, of floats."""
+    """Yield the scenarios of a batch, with floats."""
     for k in range(len(leaves(starts.start)[0])):
         yield map_leaves(lambda field, k=k: float(field[k]), starts)

@@ -1,4 +1,4 @@
-"""Values that people write, as the dataclasses they are meant to be, strictly."""
+"""Strict conversion of TOML and JSON tables to dataclasses."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from rans.renamed import with_present_names
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
-"""A number, or the least and the largest of a uniform distribution."""
+"""A number, or the bounds of a uniform distribution."""
 
 
 LARGEST_TOML = 2**24
-"""Characters of a TOML text, most of them of meshes."""
+"""Largest number of characters of a TOML text, most of which belong to meshes."""
 _LARGEST_BESIDE = 2**20
-"""Characters beside strings and comments, which take Python's reader a microsecond each."""
+"""Largest number of characters outside strings and comments, each of which takes Python's reader a microsecond."""
 _MOST_PARTS = 16
-"""Of a dotted key: the reader takes a time that grows with their square."""
+"""Largest number of parts of a dotted key; the time of the reader grows with its square."""
 _STRINGS = re.compile(
     r"""
     "{3}(?:[^"\\]++|\\.|"(?!""))*+"{3,5}  # a text may end with two quotes of its own
@@ -42,24 +42,28 @@ _OF_KEYS = re.compile(r"[\w\- \t]+")
 
 
 def is_range(setting: Field[Any]) -> bool:
-    """Whether a dataclass's field, whose annotation is a text, holds a `Range`, or perhaps none."""
+    """Whether a dataclass field, with an annotation as text, is a `Range` or an optional `Range`."""
     return str(setting.type) in ("Range", "Range | None")
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """The table that a TOML text is; `ConfigError` if it is none, or too long or too deep."""
+    """Table of a TOML text.
+
+    Raises:
+        ConfigError: the text is not valid TOML, too long, or nested too deeply.
+    """
     _check_effort(text)
     try:
         table = tomllib.loads(text)
         check_depth(table)
-        repr(table)  # fails on an integer with too many digits to print: refuse it here
+        repr(table)  # fails on an integer with too many digits to print
         return table
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
 
 
 def _check_effort(text: str) -> None:
-    """Refuse what would keep Python's reader of TOML, which bounds nothing, busy for minutes."""
+    """Reject texts that would keep Python's TOML reader, which has no limits, busy for minutes."""
     if len(text) > LARGEST_TOML:
         raise ConfigError(
             f"a TOML text may have at most {LARGEST_TOML:,} characters, got {len(text):,}."
@@ -70,13 +74,13 @@ def _check_effort(text: str) -> None:
             f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
             f"strings and comments, got {len(beside):,}."
         )
-    dots = _OF_KEYS.sub("", beside)  # so n - 1 dots in a row are left of a key of n parts
+    dots = _OF_KEYS.sub("", beside)  # a key of n parts leaves n - 1 dots in a row
     if "." * _MOST_PARTS in dots:
         raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")
 
 
 def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every entry of a nested table, with its name from the top: ppo.gamma."""
+    """Yield every entry of a nested table with its full name, such as ppo.gamma."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from entries(value, f"{prefix}{name}.")
@@ -85,9 +89,9 @@ def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """A nested table with the entries of another in the place of its own, or beside them.
+    """Nested table updated with the entries of another.
 
-    Tables within both are merged as well; any other value, a list too, is replaced as a whole.
+    Tables within both are merged; other values, including lists, are replaced.
     """
     result = {**table, **over}
     for name in table.keys() & over.keys():
@@ -97,15 +101,21 @@ def merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def structure(table: Any, cls: type[T], where: str) -> T:
-    """A dataclass from plain values, nothing converted, as `dataclasses.asdict` gives them.
+    """Dataclass from plain values as `dataclasses.asdict` returns them, without conversions.
+
+    Args:
+        table: values.
+        cls: class of the result.
+        where: name of the table in messages.
 
     Raises:
-        ConfigError: an unknown key, a value of the wrong type or out of its range; it names the place.
+        ConfigError: a key is unknown, or a value is of the wrong type or out of range; the message names its
+            position.
     """
     converter = cattrs.Converter(forbid_extra_keys=True)
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
-    )  # structured by who knows which one it is
+    )  # converted by the caller, which knows the class
     converter.register_structure_hook_factory(
         lambda kind: bool(getattr(kind, "former_names", None)), _accepting_former_names
     )
@@ -115,15 +125,15 @@ def structure(table: Any, cls: type[T], where: str) -> T:
     converter.register_structure_hook_func(ranges, partial(_range, converter))
     try:
         return converter.structure(table, cls)
-    except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
+    except Exception as error:  # cattrs collects the exceptions of all values in groups
         reasons = cattrs.transform_error(error, path=where, format_exception=_say)
-        # cattrs ends each with its place; a reader wants that first.
+        # cattrs appends the position to each reason; put it first.
         places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
         raise ConfigError(f"{'; '.join(places)}.") from error
 
 
 def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
-    """Hook for a dataclass some of whose fields had other names (`rans.renamed`)."""
+    """Hook of cattrs for a dataclass with renamed fields (`rans.renamed`)."""
     usual = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
 
     def hook(value: Any, _: Any) -> Any:
@@ -145,7 +155,7 @@ def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
 
 
 def _strict(value: Any, kind: type) -> Any:
-    """No silent conversions: "64" is not 64, and True is not 1; but 1 is 1.0."""
+    """Value of exactly this type, without conversion ("64" is not 64, True is not 1), except from int to float."""
     if kind is float and type(value) is int:
         return float(value)
     if type(value) is not kind:
@@ -162,7 +172,7 @@ def _say(error: BaseException, kind: Any) -> str:
         return f"unknown key {', '.join(keys)}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
-    if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys
+    if isinstance(error, AttributeError):  # cattrs reads the keys of any value
         return 'expected a table, such as {"key": value}'
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"

@@ -1,4 +1,4 @@
-"""What a terminal shows: tables and sentences in which names are neither mark-up nor commands."""
+"""Output to a terminal: tables and sentences in which names are neither mark-up nor control sequences."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ from rans.errors import legible
 from rans.progress import Stages
 
 _LONGEST = 20_000
-"""Characters of one cell or sentence: more than any of ours has."""
+"""Largest number of characters of a cell or sentence."""
 
 
 _FRAME = 3
-"""Characters between two columns of a table."""
+"""Number of characters between two columns of a table."""
 _HEADING = 12
-"""Characters of a heading that is broken between words, where its column is no wider."""
+"""Width at which a heading is broken between words, if its column is not wider."""
 
 
 class Terminal(Console):
-    """Shows what users and other people named as it is spelt.
+    """Console that prints names literally, without mark-up.
 
-    Results go to standard output, progress and warnings to ``stderr``; a file gets as many columns as
-    ``room`` says, where a terminal has its own.
+    Results go to standard output, progress and warnings to standard error.
+
+    Args:
+        stderr: whether to print to standard error.
+        room: least width of the output in columns if it is not a terminal.
     """
 
     def __init__(self, stderr: bool = False, room: int = 0) -> None:
@@ -42,15 +45,15 @@ class Terminal(Console):
             self.width = max(self.width, room)
 
     def say(self, text: str) -> None:
-        """A sentence: lines break between words on a terminal, and nowhere in a file or a drawing."""
+        """Print a sentence; lines are broken between words on a terminal only, and not in a multi-line text."""
         self.print(text, soft_wrap=not self.is_terminal or "\n" in text)
 
     def command(self, text: str) -> None:
-        """A command to copy: on a line of its own, which nothing breaks."""
+        """Print a command to copy on a line of its own, without line breaks."""
         self.print(f"  {text}", soft_wrap=True)
 
     def suggest(self, *commands: str) -> None:
-        """What a user may want to run next, one command a line."""
+        """Print commands that a user may want to run next, one per line."""
         self.print("Next:")
         for text in commands:
             self.command(text)
@@ -63,9 +66,17 @@ class Terminal(Console):
         shorter: Iterable[Sequence[Any]] | None = None,
         caption: str = "",
     ) -> None:
-        """A table; where it is too wide, with broken headings and shorter cells, which the caption tells of.
+        """Print a table.
 
-        Where it is still too wide, it becomes several, with some of its columns each, and the first in all.
+        If it is too wide, its headings are broken and its cells are replaced by ``shorter``, with ``caption``
+        below. If it is still too wide, it is divided into several tables, which all have the first column.
+
+        Args:
+            title: title of the table.
+            columns: headings.
+            rows: cells of each row; None is printed as "-".
+            shorter: shorter cells of each row; None: there are none.
+            caption: sentence below a table with shorter cells.
         """
         kept = _texts(rows)
         note = ""
@@ -93,7 +104,7 @@ class Terminal(Console):
             self.say(note)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Every text of a table or a sentence passes here."""
+        """Text without control characters; all texts of tables and sentences pass through this method."""
         return super().render_str(legible(text, _LONGEST), **options)
 
 
@@ -102,7 +113,7 @@ def _texts(rows: Iterable[Sequence[Any]]) -> list[list[str]]:
 
 
 def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[int]]:
-    """Numbers of the columns after the first, in groups that fit beside it; one at least in each."""
+    """Indices of the columns after the first, in groups that fit beside it, at least one in each."""
     first, *widths = (
         _FRAME + max(len(line) for cell in column for line in (cell.splitlines() or [""]))
         for column in zip(columns, *rows, strict=True)
@@ -119,9 +130,9 @@ def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) 
 
 
 class _Titled(Table):
-    """A table in which no word is broken; where its columns do not fit beside each other, one row a block.
+    """Table in which no word is broken; if its columns do not fit, every row is printed as a block.
 
-    Title and caption break where the terminal does: Rich breaks them at the table's edge.
+    Title and caption are broken at the width of the terminal; Rich breaks them at the width of the table.
     """
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -152,9 +163,9 @@ def _plain(cell: object) -> str:
 def _column_widths(
     heads: Sequence[str], cells: Sequence[Sequence[str]], room: int, fixed: int
 ) -> list[int] | None:
-    """Characters of each column, so that lines break between words only; None where there is no room.
+    """Width of each column such that lines break between words only; None if there is no room.
 
-    The widest columns give way first; the first ``fixed`` ones never do.
+    The widest columns are narrowed first; the first ``fixed`` columns are not narrowed.
     """
     lines = [
         [line for text in (head, *column) for line in text.splitlines() or [""]]
@@ -176,7 +187,7 @@ def _column_widths(
 
 
 def _blocks(heads: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Iterator[Text]:
-    """Every row as lines of its own: its first cell, then what the others hold."""
+    """Yield every row as lines: its first cell, then the other cells with their headings."""
     for first, *others in rows:
         yield Text(first, "bold", no_wrap=True, overflow="ignore")
         for head, text in zip(heads[1:], others, strict=True):
@@ -199,7 +210,7 @@ def table(
     caption: str = "",
     justify: JustifyMethod = "left",
 ) -> Table:
-    """A table whose first column never breaks, and in which no end of a long word is lost."""
+    """Table whose first column is not broken, and in which long words are folded."""
     made = _Titled(title=title or None, caption=caption or None)
     for column in columns:
         made.add_column(column, overflow="fold", justify=justify, no_wrap=not made.columns)
@@ -209,7 +220,7 @@ def table(
 
 
 def progress() -> Progress:
-    """Bars on a terminal while something takes long, gone when it is done."""
+    """Progress bars on a terminal, which disappear at the end."""
     terminal = Terminal(stderr=True)
     return Progress(
         TextColumn("{task.description}", markup=False),
@@ -223,7 +234,7 @@ def progress() -> Progress:
 
 
 def stages(bars: Progress) -> Stages:
-    """Show every stage of some work as a bar of its own."""
+    """`Stages` callback that shows each stage as a progress bar."""
     return lambda name, total, /: partial(bars.advance, bars.add_task(name, total=total))
 
 
@@ -240,5 +251,5 @@ def writing_at_end(write: Callable[[], object]) -> Iterator[None]:
 
 
 def verdict(passed: bool) -> Text:
-    """For a table."""
+    """Text "pass" or "FAIL" with its colour, for tables."""
     return Text("pass", "green") if passed else Text("FAIL", "bold red")

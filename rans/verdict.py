@@ -1,33 +1,33 @@
-"""Verdict on a flight: what settled, held, solved and failed mean, as one fold over the outcomes of its steps.
+"""Verdict on a flight: definitions of settled, held, solved and failed, as one fold over the outcomes of its steps.
 
-A flight has the instants 0 (its start) to T (the end of its last step); step k leads to instant k. These
-words mean the same in metrics, selection, assurance, stress, comparison and validation:
+A flight has the instants 0 (its start) to T (the end of its last step); step k leads to instant k. These terms have
+the same meaning in metrics, selection, assurance, stress, comparison and validation:
 
 over
-    The task ended the episode (`rans.episode.Outcome.terminated`): it failed, or its mission was won. What is
-    flown afterwards, by drivers that go on for the full time, changes no verdict.
+    The task ended the episode (`rans.episode.Outcome.terminated`) by failure or success. Steps after that, of
+    drivers that continue for the full time, do not change the verdict.
 inside
     At an instant: the flight is not over, and every error is within the task's tolerance
     (`rans.episode.Outcome.reached`).
 violated
     A margin of the task's constraints was negative at a check before the flight was over.
 failed
-    The flight is over and not won: the task declared a failure at the end of some step, a constraint was
-    violated that ends episodes, or a number of the state was NaN or infinite there.
+    The flight is over and not won: at the end of a step the task declared a failure, a number of the state was NaN
+    or infinite, or a constraint was violated that ends episodes.
 won
-    `rans.tasks.base.Task.done` said so at a check, before any failure. Only missions can be won; a mission
-    settles at the end of the step in which it is won.
+    `rans.tasks.base.Task.done` was true at a check before any failure. Only missions can be won; a mission settles
+    at the end of the step in which it is won.
 settled
-    Inside at instant T. The flight settled at the first instant since which it was inside without
-    interruption; the start counts, so that this may be instant 0.
+    Inside at instant T. The flight settled at the first instant since which it was inside without interruption,
+    which may be its start, instant 0.
 held
-    Inside at every instant of the last fifth: of the last T // 5 instants, at least of one.
+    Inside at every instant of the last fifth: the last T // 5 instants, at least one.
 solved
-    Held, or in a mission won, and nothing violated. Such a flight is settled and has not failed. Every flight
-    that is not solved counts as one `Failure`, the first kind that fits.
+    Held, or for a mission won, and nothing violated. Such a flight has settled and not failed. Every flight that is
+    not solved counts as one `Failure`, the first kind that applies.
 
-Everything is a pure function over fields (`rans.model.fields`): the same source judges batches of torch (in
-CUDA graphs too) and NumPy, and is traced into the programs that fly whole episodes on a CPU and a GPU.
+Everything is a pure function over fields (`rans.model.fields`): the same source evaluates batches of torch (also in
+CUDA graphs) and NumPy, and is traced into the programs that fly whole episodes on a CPU and a GPU.
 """
 
 from __future__ import annotations
@@ -47,22 +47,22 @@ from rans.tasks.base import Task
 
 
 class Failure(IntEnum):
-    """How a flight failed to solve its task; the first of these that fits."""
+    """Kind of failure of a flight that did not solve its task: the first of these that applies."""
 
     NOT_FINITE = 1
     """A number of the state became NaN or infinite; the flight ends there."""
     TERMINATED = 2
-    """The task declared it failed; the flight ends there."""
+    """The task declared a failure; the flight ends there."""
     LEFT = 3
-    """It was within all tolerances and left them at a step of the last fifth."""
+    """The flight was within all tolerances and left them at a step of the last fifth."""
     UNSETTLED = 4
-    """It is outside at every step of the last fifth."""
+    """The flight was outside the tolerances at every step of the last fifth."""
     LATE = 5
-    """It entered for good, but only in the last fifth."""
+    """The flight entered the tolerances for good only in the last fifth."""
     VIOLATED = 6
     """A margin of the task's constraints was negative."""
     UNFINISHED = 7
-    """Time was up before its mission was won."""
+    """The mission was not won before the time was up."""
 
     @property
     def meaning(self) -> str:
@@ -82,18 +82,18 @@ _MEANINGS = {
 
 
 def kinds_of_failure(task: Task) -> tuple[Failure, ...]:
-    """Ways in which flights of a task can fail: only missions go unfinished, only others must hold."""
-    own = type(task)
-    lasts = own.done is Task.done
+    """Kinds of failure that flights of a task can have, depending on its success and constraints."""
+    kind = type(task)
+    lasts = kind.done is Task.done
     possible = [Failure.NOT_FINITE, Failure.TERMINATED]
     possible += [Failure.LEFT, Failure.UNSETTLED, Failure.LATE] if lasts else [Failure.UNFINISHED]
-    if own.constraints is not Task.constraints:
+    if kind.constraints is not Task.constraints:
         possible.append(Failure.VIOLATED)
     return tuple(sorted(possible))
 
 
 def last_fifth(steps: int) -> int:
-    """Number of steps in the last fifth of a flight of so many steps: a fifth rounded down, at least one."""
+    """Number of steps in the last fifth of a flight: steps // 5, at least one."""
     return max(1, steps // 5)
 
 
@@ -102,12 +102,12 @@ class Setting(Protocol):
 
     @property
     def craft(self) -> Spacecraft:
-        """Spacecraft that flies."""
+        """Spacecraft of the flight."""
         ...
 
     @property
     def task(self) -> Task:
-        """Task that it flies."""
+        """Task of the flight."""
         ...
 
     @property
@@ -118,22 +118,26 @@ class Setting(Protocol):
 
 @dataclass(frozen=True)
 class Effort:
-    """Return and effort of N flights so far, each a field; nothing is added once a flight is over."""
+    """Return and effort of N flights so far, as fields; nothing is added after a flight is over."""
 
     gained: Field
     """Return: sum of the rewards."""
     impulse: Field
-    """Force times time summed over thrusters, N s."""
+    """Impulse: force times time summed over thrusters, N s."""
     opened: Field
     """Open thrusters summed over the steps of the last fifth."""
 
     def after(
         self, setting: Setting, outcome: Outcome, running: Field, lost: Field, late: Field
     ) -> Effort:
-        """Effort after one more step, of flights that were ``running`` before it.
+        """Effort after one more step.
 
-        Where the state is no longer finite (``lost``), neither is the reward, which is left out. ``late``
-        says whether the step belongs to the last fifth.
+        Args:
+            setting: craft, task and timing.
+            outcome: outcome of the step.
+            running: whether each flight was not over before the step.
+            lost: whether the state is no longer finite; its reward is left out.
+            late: whether the step belongs to the last fifth.
         """
         craft = setting.craft
         forces = [
@@ -152,9 +156,9 @@ class Effort:
 
 @dataclass(frozen=True)
 class FlightAccumulator:
-    """Verdict on N flights so far: begun at their starts, folded over the outcome of every step.
+    """Verdict on N flights so far: begun at their starts and folded over the outcome of every step.
 
-    Each attribute is a field; the module's text defines the words.
+    Each attribute is a field. The docstring of the module defines the terms.
     """
 
     running: Field
@@ -162,20 +166,20 @@ class FlightAccumulator:
     lost: Field
     """Whether a number of the state was no longer finite before the flight was over."""
     inside: Field
-    """Whether it is inside now."""
+    """Whether the flight is inside now."""
     missed: Field
-    """Whether it was not inside at an instant of the last fifth."""
+    """Whether the flight was not inside at an instant of the last fifth."""
     left: Field
-    """Whether it ceased to be inside at an instant of the last fifth."""
+    """Whether the flight ceased to be inside at an instant of the last fifth."""
     settled: Field
-    """Number of the first instant since which it is inside without interruption, int."""
+    """First instant since which the flight is inside without interruption, int."""
     effort: Effort | None = None
-    """Return and effort; None: not asked for."""
+    """Return and effort; None: not computed."""
     worst: tuple[Field, ...] = ()
     """Largest error of the last fifth for each tolerance of the task, in their order, SI units; empty: not
-    asked for."""
+    computed."""
     won: Field | None = None
-    """Whether the mission was won; None: it cannot be."""
+    """Whether the mission was won; None: the task cannot be won."""
     violated: Field | None = None
     """Whether a constraint was violated; None: the task has none."""
 
@@ -186,10 +190,10 @@ class FlightAccumulator:
         """Verdict at the start of flights.
 
         Args:
-            setting: what flies.
-            episode: the flights at instant 0.
-            effort: whether to sum return and effort.
-            worst: whether to keep the largest errors.
+            setting: craft, task and timing.
+            episode: flights at instant 0.
+            effort: whether to compute return and effort.
+            worst: whether to compute the largest errors.
         """
         never = episode.clock < 0
         zero = episode.clock * 0.0
@@ -209,7 +213,7 @@ class FlightAccumulator:
         )
 
     def after(self, setting: Setting, outcome: Outcome) -> FlightAccumulator:
-        """Verdict after one more step; flights that are over keep theirs."""
+        """Verdict after one more step; that of flights that are over does not change."""
         running = self.running
         steps = setting.timing.episode_steps
         instant = setting.timing.step(outcome.episode.clock)
@@ -240,15 +244,15 @@ class FlightAccumulator:
         lost: Field,
         done: Field | None,
     ) -> FlightAccumulator:
-        """Verdict at the next instant; effort, largest errors and violations stay as they are.
+        """Verdict at the next instant, without effort, largest errors and violations.
 
         Args:
-            instant: its number.
-            late: whether it belongs to the last fifth.
+            instant: number of the instant.
+            late: whether the instant belongs to the last fifth.
             reached: see `rans.episode.Outcome`.
             terminated: see `rans.episode.Outcome`.
-            lost: whether a number of the state is no longer finite there.
-            done: whether the mission is won; of tasks that cannot be won nothing is asked.
+            lost: whether a number of the state is no longer finite.
+            done: whether the mission is won; ignored for tasks that cannot be won.
         """
         inside = reached & self.running & ~terminated
         settled = where(inside, self.settled, instant + 1)
@@ -264,9 +268,9 @@ class FlightAccumulator:
         )
 
     def without_instant(self, terminated: Field, done: Field | None) -> FlightAccumulator:
-        """Verdict after a step before the last fifth, where only ``held`` and ``failed`` are asked for.
+        """Verdict after a step before the last fifth, sufficient for ``held`` and ``failed``.
 
-        It is one operation in place of a dozen, each of which takes a GPU's time.
+        It needs one operation instead of a dozen.
         """
         won = self.won
         if won is not None:
@@ -274,7 +278,7 @@ class FlightAccumulator:
         return replace(self, running=self.running & ~terminated, won=won)
 
     def failure(self) -> Field:
-        """Number of a `Failure` of flights that have ended, int; 0: solved."""
+        """Number of the `Failure` of flights that have ended, int; 0: solved."""
         if self.won is None:
             lasts = where(self.missed, where(self.left, 3, where(self.inside, 5, 4)), 0)
             kind = where(self.running, lasts, 2)
@@ -286,7 +290,7 @@ class FlightAccumulator:
 
     @property
     def settles(self) -> Field:
-        """Whether flights that have ended settled; ``settled`` is the number of the instant then."""
+        """Whether flights that have ended settled; ``settled`` is the instant."""
         return self.running & self.inside if self.won is None else self.won
 
     @property

@@ -1,4 +1,4 @@
-"""A window without a toolkit: frames as a film in the browser, from a web server of its own."""
+"""Display of frames in the browser by a local web server, which needs no window toolkit."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ _PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
 
 
 class Window:
-    """Shows frames as they come, at most so many a second, to whoever opens its page.
+    """Page in the browser that displays frames in real time.
 
-    It works wherever a browser does: a virtual environment rarely brings a toolkit for windows, and a
-    remote machine has no display, but its page can be reached with ``ssh -L``. `show` waits as long as the
-    frames per second ask for.
+    It needs only a browser. The page of a remote machine can be reached with ``ssh -L``.
+
+    Args:
+        fps: largest number of frames per second; `show` waits accordingly.
     """
 
     def __init__(self, fps: float) -> None:
@@ -45,7 +46,7 @@ class Window:
         open_browser(self.url)
 
     def show(self, frame: np.ndarray) -> None:
-        """Show a frame, (height, width, 3) uint8, when it is due."""
+        """Display a frame (height, width, 3), uint8, when it is due."""
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + self._period
         file = io.BytesIO()
@@ -53,13 +54,13 @@ class Window:
         self._publish(file.getvalue())
 
     def close(self) -> None:
-        """End the film and the server."""
+        """End the display and the server."""
         self._publish(None)
         self._server.shutdown()
         self._server.server_close()
 
     def next(self, last: bytes | None) -> bytes | None:
-        """Wait for a frame that is not the last one seen, as JPEG; None: there will be none."""
+        """Wait for the next frame after ``last`` and return it as JPEG; None: there are no more."""
         with self._changed:
             self._changed.wait_for(lambda: self._jpeg is not last)
             return self._jpeg
@@ -72,18 +73,18 @@ class Window:
 
 class _Quiet(BaseHTTPRequestHandler):
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Nobody wants to read of every request."""
+        """Do not log requests."""
 
 
 class _Handler(_Quiet):
-    """Serves the page, and the film as a stream of pictures ("multipart/x-mixed-replace")."""
+    """Handler of requests: the page, and the frames as a stream of pictures ("multipart/x-mixed-replace")."""
 
     def __init__(self, window: Window, *arguments: Any) -> None:
         self._window = window
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """Answer the browser until it leaves."""
+        """Answer a request; the stream of frames lasts until the browser closes it."""
         film = self.path == "/film"
         self.send_response(200)
         self.send_header(
@@ -103,9 +104,14 @@ class _Handler(_Quiet):
 
 
 class Served:
-    """One page, which may change, on the first free of some ports of this computer only.
+    """Local server of one page that may change; ``/version`` is the number of its changes.
 
-    ``/version`` counts its changes. `ConfigError` if all ports are taken.
+    Args:
+        page: returns the HTML of the page.
+        ports: ports to try in order.
+
+    Raises:
+        ConfigError: all ports are taken.
     """
 
     def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
@@ -126,7 +132,7 @@ class Served:
         self.url = f"http://localhost:{server.server_port}"
 
     def renew(self) -> None:
-        """The page has changed."""
+        """Read the page again after a change."""
         self.content, self.version = self._page().encode(), self.version + 1
 
 
@@ -136,7 +142,7 @@ class _Page(_Quiet):
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """The page, or how often it has changed."""
+        """Answer a request with the page or the number of its changes."""
         version = self.path == "/version"
         content = str(self._served.version).encode() if version else self._served.content
         self.send_response(200)
@@ -148,13 +154,13 @@ class _Page(_Quiet):
 
 
 def open_browser(url: str) -> None:
-    """Open a page where there is a display; elsewhere a text browser would take the terminal."""
+    """Open a page in the browser if there is a display; a text browser would occupy the terminal."""
     if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
 
 
 def tiled(frames: list[np.ndarray]) -> np.ndarray:
-    """Frames of one size side by side in as many rows as columns, or one row less; the rest is white."""
+    """Frames of one size in a grid with as many rows as columns, or one row less; empty cells are white."""
     columns = int(np.ceil(np.sqrt(len(frames))))
     grid = [*frames, *[np.full_like(frames[0], 255)] * (-len(frames) % columns)]
     return np.vstack([np.hstack(grid[k : k + columns]) for k in range(0, len(grid), columns)])

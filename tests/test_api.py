@@ -203,7 +203,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
-            r"timing takes an object, no dict: rans.Timing\(episode_steps=9\)",
+            r"timing takes an object, not a dict: rans.Timing\(episode_steps=9\)",
         ),
         (
             lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
@@ -219,7 +219,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
-            r"ppo takes an object, no dict: rans.PPOSettings\(n_steps=32\)",
+            r"ppo takes an object, not a dict: rans.PPOSettings\(n_steps=32\)",
         ),
         (
             lambda: rans.load_spacecraft(3),  # type: ignore[arg-type]
@@ -269,11 +269,11 @@ def test_names_do_where_objects_do() -> None:
         (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
         (
             lambda: rans.Conditions(sensors={"delay": 1.0}),  # type: ignore[arg-type]
-            r"sensors takes an object, no dict: rans.SensorsConditions\(delay=1.0\)",
+            r"sensors takes an object, not a dict: rans.SensorsConditions\(delay=1.0\)",
         ),
         (
             lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
-            r"sensors.position takes an object, no dict: rans.SensorConditions\(noise=0.1\)",
+            r"sensors.position takes an object, not a dict: rans.SensorConditions\(noise=0.1\)",
         ),
         (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
         (

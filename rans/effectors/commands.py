@@ -1,4 +1,4 @@
-"""Commands of a craft: the space they come from, the check of those of others, and those of a policy."""
+"""Commands of a craft: their Gymnasium space, their bounds and checks, and commands from policy outputs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,11 @@ if TYPE_CHECKING:
     from gymnasium import spaces
 
 _ROUNDING = 1e-6
-"""By which commands may be outside a level such as 0.3, which single precision does not have."""
+"""Tolerance of a bound such as 0.3, which single precision cannot represent."""
 
 
 def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
-    """Gymnasium's space of the craft's commands.
-
-    A choice of two each where all are on/off thrusters, otherwise a box from each one's least to its largest.
-    """
+    """Gymnasium action space of a craft: MultiDiscrete for on/off thrusters alone, else a Box of the bounds."""
     from gymnasium import spaces
 
     if not craft.is_continuous:
@@ -34,13 +31,13 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
 
 
 def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest of each command, float32."""
+    """Lower and upper bound of each command, float32."""
     low, high = np.array([(one.low, one.high) for one in craft.commands], dtype=np.float32).T
     return low, high
 
 
 def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest number that passes for each command, with room for a level's binary rounding."""
+    """Lower and upper bound that `check` accepts for each command, with a tolerance for rounding to float32."""
     low, high = np.array([(one.low, one.high) for one in craft.commands]).T
     return tuple(
         np.where(np.isin(bound, (-1.0, 0.0, 1.0)), bound, bound + side * _ROUNDING)
@@ -49,7 +46,7 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 
 def allowed(craft: Spacecraft) -> str:
-    """What the craft's commands may be, in words."""
+    """Ranges of the craft's commands, in words."""
     parts = [f"{craft.actuators.allowed}, one per thruster"]
     if craft.wheels:
         parts.append("-1 to 1 (the largest torque on the wheel either way), one per wheel")
@@ -59,10 +56,15 @@ def allowed(craft: Spacecraft) -> str:
 
 
 def check(craft: Spacecraft, values: Any, *batch: int) -> None:
-    """Refuse commands, (n,) for the craft's n commands or (N, n) for a batch of N, that it cannot follow.
+    """Reject commands that a craft cannot follow.
+
+    Args:
+        craft: spacecraft with n commands.
+        values: commands (n,), or (N, n) with a batch.
+        batch: N for a batch of N commands.
 
     Raises:
-        ConfigError: there are not so many, or one of them is not allowed.
+        ConfigError: the shape is wrong, or a command is out of range.
     """
     shape = (*batch, len(craft.commands))
     given = np.asarray(values)
@@ -75,7 +77,7 @@ def check(craft: Spacecraft, values: Any, *batch: int) -> None:
 
 
 def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
-    """Whether every command of (..., n) is allowed; NaN is not."""
+    """Whether every command (..., n) is in range; NaN is not."""
     choices = [k for k, one in enumerate(craft.commands) if one.kind == "on-off"]
     if choices and not np.isin(values[..., choices], (0, 1)).all():
         return False
@@ -86,10 +88,10 @@ def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
 
 
 def of_outputs(craft: Spacecraft, outputs: Sequence[Field]) -> Sequence[Field]:
-    """Commands of a policy whose outputs are from 0 to 1, one for each command of the craft.
+    """Commands from policy outputs in [0, 1], one for each command of the craft.
 
-    An output of 0 is the least command and of 1 the largest; where an on/off thruster is among commands of
-    other kinds, it opens from 0.5 on. Where all ranges are 0 to 1 this is the outputs themselves.
+    An output of 0 is the least command and 1 the largest. An on/off thruster among commands of other kinds opens
+    from 0.5 on. If all ranges are 0 to 1, the outputs are the commands.
     """
     if is_identity(craft):
         return outputs
@@ -109,7 +111,7 @@ def _command(given: CommandRange, output: Field) -> Field:
 
 
 def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
-    """Few values whole, of many only what is wrong with them."""
+    """Text of wrong commands: all values if they are few, else their shape or range."""
     if given.size <= 32:
         return " ".join(brief(values).split())
     if given.shape != shape:

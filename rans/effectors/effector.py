@@ -1,4 +1,4 @@
-"""What an effector is: anything that pushes or turns a craft, or changes how others do."""
+"""Protocol of effectors: anything that applies a force or torque to a craft, or modifies those of others."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from rans.model.spacecraft import CommandRange, Store
 
 @dataclass(frozen=True)
 class Push:
-    """A part of a control period in which everything that effectors do is steady, or a straight line over time.
+    """Part of a control period in which wrench and mass are constant or linear in time.
 
-    Effectors change it one after the other (`Action.pushes`). Wrenches act on the centre of mass, in B.
+    Effectors modify it one after the other (`Action.pushes`). Wrenches act at the centre of mass, in B.
     """
 
     duration: Field
-    """How long it lasts, s."""
+    """Duration, s."""
     first: Wrench
-    """Wrench at its beginning, of the craft with a full tank that moves alike."""
+    """Wrench at the start, scaled so that the craft with a full tank has the acceleration of the true craft."""
     last: Wrench | None
-    """Wrench at its end; None: it stays."""
+    """Wrench at the end, scaled likewise; None: constant."""
     longest: float
-    """How long it may last at most, s."""
+    """Upper bound on the duration, s."""
     growth: tuple[Field, Field] | None = None
-    """Full mass over the mass at its beginning and at its end; None: mass stays."""
+    """Full mass over mass at the start and at the end; None: the mass is constant."""
     momentum: tuple[Any, Any] | None = None
-    """Angular momentum inside the craft in B, N m s, at its beginning and what is added until its end; a vector
-    in space, a scalar about z in the plane. None: nothing inside it spins."""
+    """Angular momentum of wheels inside the craft in B, N m s, at the start, and its change until the end; vectors
+    in space, scalars about z in the plane. None: no wheels."""
 
     def with_torque(self, torque: Any) -> Push:
-        """The part with a torque in B more, N m, that is steady."""
+        """The part with an additional constant torque in B, N m."""
         begins = ends = torque
         if self.growth is not None:
             begins, ends = (times(torque, growth) for growth in self.growth)
@@ -47,7 +47,7 @@ class Push:
         )
 
     def with_force(self, force: Any) -> Push:
-        """The part with a force in B through the centre of mass more, N, that is steady."""
+        """The part with an additional constant force through the centre of mass in B, N."""
         begins = ends = force
         if self.growth is not None:
             begins, ends = (times(force, growth) for growth in self.growth)
@@ -60,12 +60,12 @@ class Push:
 
 
 class Begun(NamedTuple):
-    """What an effector knows at the beginning of a control period."""
+    """Inputs of an effector at the start of a control period."""
 
     command: Sequence[Field]
-    """Its own commands."""
+    """Commands of the effector."""
     stores: Sequence[Field]
-    """Its own stores."""
+    """States of the effector."""
     body: Body
     """Mass properties of the craft with a full tank."""
     period: float
@@ -73,50 +73,50 @@ class Begun(NamedTuple):
 
 
 class Action:
-    """What an effector does in one control period: by default nothing."""
+    """Action of an effector over one control period; by default none."""
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
-        """Parts of the period as this effector changes them, lazily and in order; it may divide them."""
+        """Parts of the period as modified by this effector, lazily and in order; it may divide them."""
         yield from pushes
 
     def stores(self, time: Field) -> tuple[Field, ...]:
-        """Its stores at a time since the period began, s, after all parts until then were asked for."""
+        """States of the effector at a time since the start of the period (s); called after the parts before it."""
         return ()
 
 
 class Effector(ABC):
-    """Thrusters, propellant, reaction wheels, or a kind of your own.
+    """Base class of effectors: thrusters, propellant, reaction wheels, or a kind of your own.
 
-    Derive a frozen dataclass of numbers, and put one into `rans.Spacecraft.further_effectors`: action spaces,
-    policies, kernels, exports and figures follow from `commands` and `stores`. Drake needs its own description
-    of it (`rans.reference.further.DrakeEffector`). Everything is a pure function over fields.
+    Derive a frozen dataclass of numbers and put an instance into `rans.Spacecraft.further_effectors`: action
+    spaces, policies, kernels, exports and figures follow from `commands` and `stores`. Drake needs a description
+    of its own (`rans.reference.further.DrakeEffector`). All methods are pure functions over fields.
     """
 
     @property
     @abstractmethod
     def commands(self) -> tuple[CommandRange, ...]:
-        """Numbers that it takes in every control period, with their kinds and ranges."""
+        """Commands of the effector in every control period, with their kinds and ranges."""
 
     @property
     def stores(self) -> tuple[Store, ...]:
-        """Numbers that it keeps in the state of the craft: by default none."""
+        """States of the effector, which are part of the craft's state; by default none."""
         return ()
 
     @property
     def largest_torque(self) -> float:
-        """The largest torque about the centre of mass that it can give, N m: by default none."""
+        """Largest torque of the effector about the centre of mass, N m; by default 0."""
         return 0.0
 
     @abstractmethod
     def begin(self, begun: Begun) -> Action | None:
-        """What it does in a control period that begins like this; None: nothing that changes parts or stores."""
+        """Action of the effector over the control period; None if it changes neither parts nor states."""
 
 
 def times(amount: Any, factor: Field) -> Any:
-    """A vector or a scalar times a factor."""
+    """Product of a vector or scalar with a scalar factor."""
     return amount.scale(factor) if isinstance(amount, Vec2 | Vec3) else amount * factor
 
 
 def grown(wrench: Wrench, factor: Field) -> Wrench:
-    """A wrench times a factor."""
+    """Product of a wrench with a scalar factor."""
     return map_leaves(lambda x: x * factor, wrench)

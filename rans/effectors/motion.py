@@ -1,4 +1,4 @@
-"""Motion of a craft over one control period in which a command is held, and what its effectors do meanwhile."""
+"""Motion of a craft over a control period in which a command is held, under all its effectors."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from rans.model.timing import Timing
 
 @dataclass(frozen=True)
 class Thrusters(Effector):
-    """Thrusters of a craft, on/off, pulsed or throttled: where the parts of a control period come from."""
+    """Thrusters of a craft (on/off, pulsed or throttled), whose commands define the parts of a control period."""
 
     craft: Spacecraft
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
-        """One of each thruster."""
+        """Commands of the thrusters, one each."""
         return self.craft.commands[: len(self.craft.thrusters)]
 
     @property
     def stores(self) -> tuple[Store, ...]:
-        """None."""
+        """No states."""
         return ()
 
     def pieces(self, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
-        """Parts of a control period (s) in which thrusters obey their commands at once."""
+        """Pieces of a control period (s) in which thrusters follow their commands without delay."""
         return at_once(self.craft, body, command, period)
 
     def begin(self, begun: Begun) -> None:
-        """They change nothing beside `pieces`."""
+        """No further action: thrusters act through `pieces`."""
 
 
 def states_at_checks(
@@ -56,11 +56,20 @@ def states_at_checks(
 ) -> tuple[AnyState, ...]:
     """States at the checks of a control period in which a command is held (`rans.model.timing.Timing.checks`).
 
-    The last one is the state at the end of the period. Headings and quaternions are normalised.
+    The last one is the state at the end of the period. Headings and quaternions are normalised. Each piece of
+    the period has substeps in proportion to the upper bound on its duration.
 
-    The craft says how it takes commands (`rans.model.spacecraft.Spacecraft.commands`); ``pieces`` are instead
-    what late valves and failing thrusters make of it (`rans.randomization.parameters.StepInputs.pieces`). Each
-    takes the share of the substeps that is its share of the period at most; the rest is as for `advance`.
+    Args:
+        state: state at the start of the period.
+        craft: spacecraft.
+        body: mass properties and thruster health.
+        command: one field per command of the craft (`rans.model.spacecraft.Spacecraft.commands`).
+        timing: control period, substeps and checks.
+        drift: motion of a free point.
+        nodes: nodes of the quadrature in the plane.
+        disturbance: disturbance wrench, constant in W.
+        pieces: pieces of the period under delayed valves and failing thrusters
+            (`rans.randomization.parameters.StepInputs.pieces`); None: thrusters follow the command without delay.
     """
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period
@@ -70,16 +79,16 @@ def states_at_checks(
 
     states = []
     for number, part in enumerate(cut(pieces, period, timing.checks), 1):
-        # Effectors change the parts one after the other.
+        # Effectors modify the parts one after the other.
         pushes: Iterable[Push] = (Push(*piece) for piece in part)
         for action in actions:
             pushes = action.pushes(pushes)
         for push in pushes:
-            # A float, not one of NumPy.
+            # A Python float, not a scalar of NumPy.
             duration = push.duration
             longest = min(duration if type(duration) is float else push.longest, period)
             steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-            # Half as long a step needs one node less at the angles that `NODES` is for.
+            # A step of half the length needs one node less at the angles that `NODES` is for.
             fewer = nodes - (2.0 * longest * substeps <= period * steps)
             pull = disturbance
             if push.growth is not None and pull is not None:
@@ -98,10 +107,9 @@ def states_at_checks(
 
 
 def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
-    """Everything that pushes a craft or changes how it is pushed, in the order in which it acts.
+    """All effectors of a craft, in the order in which they act.
 
-    Their commands, one after the other, are `rans.model.spacecraft.Spacecraft.commands`, and their stores its
-    ``stores``.
+    Their commands, concatenated, are `rans.model.spacecraft.Spacecraft.commands`, and their states its ``stores``.
     """
     found: list[Effector] = [Thrusters(craft)]
     if craft.propellant is not None:
@@ -123,7 +131,7 @@ def begin(
     body: Body,
     period: float,
 ) -> list[Action]:
-    """What the effectors of a craft do in a control period (s), in order.
+    """Actions of the effectors of a craft over a control period, in order.
 
     Args:
         craft: spacecraft.
@@ -137,8 +145,8 @@ def begin(
     for effector in effectors_of(craft):
         takes = len(effector.commands)
         keeps = len(effector.stores)
-        own = Begun(command[taken : taken + takes], stores[kept : kept + keeps], body, period)
-        action = effector.begin(own)
+        inputs = Begun(command[taken : taken + takes], stores[kept : kept + keeps], body, period)
+        action = effector.begin(inputs)
         if action is not None:
             actions.append(action)
         taken += takes
@@ -147,15 +155,15 @@ def begin(
 
 
 def held(*arguments: Any, **options: Any) -> Any:
-    """State at the end of a control period in which a command is held; arguments as `states_at_checks`."""
+    """State at the end of a control period in which a command is held; arguments as for `states_at_checks`."""
     return states_at_checks(*arguments, **options)[-1]
 
 
 def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable[Piece]]:
-    """Pieces of a control period (s), divided among equal parts of it, in their order.
+    """Divide the pieces of a control period (s) among equal parts of it, in order.
 
-    A piece that lasts beyond the end of a part goes on in the next one. Where durations are fields, each part
-    holds a share of every piece, which may last no time.
+    A piece that lasts beyond the end of a part continues in the next one. If durations are fields, every part
+    has a share of every piece, and its duration may be zero.
     """
     if parts == 1:
         yield pieces
@@ -186,7 +194,7 @@ def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable
 
 
 def _clamped(time: Field, low: float, high: float) -> Field:
-    """A time within bounds; a float where it is one."""
+    """Time clipped to bounds; a float for a float."""
     if isinstance(time, float):
         return min(max(time, low), high)
     return high - at_least(high - at_least(time, low), 0.0)

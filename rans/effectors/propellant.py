@@ -1,4 +1,4 @@
-"""Propellant over one control period: what thrust uses up, and how much more it does to a lighter craft."""
+"""Propellant over a control period: the mass that thrust consumes, and its effect on the motion."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rans.model.spacecraft import CommandRange, Propellant, Store
 
 @dataclass(frozen=True)
 class Tank:
-    """Tank of a craft that flies.
+    """Propellant tank of a craft with a given mass.
 
-    Mass and inertia fall in the same proportion, so that a craft with a share s of its full mass moves under a
-    wrench as the full craft does under 1 / s times that wrench. Motion is computed that way: the body stays,
-    wrenches grow. A disturbance acts on the mean mass of a piece of a period.
+    Mass and inertia decrease in the same proportion. A craft with a share s of its full mass therefore moves
+    under a wrench as the full craft does under 1 / s times that wrench, and motion is computed in this way: the
+    body is constant and wrenches are scaled. A disturbance acts on the mean mass of a piece of a period.
     """
 
     propellant: Propellant
@@ -28,24 +28,24 @@ class Tank:
 
     @classmethod
     def of(cls, propellant: Propellant, body: Body) -> Tank:
-        """Tank of a craft whose body is that with a full tank."""
+        """Tank of a craft from its body with a full tank."""
         return cls(propellant, body.mass)
 
     def growth(self, left: Field) -> Field:
-        """Full mass over the mass with so much propellant left, kg."""
+        """Full mass over the mass with ``left`` kilograms of propellant."""
         return self.full_mass / (self.full_mass - (self.propellant.mass - left))
 
     def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Piece, Field]]:
-        """A piece of a control period as two, with thrust and after the tank is empty, each with what is left then.
+        """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
 
-        Wrenches are those of the full craft that moves alike. The thrust over the falling mass is taken as a
-        straight line over time, lowered by (dm / m)^2 / 6 for the mass dm that the piece uses, so that its mean
-        is right: the change of velocity is exact but for (dm / m)^4, the way but for (dm / m)^3. The instant at
-        which a tank is empty is exact for constant thrust.
+        Wrenches are scaled to the full craft. The acceleration is approximated as linear in time and reduced by
+        (dm / m)^2 / 6, with the mass dm that the piece consumes, so that its mean is correct. The error of the
+        velocity change is of order (dm / m)^4, that of the displacement (dm / m)^3. The instant at which the
+        tank is empty is exact for constant thrust.
 
         Args:
-            piece: of the thrusters, with their exhaust.
-            left: propellant at its beginning, kg.
+            piece: piece of the thrusters, with their exhaust.
+            left: propellant at the start of the piece, kg.
         """
         duration, first, last, longest = piece
         per_newton = 1.0 / self.propellant.exhaust_speed
@@ -66,7 +66,7 @@ class Tank:
         starts = grown(first, begins * factor)
         stops = grown(end, ends * factor)
         if last is not None:
-            # Of a thrust that changes too, for the mean of the product of two straight lines.
+            # If the thrust changes too, the mean of a product of two linear functions needs this term.
             change = (ends - begins) * (1.0 / 6.0)
             bent = map_leaves(lambda a, b: (b - a) * change, first, end)
             starts = map_leaves(operator.sub, starts, bent)
@@ -78,14 +78,14 @@ class Tank:
 
 @dataclass(frozen=True)
 class PropellantTank(Effector):
-    """Propellant as an effector: it takes no commands, keeps what is left, and makes pushes grow as mass falls."""
+    """Propellant as an effector: its state is the mass left, and it scales wrenches as the mass decreases."""
 
     propellant: Propellant
     store: Store
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
-        """None."""
+        """No commands."""
         return ()
 
     @property
@@ -94,7 +94,7 @@ class PropellantTank(Effector):
         return (self.store,)
 
     def begin(self, begun: Begun) -> Action:
-        """See `Effector`."""
+        """Action over a control period: consume propellant and scale wrenches."""
         return _Burning(Tank.of(self.propellant, begun.body), begun.stores[0])
 
 
@@ -104,7 +104,7 @@ class _Burning(Action):
         self._left = left
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
-        """Pushes as they move the full craft, each with its growth (`Tank.burned`)."""
+        """Parts of the period with wrenches scaled to the full craft (`Tank.burned`)."""
         tank = self._tank
         for push in pushes:
             left = self._left
@@ -116,5 +116,5 @@ class _Burning(Action):
                 yield Push(duration, replace(first, exhaust=None), last, longest, growth)
 
     def stores(self, time: Field) -> tuple[Field, ...]:
-        """Propellant left."""
+        """Propellant left, kg."""
         return (self._left,)

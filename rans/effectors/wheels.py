@@ -1,4 +1,4 @@
-"""Reaction wheels over one control period: torques within their limits, and the momentum they hold."""
+"""Reaction wheels over a control period: motor torques within their limits, and wheel momentum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rans.model.spacecraft import CommandRange, Store
 
 @dataclass(frozen=True)
 class ReactionWheels(Effector):
-    """Reaction wheels of one craft, in the plane or in space (`dimension`)."""
+    """Reaction wheels of a craft, in the plane or in space (`dimension`)."""
 
     wheels: tuple[Wheel, ...]
     dimension: int
@@ -25,7 +25,7 @@ class ReactionWheels(Effector):
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
-        """One of each wheel, -1 to 1 of its largest torque."""
+        """Commands of the wheels, one each: -1 to 1, as a share of the largest torque."""
         return self.ranges
 
     @property
@@ -34,7 +34,7 @@ class ReactionWheels(Effector):
         return self.momenta
 
     def begin(self, begun: Begun) -> Action:
-        """See `Effector`."""
+        """Action over a control period: constant motor torques within the limits of torque and momentum."""
         motors = motor_torques(self.wheels, begun.command, begun.stores, begun.period)
         return _Spinning(self, begun.stores, motors)
 
@@ -49,7 +49,7 @@ class _Spinning(Action):
         self._elapsed: Field = 0.0
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
-        """Pushes with the motors' reaction and the wheels' momentum."""
+        """Parts of the period with the reaction torque of the motors and the momentum of the wheels."""
         wheels = self._wheels
         for push in pushes:
             turn = along_axes(wheels, self._motors)
@@ -69,7 +69,7 @@ class _Spinning(Action):
             yield replace(push, first=first, last=last, momentum=momentum)
 
     def stores(self, time: Field) -> tuple[Field, ...]:
-        """Momenta of the wheels after their motors gave their torques for a time, s."""
+        """Momenta of the wheels at a time since the start of the period (s), N m s."""
         pairs = zip(self._momenta, self._motors, strict=True)
         return tuple(momentum + torque * time for momentum, torque in pairs)
 
@@ -77,16 +77,16 @@ class _Spinning(Action):
 def motor_torques(
     wheels: Sequence[Wheel], command: Sequence[Field], momenta: Sequence[Field], period: float
 ) -> tuple[Field, ...]:
-    """Torque of each wheel's motor on its wheel, N m, constant over the control period.
+    """Torque of each motor on its wheel, N m, constant over the control period.
 
-    A motor gives what it is commanded, or less where the wheel's momentum would leave its limits by the end
-    of the period.
+    A motor follows its command, but gives less torque if the momentum of the wheel would exceed its limit by the
+    end of the period.
 
     Args:
         wheels: reaction wheels.
-        command: of the wheels, -1 to 1.
-        momenta: of the wheels at the start of the period, N m s.
-        period: s.
+        command: commands of the wheels, -1 to 1.
+        momenta: momenta of the wheels at the start of the period, N m s.
+        period: control period, s.
     """
     torques = []
     for wheel, share, momentum in zip(wheels, command, momenta, strict=True):
@@ -98,13 +98,13 @@ def motor_torques(
     return tuple(torques)
 
 
-def along_axes(given: ReactionWheels, amounts: Sequence[Field]) -> Any:
-    """Sum of amounts about the wheels' axes, in B: a vector in space, a scalar about z in the plane."""
-    if given.dimension == 2:
-        return reduce(add, (x * w.axis[2] for x, w in zip(amounts, given.wheels, strict=True)))
+def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:
+    """Sum of amounts times the wheels' axes, in B: a vector in space, a scalar about z in the plane."""
+    if wheels.dimension == 2:
+        return reduce(add, (x * w.axis[2] for x, w in zip(amounts, wheels.wheels, strict=True)))
     columns = []
     for k in range(3):
-        pairs = zip(amounts, given.wheels, strict=True)
+        pairs = zip(amounts, wheels.wheels, strict=True)
         terms = [x * wheel.axis[k] for x, wheel in pairs if wheel.axis[k] != 0.0]
         columns.append(reduce(add, terms) if terms else amounts[0] * 0.0)
     return Vec3(*columns)

@@ -1,9 +1,9 @@
-"""How many integration steps a control period takes, from what the craft's thrusters can do to its spin.
+"""Number of integration steps in a control period, chosen from the angular acceleration of the craft.
 
-A step's error depends on the angle turned in it and on how uneven the moments of inertia are, and grows with
-the seventh power of its length (docs/decisions/006-motion-in-space-by-series.md). How fast a craft ever turns
-is up to who flies it; under any control that means to hold an attitude it follows from alpha, what its
-fastest command adds to the spin in one period, times the period (rad).
+The error of a step depends on the angle turned in it and on the ratios of the moments of inertia, and grows
+with the seventh power of the step's length (docs/decisions/006-motion-in-space-by-series.md). The spin of a
+craft depends on its controller. For a controller that holds an attitude it is estimated from alpha (rad): the
+largest angular acceleration of any command times the square of the control period.
 """
 
 from __future__ import annotations
@@ -20,56 +20,59 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
 MOST = 64
-"""Substeps that are ever chosen: more would take minutes to compile into a kernel."""
+"""Largest number of substeps that is chosen; more would take minutes to compile into a kernel."""
 _HARDEST = 2.0
-"""The largest alpha of a craft that can be flown, rad: from rest it turns by half of it in one period, about
-as far as on/off control can still see what it does."""
+"""Largest alpha of a craft that on/off control can stabilise, rad; from rest the craft turns by half of it in
+one period."""
 WILDEST = 500.0
-"""The largest alpha that is flown at all, rad: from 870 on an uneven craft in space lost its state
-in a few periods of random commands, from 2,000 on in the first."""
+"""Largest alpha that is accepted, rad. Under random commands an asymmetric craft in space lost its state within
+a few periods from 870 rad on, and in the first period from 2,000 rad on."""
 FARTHEST = 1e5
-"""Way from rest in one period, m, up to which float32 tells positions to a centimetre."""
+"""Largest accepted displacement from rest in one period, m: up to it float32 resolves positions to 1 cm."""
 _PEAK = 3.0
-"""Spin of a craft that cannot be held still, in alphas. Of 200 random craft under LQR, restless and bang-bang
-control (`validation.records.accuracy`) 192 stay below it or below the spin of the fastest half turn from rest to
-rest, sqrt(pi alpha); seven reach up to 1.5 times as much and one, which tumbles, 3 times."""
+"""Spin of a craft that cannot be held still, as a multiple of alpha per period. Among 200 random craft under
+LQR, random and bang-bang control (`validation.records.accuracy`), 192 stay below it or below the spin of the
+fastest half turn from rest to rest, sqrt(pi alpha); seven reach 1.5 times as much, and one, which tumbles, 3
+times."""
 _USUAL_SPIN = 1.0
-"""Start, or are asked for by a task, rad/s: twice the paper's."""
+"""Spin of starts and of tasks, rad/s: twice that of the paper."""
 _STEP = {2: 2.0, 3: 1.0}
-"""Angle that may be turned in one step, rad. Plane: four nodes, as float32 has, are then 1e-7 off. Space:
-a body with equal moments is 1e-6 rad off, one with others turns less."""
+"""Largest angle turned in one step, rad, by dimension. In the plane the error of four nodes (float32) is then
+1e-7; in space the error of a body with equal moments of inertia is 1e-6 rad."""
 _SIX_NODES = 5.0
-"""Angle at which the plane's six nodes, of float64, are 4e-8 off, rad."""
+"""Angle at which the error of six nodes in the plane (float64) is 4e-8, rad."""
 _UNEVEN = 1.5
-"""How much less: the error of a rod or a plate at 0.4 rad is that of a ball at 1 rad."""
+"""Reduction of the angle by unequal moments of inertia: the error of a rod or a plate at 0.4 rad is that of a
+sphere at 1 rad."""
 _RESERVE = 4.0
-"""The same where steps are chosen: a tumbling rod multiplies its errors, so that it gets twice as many."""
+"""The same reduction where substeps are chosen; a tumbling rod amplifies its errors and gets twice as many
+steps."""
 
 _FLIGHT = 25.0
-"""s, for which accuracy is promised."""
+"""Duration of the flights for which the accuracy is specified, s."""
 _UNSTABLE = 11.0
-"""A torque tau that stays in W makes a spacecraft a pendulum whose errors grow as exp(0.65 t sqrt(tau / I)).
-From this flight times sqrt(tau / I) on, steps are shorter in proportion: with 1,000 times a step's error
-(`roboran`, `lab`) 25 s of the free flyer are within 1e-5 rad, with 10 million times (`harsh`) within 1e-4."""
+"""Threshold of t sqrt(tau / I) above which steps are shortened in proportion. A torque tau that is constant in
+W makes a spacecraft a pendulum whose errors grow as exp(0.65 t sqrt(tau / I)). Where errors of a step grow
+1,000 times (`roboran`, `lab`), 25 s of the free flyer are within 1e-5 rad; where they grow 10 million times
+(`harsh`), within 1e-4 rad."""
 
 
 def chosen(
     craft: Spacecraft, timing: Timing, body: Body | None = None, torque: float = 0.0
 ) -> Timing:
-    """The timing with a number of substeps, where it leaves that open.
+    """Timing with its number of substeps chosen where it is None.
 
-    25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.records.accuracy` shows it on random craft.
-    Warns of a craft that is too fast for its control period.
+    25 s of closed loop are then within 1e-4 m and 1e-4 rad, as `validation.records.accuracy` measures on random
+    craft. Warns if the craft is too fast for the control period.
 
     Args:
-        craft: what flies.
-        timing: how.
-        body: what is drawn or broken of it, numbers or arrays (N,); None: as designed.
-        torque: the largest that stays in W, N m.
+        craft: spacecraft.
+        timing: control period, and substeps or None.
+        body: randomized or failed body, numbers or arrays (N,); None: as designed.
+        torque: largest steady disturbance torque in W, N m.
 
     Raises:
-        ConfigError: one command moves or turns it so far in a period that its state would soon
-            be lost.
+        ConfigError: one command moves or turns the craft too far in a period for its state to be represented.
     """
     period = timing.control_period
     alpha = spin_up(craft, body) / craft.lightest * period**2
@@ -86,7 +89,7 @@ def chosen(
         warnings.warn(
             f"spacecraft {craft.name!r}: one command turns it up to {alpha / 2:.3g} rad in a control period "
             f"of {period:g} s and leaves it spinning at {alpha / period:.3g} rad/s; above {_HARDEST / 2:g} "
-            f"rad it can hardly be controlled, and {MOST} substeps may not do for its motion. Shorten the "
+            f"rad it can hardly be controlled, and {MOST} substeps may not be accurate enough. Shorten the "
             "period; the usual cause is a moment of inertia or a force in other units.",
             stacklevel=3,
         )
@@ -94,7 +97,7 @@ def chosen(
 
 
 def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: float) -> None:
-    """Refuse (`ConfigError`) a craft that numbers cannot follow, whatever the substeps."""
+    """Reject (`ConfigError`) a craft that moves too far in a period for any number of substeps."""
     designed = Body.of(craft)
     flown = body or designed
     shares = zip(flown.gain or designed.gain, flown.leak or designed.leak, strict=True)
@@ -107,22 +110,22 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
         (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
         (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia"),
     ):
-        if size > most:  # a body that is not finite is told elsewhere
+        if size > most:  # bodies that are not finite are rejected elsewhere
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
-                f"{period:g} s, and at most {most:g} are flown, beyond which its state would soon be "
-                f"lost. Shorten the period; the usual cause is {cause} or a force in other units."
+                f"{period:g} s; the limit is {most:g}, beyond which its state loses precision. "
+                f"Shorten the period; the usual cause is {cause} or a force in other units."
             )
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:
-    """The spin up to which flights in float64 are accurate, rad/s: above what substeps are chosen for."""
+    """Largest spin at which flights in float64 are accurate, rad/s; above the spin that substeps are chosen for."""
     step = _SIX_NODES if craft.dimension == 2 else _longest(craft, body)
     return (chosen(craft, timing, body).substeps or 1) * step / timing.control_period
 
 
 def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> float:
-    """Angle that may be turned in one step, rad."""
+    """Largest angle that may be turned in one step, rad."""
     if craft.dimension == 2:
         return _STEP[2]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(_tensors(body or Body.of(craft))), -1, 0)
@@ -131,7 +134,7 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
 
 
 def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
-    """The fastest nutation of a craft whose reaction wheels hold all that they can, rad/s; 0 in the plane."""
+    """Fastest nutation of a craft whose reaction wheels hold their largest momentum, rad/s; 0 in the plane."""
     if craft.dimension == 2 or not craft.wheels:
         return 0.0
     momentum = math.hypot(*(wheel.max_momentum for wheel in craft.wheels))
@@ -140,7 +143,7 @@ def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
 
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
-    """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
+    """Largest angular acceleration of any command, rad/s^2; with several bodies, the largest among them."""
     if craft.further_effectors:
         torque = sum(one.largest_torque for one in craft.further_effectors)
         least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
@@ -153,7 +156,7 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     if craft.thrust_sharing != "none" and (body is None or body.droop is None):
         most = float(np.linalg.norm(ways, axis=-1).max())
         return most + float(np.linalg.norm(wheels, axis=-1).sum(axis=1).max())
-    # Exactly for those few that are the quickest in some of many directions.
+    # Exact sums for the eight bodies that accelerate most in some of the sampled directions.
     if craft.wheels:
         either = np.concatenate([wheels, -wheels], axis=1)
         either = np.broadcast_to(either, (len(ways), *either.shape[1:]))
@@ -165,7 +168,7 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
 
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
-    """Angular acceleration of every body by each thruster, as far as it can open, (bodies, n, 1 or 3)."""
+    """Angular acceleration of every body by each fully open thruster, rad/s^2, (bodies, n, 1 or 3)."""
     table = np.array(craft.wrench_map)
     size = craft.dimension
     count = len(table)
@@ -188,17 +191,18 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
 
 
 def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:
-    """Angular acceleration of every body by each wheel's largest torque, (bodies, wheels, 1 or 3)."""
+    """Angular acceleration of every body by the largest torque of each wheel, rad/s^2, (bodies, wheels, 1 or 3)."""
     tensors = np.atleast_3d(_tensors(body).T).T
     torques = np.array(craft.wheel_map).reshape(len(craft.wheels), tensors.shape[-1])
     return np.linalg.solve(tensors[:, None], torques[None, ..., None])[..., 0]
 
 
 def _longest_sum(vectors: np.ndarray) -> float:
-    """Length of the longest sum of some of these vectors (n, d): each sum of those that point its way.
+    """Length of the longest sum of a subset of these vectors (n, d).
 
-    Repeating that makes a sum longer until none joins or leaves; begun with the sums and differences of all
-    pairs, and in directions that are normal to none.
+    The longest sum contains exactly the vectors with a positive component along it. Repeated selection by that
+    rule lengthens a sum until the subset no longer changes. It starts from the sums and differences of all
+    pairs, and from random directions.
     """
     size = vectors.shape[1]
     pairs = np.concatenate([vectors[:, None] + vectors, vectors[:, None] - vectors]).reshape(
@@ -211,7 +215,7 @@ def _longest_sum(vectors: np.ndarray) -> float:
 
 
 def _tensors(body: Body) -> np.ndarray:
-    """Inertia, (..., 3, 3), in the plane (..., 1, 1)."""
+    """Inertia tensors, kg m^2, (..., 3, 3); in the plane (..., 1, 1)."""
     entries = np.broadcast_arrays(*(numbers(x) for x in body.inertia))
     order = (0,) if len(entries) == 1 else (0, 1, 2, 1, 3, 4, 2, 4, 5)
     side = 1 if len(entries) == 1 else 3

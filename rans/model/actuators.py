@@ -1,4 +1,4 @@
-"""Descriptions of what pushes a craft: how thrusters take commands, reaction wheels, and propellant."""
+"""Descriptions of actuators: command modes of thrusters, reaction wheels, and propellant."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class Actuators:
-    """How thrusters take commands. The craft says which kind they are."""
+    """Command mode of a craft's thrusters: `OnOff`, `Pulsed` or `Throttle`."""
 
     kind: ClassVar[str]
-    """Its name in spacecraft files."""
+    """Name of the mode in spacecraft files."""
     is_continuous: ClassVar[bool] = True
-    """Whether commands between 0 and 1 mean something."""
+    """Whether commands between 0 and 1 are valid."""
     dtype: ClassVar[Literal["int8", "float32"]] = "float32"
-    """In which a command is remembered."""
+    """Number type in which commands are stored."""
     has_gradient: ClassVar[bool] = False
-    """Whether the force, where it is not at a limit, changes steadily with the command."""
+    """Whether the force between its limits changes continuously with the command."""
     allowed: ClassVar[str]
-    """What a command's entries may be, in words."""
+    """Range of a command's entries, in words."""
 
     @property
     def low(self) -> float:
@@ -38,27 +38,27 @@ class Actuators:
 
     @property
     def high(self) -> float:
-        """Largest command of a thruster: the share of its full force that it can give."""
+        """Largest command of a thruster: the largest share of its full force."""
         return 1.0
 
     def levels(self, command: Command) -> Command:
-        """Shares of full force that thrusters give of commands that are held: the commands themselves."""
+        """Shares of full force under commands that are held: the commands themselves."""
         return command
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
-        """Pieces of a control period: their share of it, and that of its force which each thruster gives."""
+        """Pieces of a control period, each with its share of the period and the thrusters' shares of full force."""
         yield 1.0, command
 
     def steady(self) -> Actuators:
-        """Actuators that hold each command's mean force for a whole control period: themselves, or a throttle."""
+        """Actuators that hold the mean force of each command for the control period: themselves, or a throttle."""
         return self
 
 
 @dataclass(frozen=True)
 class OnOff(Actuators):
-    """Valves that stay open or shut for a whole control period.
+    """On/off valves, which stay open or shut for a whole control period.
 
-    >>> rans.load_spacecraft("floating-platform").actuators
+     rans.load_spacecraft("floating-platform").actuators
     OnOff()
     """
 
@@ -70,22 +70,22 @@ class OnOff(Actuators):
 
 @dataclass(frozen=True)
 class Throttle(Actuators):
-    """Thrusters that give any share of their full force between two levels, steadily.
+    """Throttled thrusters: they hold any share of their full force between two levels.
 
     >>> dataclasses.replace(rans.load_spacecraft("floating-platform"), actuators=rans.Throttle()).actuators
     Throttle(least=0.0, most=1.0, always_lit=False)
 
-    A command is the share of full force. Engines that are always lit take least to most. Others may be shut:
-    they take 0 to most, are shut by a command below half of their least level, and give at least that level
-    otherwise.
+    A command is the share of full force. Engines that are always lit take commands from ``least`` to ``most``.
+    Others take commands from 0 to ``most``: a command below half of ``least`` shuts the thruster, any other
+    command gives at least ``least``.
 
     Raises:
         ConfigError: the levels are not numbers with 0 <= least <= most <= 1 and most > 0, or always_lit is
-            no truth value.
+            not a boolean.
     """
 
     least: float = 0.0
-    """Least share of full force of a thruster that is lit."""
+    """Least share of full force of a lit thruster."""
     most: float = 1.0
     """Largest share of full force."""
     always_lit: bool = False
@@ -124,14 +124,14 @@ class Throttle(Actuators):
 
     @property
     def allowed(self) -> str:  # type: ignore[override]
-        """What a command's entries may be, in words."""
+        """Range of a command's entries, in words."""
         if self.always_lit:
             return f"{self.least:g} (least thrust) to {self.most:g} (most thrust)"
         most = "full thrust" if self.most == 1.0 else "most thrust"
         return f"0 (no thrust) to {self.most:g} ({most})"
 
     def levels(self, command: Command) -> Command:
-        """Shares of full force that thrusters give of commands that are held: 0, or the least level and more."""
+        """Shares of full force under commands that are held: 0, or at least the least level."""
         if self.always_lit or self.least == 0.0:
             return command
         return [
@@ -142,22 +142,22 @@ class Throttle(Actuators):
 
 @dataclass(frozen=True)
 class Pulsed(Actuators):
-    """Valves that open once a control period, at its beginning, for whole counts of it.
+    """Pulse-width modulated valves: each opens at the start of a control period for a whole number of counts.
 
-    >>> rans.Pulsed(counts=10, least=2)  # of a period of 0.1 s: in steps of 10 ms, for 20 ms at least
+    >>> rans.Pulsed(counts=10, least=2)  # with a period of 0.1 s: steps of 10 ms, pulses of 20 ms or more
     Pulsed(counts=10, least=2)
 
-    A duty of d opens a thruster at full force for the first round(d * counts) counts, halves rounded up, and
-    not at all for fewer than ``least``.
+    A duty cycle d opens a thruster at full force for the first round(d * counts) counts, with halves rounded up.
+    A pulse shorter than ``least`` is not given.
 
     Raises:
-        ConfigError: ``counts`` is not a whole number >= 1 or ``least`` none from 0 to ``counts``.
+        ConfigError: ``counts`` is not a whole number >= 1, or ``least`` is not one from 0 to ``counts``.
     """
 
     counts: int
-    """In which a control period is divided."""
+    """Number of counts in a control period."""
     least: int = 0
-    """Shortest pulse a valve can give, counts."""
+    """Shortest pulse of a valve, counts."""
     kind: ClassVar[str] = "pulsed"
     allowed: ClassVar[str] = "0 (shut) to 1 (open all the time)"
 
@@ -171,7 +171,7 @@ class Pulsed(Actuators):
                 )
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
-        """See `Actuators.pulses`: pieces end where a valve may shut, or in order where each one does."""
+        """See `Actuators.pulses`: pieces end at every count, or at the sorted closing times if these are fewer."""
         widths = [self._width(duty) for duty in command]
         begun = past = 0.0
         regular = self.counts <= len(widths) + 1
@@ -183,12 +183,12 @@ class Pulsed(Actuators):
                 for width, none in zip(widths, zero, strict=True)
             ]
             yield (end - begun) * (1.0 / self.counts), open_
-            # Those open to the end do not shut, not even in a last piece of no length.
+            # Valves that are open to the end do not shut, even if the last piece has zero length.
             begun = end
             past = end if regular else -at_least(-end, 0.5 - self.counts)
 
     def steady(self) -> Throttle:
-        """A throttle, which gives every duty itself: whole counts and the least pulse are left out."""
+        """Throttle with the same mean forces, without rounding to counts and without the least pulse."""
         return Throttle()
 
     def _width(self, duty: Field) -> Field:
@@ -204,7 +204,7 @@ KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed,
 
 @dataclass(frozen=True)
 class Wheel:
-    """Reaction wheel: a rotor whose motor turns the craft the other way.
+    """Reaction wheel: a rotor whose motor turns the craft in the opposite direction.
 
     >>> rans.Wheel(axis=(0.0, 0.0, 1.0), max_torque=0.007, max_momentum=0.0236, inertia=4.1e-5).max_torque
     0.007
@@ -213,8 +213,9 @@ class Wheel:
     by the opposite torque. The motor gives less where the momentum would leave its limit by the end of the
     control period, so that a wheel at its limit only slows down.
 
-    A wheel's momentum is its absolute one about its axis, inertia (w . axis + wheel speed): only the motor
-    changes it. The craft's inertia is without the axial inertia of its wheels, and with all the rest of them.
+    The momentum of a wheel is its absolute angular momentum about its axis, inertia (w . axis + wheel speed);
+    only the motor changes it. The inertia of the craft excludes the axial inertia of its wheels and includes
+    their mass and transverse inertia.
     """
 
     axis: tuple[float, float, float]
@@ -229,18 +230,18 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Propellant:
-    """What thrusters use up.
+    """Propellant of the thrusters: mass in a full tank and specific impulse.
 
     >>> round(rans.Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed, 3)
     2206.496
 
-    Thrusters that give the forces F_i use sum(F_i) / exhaust_speed kilograms a second. The craft's mass and
-    inertia are those with a full tank; both fall in the same proportion, and the centre of mass stays where it
-    is. Thrust ends when the tank is empty.
+    Thrusters with the forces F_i use sum(F_i) / exhaust_speed kilograms per second. The mass and inertia of the
+    craft are those with a full tank; both decrease in the same proportion, and the centre of mass does not
+    move. Thrust ends when the tank is empty.
     """
 
     mass: float
-    """In a full tank, kg: a part of the craft's mass."""
+    """Propellant in a full tank, kg: a part of the craft's mass."""
     specific_impulse: float
     """Specific impulse of all thrusters, s."""
 

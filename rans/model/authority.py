@@ -1,4 +1,4 @@
-"""What a spacecraft's thrusters and reaction wheels can give along each axis while nothing else moves."""
+"""Control authority of a spacecraft: largest pure force and pure torque along each body axis."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ _AXES: dict[int, tuple[tuple[str, str, str], ...]] = {
 
 @dataclass(frozen=True)
 class Authority:
-    """The largest force along one axis of B, or torque about it, with every other force and torque at zero."""
+    """Largest force along one axis of B, or torque about it, with every other force and torque at zero."""
 
     axis: str
-    """Such as "force x" or "torque z"."""
+    """Name of the axis, such as "force x" or "torque z"."""
     unit: str
     """N or N m."""
     forwards: float
-    """Along the axis."""
+    """Largest force or torque in the positive direction."""
     backwards: float
-    """The other way, as a positive number."""
+    """Largest force or torque in the negative direction, as a positive number."""
     acceleration: float
-    """What the smaller of both gives the craft, m/s^2 or rad/s^2, as if its axes were principal ones."""
+    """Acceleration by the smaller of both, m/s^2 or rad/s^2, as if the axes of B were principal axes."""
     acceleration_unit: str
     """m/s^2 or rad/s^2."""
 
 
 def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
-    """Of every axis: F_x, F_y and tau_z in the plane; three forces and three torques in space.
+    """Control authority along every axis: F_x, F_y and tau_z in the plane; three forces and three torques in space.
 
-    Each is a linear programme over what commands give on average in a control period: shares of full force u
-    from 0, or the least level of engines that are always lit, to the largest one, and of each wheel's torque
-    from -1 to 1. Of a shared supply (``thrust_sharing = "split"``) all shares together are at most one: averages
-    of F_i = F a_i / max(sum a, 1). Largest torques last for as long as wheels are not full. An axis along which
-    others cannot be balanced has 0.
+    Each is the optimum of a linear program over the mean outputs of the actuators in a control period. Thrusters
+    give shares of full force from 0 (engines that are always lit: from their least level) to their largest
+    level; wheels give shares of their torque from -1 to 1. With a shared supply (``thrust_sharing = "split"``)
+    the shares of all thrusters sum to at most one: means of F_i = F a_i / max(sum a, 1). Torques of wheels last
+    until the wheels are saturated. An axis has 0 if the other forces and torques cannot be balanced.
     """
     from scipy.optimize import linprog
 
@@ -86,7 +86,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
 
 
 def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
-    """Axis, largest force or torque each way, and the acceleration that the smaller one gives, as text."""
+    """Rows of text: axis, largest force or torque in each direction, acceleration by the smaller one."""
     return [
         (
             one.axis,
@@ -99,5 +99,5 @@ def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]
 
 
 def _figure(value: float) -> str:
-    """Three digits, and thousands without an exponent."""
+    """Number with three significant digits; thousands without an exponent."""
     return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""What resists a spacecraft's motion and what pushes it: values that may differ from episode to episode."""
+"""Mass properties and thruster health of a spacecraft, which may differ between episodes."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ _MOMENTS = {
 
 @dataclass(frozen=True)
 class Body:
-    """Mass properties and the thrusters' health: floats, or arrays (N,) where spacecraft differ.
+    """Mass properties and thruster health: floats, or arrays (N,) where spacecraft differ.
 
-    A thruster told to give the share c of its force gives gain * c + leak: dead is (0, 0), stuck open (0, 1),
-    stuck at a share s (0, s), weak (0.6, 0).
+    A thruster that is commanded the share c of its force gives gain * c + leak. Dead is (gain, leak) = (0, 0),
+    stuck open is (0, 1), stuck at a share s is (0, s), and weak is for example (0.6, 0).
     """
 
     mass: Field
-    """kg."""
+    """Mass, kg."""
     inertia: tuple[Field, ...]
-    """About the true centre of mass, axes of B, kg m^2. Plane: (I_zz,). Space: the six entries
-    (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz)."""
+    """Moments of inertia about the true centre of mass, axes of B, kg m^2. Plane: (I_zz,). Space: the six
+    entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz)."""
     centre: tuple[Field, ...] = ()
-    """From the craft's nominal centre of mass to the true one, axes of B, m: two entries in the plane, three
-    in space; empty: none. The state is that of the true one."""
+    """Offset from the nominal centre of mass to the true one, axes of B, m: two entries in the plane, three in
+    space; empty: no offset. States refer to the true centre of mass."""
     gain: tuple[Field, ...] = ()
-    """One per thruster; empty: each is 1."""
+    """Factor on the commanded share, one per thruster; empty: each is 1."""
     leak: tuple[Field, ...] = ()
-    """One per thruster; empty: each is 0."""
+    """Share of full force that is always given, one per thruster; empty: each is 0."""
     droop: Field | None = None
-    """How much the shared supply gives way, see `rans.model.dynamics.thrust`; None: as the craft's."""
+    """Droop of the shared supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:
-        """A spacecraft as it was designed."""
+        """Body of a spacecraft as designed."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = craft.inertia
         count = len(craft.thrusters)
         moments = (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz)
@@ -52,14 +52,17 @@ class Body:
 
 
 def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]) -> Body:
-    """The same, checked, with a field in memory of its own wherever there is not one number for all.
+    """Checked copy of a body for N spacecraft, with a field in memory for every value that differs among them.
 
-    The body is of numbers, or arrays or tensors (N,) for a count of N; what it leaves empty is the craft's
-    nominal value. ``field`` copies an array.
+    Args:
+        body: numbers, or arrays or tensors (N,); empty entries take the nominal values.
+        nominal: body as designed.
+        count: number of spacecraft, N.
+        field: copies an array to the memory of the engine.
 
     Raises:
-        ConfigError: a mass is not positive, an inertia is that of no rigid body, a gain or a leak is
-            negative, a number is not finite, there are not N of them, or the craft has another dimension or
+        ConfigError: a mass is not positive, an inertia tensor is not that of a rigid body, a gain or a leak is
+            negative, a number is not finite, an array has not N entries, or the craft has another dimension or
             number of thrusters.
     """
     if len(checked("body", body, Body).inertia) != len(nominal.inertia):
@@ -99,7 +102,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
 
 
 def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:
-    """One number, or a field of as many as there are spacecraft."""
+    """Checked number, or checked field of one number per spacecraft."""
     values = numbers(value)
     if values.shape not in ((), (count,)):
         raise ConfigError(
@@ -116,7 +119,7 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
 
 
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
-    """As in `rans.model.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
+    """Reject impossible moments of inertia, as `rans.model.spacecraft.check` does, with a tolerance for float32."""
     entries = np.stack(np.broadcast_arrays(*map(numbers, inertia)), axis=-1)
     tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)
@@ -130,5 +133,5 @@ def _check_rigid(inertia: tuple[Any, ...]) -> None:
 
 
 def numbers(value: Any) -> np.ndarray:
-    """Of a number, an array, or a tensor on any device."""
+    """NumPy array (float64) of a number, an array, or a tensor on any device."""
     return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)

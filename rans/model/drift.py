@@ -1,11 +1,11 @@
-"""How a free point moves: what W pulls at every spacecraft with when no thruster does.
+"""Drift: motion of a free point in W, to which no thruster contributes.
 
-Written over fields (`rans.model.fields`). A drift is given by its exact motion, not by its accelerations, so
-that the thrust's quadrature stays exact in it (`rans.model.dynamics.advance`).
+Written over fields (`rans.model.fields`). A drift is defined by its exact motion instead of its accelerations,
+so that the quadrature of the thrust stays exact (`rans.model.dynamics.advance`).
 
-W may be a turning frame, as that of Clohessy and Wiltshire. In the plane the spin is measured against it,
-which is exact. In space the attitude is held against it as if W did not turn: near the Earth (0.001 rad/s)
-that neglects 0.025 rad, or 1.4 degrees, in 25 s.
+W may be a rotating frame, such as that of Clohessy and Wiltshire. In the plane the spin is relative to it,
+which is exact. In space the rotation of W is neglected in the attitude: near the Earth (0.001 rad/s) this
+neglects 0.025 rad, or 1.4 degrees, in 25 s.
 """
 
 from __future__ import annotations
@@ -21,41 +21,41 @@ AnyVector = TypeVar("AnyVector", Vec2, Vec3)
 
 
 class Drift(ABC):
-    """The motion of a free point."""
+    """Motion of a free point; its parameters are the fields of the dataclass."""
 
     name: ClassVar[str]
-    """What messages call it; its parameters are its fields."""
+    """Name in messages."""
     in_straight_lines: ClassVar[bool]
-    """Whether the difference between two free points grows evenly, so that pushes may be summed before they
-    are carried. A drift of which this does not hold is linear: it leaves a point at rest at W's origin."""
+    """Whether the difference between two free points grows linearly in time, so that velocity changes may be
+    summed before they are propagated. Any other drift must be linear: a point at rest at W's origin stays there."""
 
     @abstractmethod
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Position (m) and velocity (m/s) in W after a time (s): a number, or a CasADi symbol."""
+        """Position (m) and velocity (m/s) in W after a time t (s), a number or a CasADi symbol."""
 
 
 @dataclass(frozen=True)
 class FreeFlight(Drift):
-    """Nothing pulls: in free space, or on an even floor."""
+    """No acceleration: free space, or a level floor."""
 
     name: ClassVar[str] = "free-flight"
     in_straight_lines: ClassVar[bool] = True
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Along a straight line."""
+        """Position and velocity after a time t (s) on a straight line."""
         return p + v.scale(t), v
 
 
 @dataclass(frozen=True)
 class UniformGravity(Drift):
-    """The same acceleration everywhere: near a surface, or on a tilted floor.
+    """Uniform acceleration, as near a surface or on a tilted floor.
 
     Raises:
         ConfigError: the acceleration is not two or three finite numbers.
     """
 
     acceleration: tuple[float, ...]
-    """In W, m/s^2: two numbers in the plane, three in space."""
+    """Acceleration in W, m/s^2: two numbers in the plane, three in space."""
     name: ClassVar[str] = "uniform-gravity"
     in_straight_lines: ClassVar[bool] = True
 
@@ -72,10 +72,10 @@ class UniformGravity(Drift):
             )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Along a parabola.
+        """Position and velocity after a time t (s) on a parabola.
 
         Raises:
-            ConfigError: the acceleration is of the other dimension.
+            ConfigError: the acceleration has another dimension than the position.
         """
         if len(self.acceleration) != len(p.columns()):
             raise ConfigError(
@@ -88,18 +88,19 @@ class UniformGravity(Drift):
 
 @dataclass(frozen=True)
 class ClohessyWiltshire(Drift):
-    """Near a target on a circular orbit: W is its Hill frame, x radial outwards, y along the track, z across.
+    """Relative motion near a target on a circular orbit (Clohessy-Wiltshire equations).
 
-    x'' = 3 n^2 x + 2 n y', y'' = -2 n x', z'' = -n^2 z, to first order in the distance over the orbit's
-    radius; the plane has x and y. Source: W. H. Clohessy and R. S. Wiltshire, "Terminal guidance system for
-    satellite rendezvous", Journal of the Aerospace Sciences 27(9), 1960.
+    W is the Hill frame of the target: x radially outwards, y along the track, z across it. To first order in the
+    distance over the radius of the orbit, x'' = 3 n^2 x + 2 n y', y'' = -2 n x', z'' = -n^2 z; the plane has x
+    and y. Source: W. H. Clohessy and R. S. Wiltshire, "Terminal guidance system for satellite rendezvous",
+    Journal of the Aerospace Sciences 27(9), 1960.
 
     Raises:
         ConfigError: the mean motion is not a finite number > 0.
     """
 
     mean_motion: float
-    """n, rad/s: 0.00113 at 400 km above the Earth."""
+    """Mean motion n, rad/s: 0.00113 at 400 km above the Earth."""
     name: ClassVar[str] = "clohessy-wiltshire"
     in_straight_lines: ClassVar[bool] = False
 
@@ -107,11 +108,14 @@ class ClohessyWiltshire(Drift):
         if not is_finite(self.mean_motion) or self.mean_motion <= 0:
             raise ConfigError(
                 "the mean motion of a Clohessy-Wiltshire frame must be a finite number > 0 "
-                f"rad/s, got {self.mean_motion!r}; without an orbit it is free flight."
+                f"rad/s, got {self.mean_motion!r}; without an orbit, use free flight."
             )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Along the closed form, without 1 - cos, which would lose digits in short times."""
+        """Position and velocity after a time t (s), in closed form.
+
+        1 - cos(n t) is computed as 2 sin(n t / 2)^2, which keeps its digits at short times.
+        """
         n = self.mean_motion
         s = _sine(n * t)
         half = _sine(0.5 * n * t)
@@ -132,18 +136,18 @@ FREE = FreeFlight()
 
 
 def _sine(angle: Field) -> Field:
-    """A plain number of a plain number: NumPy's own would make float64 of float32 arrays."""
+    """Sine that is a Python float for a Python float; NumPy's scalar would turn float32 arrays into float64."""
     return float(sin(angle)) if isinstance(angle, float) else sin(angle)
 
 
 def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field) -> AnyVector:
-    """Velocity (m/s) with which a free point is at a target after a time: Lambert's problem in a drift.
+    """Velocity (m/s) with which a free point reaches a target after a time: Lambert's problem in a drift.
 
-    Drifts are affine in position and velocity, so that it is one linear system. In a Clohessy-Wiltshire frame
-    of mean motion n it has no solution after n t = pi, across the orbit, and after n t = 2 pi.
+    Drifts are affine in position and velocity, so this is one linear system. In a Clohessy-Wiltshire frame of
+    mean motion n it has no solution at n t = pi (across the orbit) and at n t = 2 pi.
 
     Args:
-        drift: what pulls.
+        drift: motion of a free point.
         p: position in W, m.
         target: position in W after the time, m.
         time: time, s; more than zero.
@@ -172,14 +176,14 @@ def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field
 
 
 def step_goal(goal: Any, drift: Drift, duration: Field) -> Any:
-    """A goal that nothing pushes, after a duration (s), exactly: it drifts as spacecraft do, its spin stays.
+    """Goal after a duration (s) of free motion, exactly: it drifts as spacecraft do and keeps its spin.
 
-    Its angular velocity is constant in its own frame, as of a body with equal moments.
+    Its angular velocity is constant in its own frame, as that of a body with equal moments of inertia.
     """
     p, v = drift.carry(goal.p, goal.v, duration)
     if isinstance(goal.attitude, Heading):
         return replace(goal, p=p, attitude=Heading(goal.attitude.angle + duration * goal.w), v=v)
     rate = sqrt(goal.w.dot(goal.w))
     half = 0.5 * duration * rate
-    axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # a goal that does not turn has no axis
+    axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # no axis without a rotation
     return replace(goal, p=p, attitude=goal.attitude.times(Quat(cos(half), *axis.columns())), v=v)

@@ -1,8 +1,8 @@
-"""Equations of motion, written once over fields: torch, NumPy and CasADi run this source.
+"""Equations of motion, written once over fields; torch, NumPy and CasADi run the same source.
 
-World frame W, body frame B at the centre of mass. Thrust is constant in B over one control period
-(zero-order hold) or in each of its pieces, disturbances are constant in W. Beside them a spacecraft moves as
-its drift says (`rans.model.drift`); there is no friction.
+World frame W, body frame B at the centre of mass. Thrust is constant in B over a control period (zero-order
+hold) or over each of its pieces. Disturbances are constant in W. Without both, a spacecraft follows its drift
+(`rans.model.drift`); there is no friction.
 """
 
 from __future__ import annotations
@@ -42,11 +42,12 @@ RULES: dict[int, Rule] = {
 """Gauss-Legendre nodes and weights on [0, 1], made beforehand: torch cannot trace NumPy's polynomials."""
 
 NODES = 6
-"""Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
-thrust's effect, is below 3e-13 up to 1 rad turned and 3e-11 up to 2 rad
+"""Nodes of the Gauss-Legendre rule for planar motion. Over one control period its error relative to the effect
+of the thrust is below 3e-13 for rotations up to 1 rad, and below 3e-11 up to 2 rad
 (docs/decisions/003-planar-motion-by-quadrature.md)."""
 _SPATIAL_NODES = 3
-"""The same in space: of order six, as the attitude is (docs/decisions/006-motion-in-space-by-series.md)."""
+"""Nodes of the rule in space: of order six, as the attitude is
+(docs/decisions/006-motion-in-space-by-series.md)."""
 
 
 @dataclass(frozen=True)
@@ -54,25 +55,25 @@ class State:
     """Motion of the body frame B in the world frame W: `PlanarState` or `SpatialState`."""
 
     p: Vector
-    """p_WB, m."""
+    """Position p_WB, m."""
     attitude: Attitude
-    """R_WB."""
+    """Attitude R_WB."""
     v: Vector
-    """v_WB, expressed in W, m/s."""
+    """Velocity v_WB, expressed in W, m/s."""
     w: Field
     """Angular velocity, rad/s."""
     notes: tuple[Field, ...] = ()
-    """What else a task's goals hold, such as which task is drawn or how much of a path is gone."""
+    """Further values of a task's goal, such as the index of the drawn task or the progress along a path."""
     stores: tuple[Field, ...] = ()
-    """What the craft's effectors have left or hold, as `rans.model.spacecraft.Spacecraft.stores` lists it:
-    propellant, kg, then the momentum of each reaction wheel, N m s. Goals have none."""
+    """Stores of the effectors in the order of `rans.model.spacecraft.Spacecraft.stores`: propellant left, kg,
+    then the momentum of each reaction wheel, N m s. Goals have none."""
 
     def normalised(self) -> Self:
         """The same state with its heading in [-pi, pi), or with a unit quaternion."""
         return replace(self, attitude=self.attitude.normalised())
 
     def spin(self) -> tuple[Field, ...]:
-        """The components of the angular velocity, rad/s."""
+        """Components of the angular velocity, rad/s."""
         return self.w.columns() if isinstance(self.w, Vec3) else (self.w,)
 
 
@@ -103,21 +104,25 @@ class Wrench:
     """Force and torque about the centre of mass: expressed in B for thrust, in W for a disturbance."""
 
     force: Vector
-    """N."""
+    """Force, N."""
     torque: Field
-    """N m; a vector in space, a scalar about z in the plane."""
+    """Torque, N m; a vector in space, a scalar about z in the plane."""
     exhaust: Field | None = None
-    """Sum of the forces of all thrusters, N, which is what uses propellant; None where nothing counts it."""
+    """Sum of the magnitudes of all thrusters' forces, N, which determines the propellant flow; None: not
+    computed."""
 
 
 def thrust(
     craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 ) -> tuple[Field, ...]:
-    """Share of its full force that each thruster gives, after its faults and the supply's limit.
+    """Share of its full force that each thruster gives, after faults and the limit of the supply.
 
-    Commands are 0 (shut) to 1 (open), those of wheels after the thrusters' are left out; without a body every
-    thruster does as it is told. The supply is shared by what is really open, if the craft's
-    ``thrust_sharing`` says so.
+    Args:
+        craft: spacecraft.
+        command: commands from 0 (shut) to 1 (open); commands of other effectors may follow and are ignored.
+        body: gains and leaks of the thrusters; None: every thruster follows its command.
+
+    A supply that the craft shares (``thrust_sharing``) is divided among the thrusters that are in fact open.
     """
     if len(craft.commands) > len(craft.thrusters):
         command = command[: len(craft.thrusters)]
@@ -144,12 +149,12 @@ def _is(field: Field, number: float) -> bool:
 
 
 def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
-    """Sum of the thrusters' forces and torques on B, about the true centre of mass; arguments as `thrust`."""
+    """Wrench of all thrusters in B about the true centre of mass; arguments as for `thrust`."""
     return wrench_of(craft, thrust(craft, command, body), body)
 
 
 def wrench_of(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
-    """That of thrusters which give these shares of their force; linear in them."""
+    """Wrench of thrusters that give these shares of their full force; linear in the shares."""
     forces = [thruster.force for thruster in craft.thrusters]
     exhaust = None if craft.propellant is None else _dot(shares, forces)
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
@@ -170,14 +175,14 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
 
 
 Piece = tuple[Field, Wrench, Wrench | None, float]
-"""A part of a control period: how long it lasts, s, the thrusters' wrench at its beginning and at its end, a
-straight line over time between (None: it stays), and how long it may last at most, s."""
+"""Piece of a control period: its duration, s; the thrusters' wrench at its start and at its end, linear in time
+between (end None: constant); and an upper bound on its duration, s."""
 
 
 def at_once(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
-    """What thrusters make of a command that they obey at once, for a control period, s."""
+    """Pieces of a control period (s) in which thrusters follow their command without delay."""
     for share, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
         longest = share * period if type(share) is float else period
         yield share * period, wrench(craft, part, body), None, longest
@@ -195,20 +200,20 @@ def advance(
     last: Wrench | None = None,
     momentum: tuple[Vec3, Vec3] | None = None,
 ) -> AnyState:
-    """The state after the wrench acted on the body for the duration (s), constant in B.
+    """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
     Args:
-        state: at the start.
-        applied: the wrench.
+        state: state at the start.
+        applied: wrench in B at the start.
         body: mass and inertia.
-        duration: of all substeps.
-        substeps: each is exact up to quadrature rounding in the plane and of order six in space.
-        nodes: of the quadrature in the plane; float32 needs only four.
-        disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
-        drift: how a free point moves.
-        last: what the wrench has become in the end, along a straight line over time; None: it stays.
-        momentum: angular momentum of what spins inside the body, N m s, in B, at the start and what is added to
-            it over the duration; None: nothing does. In the plane it changes no motion.
+        duration: duration of all substeps together, s.
+        substeps: number of substeps; each is exact up to rounding in the plane and of order six in space.
+        nodes: nodes of the quadrature in the plane; float32 needs only four.
+        disturbance: second wrench, constant in W, such as that of an uneven floor, a draught or a tether.
+        drift: motion of a free point.
+        last: wrench in B at the end, linear in time from ``applied``; None: constant.
+        momentum: angular momentum of the wheels inside the body in B, N m s, at the start and its change over the
+            duration; None: no wheels. It does not affect planar motion.
     """
     h = duration / substeps
     growth = None
@@ -231,19 +236,19 @@ def advance(
 
 @dataclass(frozen=True)
 class _Load:
-    """What acts on what."""
+    """Wrenches on a body over one substep, and the drift."""
 
     thrust: Wrench
     growth: Wrench | None
-    """What is added to the thrust until the end, along a straight line over time."""
+    """Change of the thrust until the end of the substep, linear in time."""
     disturbance: Wrench | None
     body: Body
     drift: Drift
     momentum: tuple[Vec3, Vec3] | None = None
-    """Angular momentum of the reaction wheels, in B, and what is added to it until the end, N m s."""
+    """Angular momentum of the reaction wheels in B and its change until the end, N m s."""
 
     def pushes(self) -> Callable[[float], Any]:
-        """Acceleration by the thrust, in B, when a share of the time is gone."""
+        """Acceleration by the thrust in B, m/s^2, as a function of the elapsed share of the substep."""
         first: Any = self.thrust.force.scale(1.0 / self.body.mass)
         if self.growth is None:
             return lambda _: first
@@ -251,14 +256,14 @@ class _Load:
         return lambda share: first + more.scale(share)
 
     def steady(self) -> Any:
-        """Acceleration by the disturbance, in W; None without one."""
+        """Acceleration by the disturbance in W, m/s^2; None without one."""
         return (
             None if self.disturbance is None else self.disturbance.force.scale(1.0 / self.body.mass)
         )
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
-    """Where torque is constant or linear the heading is a polynomial in time; translation by quadrature."""
+    """State after a substep h (s) in the plane: the heading is a polynomial in time, translation a quadrature."""
     torque = (
         load.thrust.torque
         if load.disturbance is None
@@ -278,7 +283,7 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     def times(u: Vec2, a: Any) -> Vec2:
         return Vec2(u.x * a.x - u.y * a.y, u.y * a.x + u.x * a.y)
 
-    # A thrust that is constant in B is turned once, after its directions are summed.
+    # A thrust that is constant in B is rotated once, after its directions are summed.
     rule = RULES[nodes]
     grows = load.growth is not None
     pushes = (times(turn(node), push(node)) if grows else turn(node) for node, _ in rule)
@@ -289,7 +294,10 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
-    """Spin by its Taylor series, attitude by Magnus', translation by quadrature, in B's axes at the start."""
+    """State after a substep h (s) in space, computed in the axes of B at its start.
+
+    The spin is a Taylor series, the attitude a Magnus series, and the translation a quadrature.
+    """
     inertia = load.body.inertia
     pull = load.disturbance
     growth = load.growth
@@ -325,22 +333,22 @@ def moved(
     in_world: Callable[[Any, Field], Any],
     steady: Any = None,
 ) -> tuple[Any, Any]:
-    """Position and velocity after h.
+    """Position and velocity in W after a substep h.
 
-    The thrust's acceleration a(t) is a kick w_i h a(s_i h) at every node s_i of weight w_i, which the
-    drift carries for the rest of the time. Where kicks travel straight they are summed first:
-    v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h), and a disturbance's
-    share is exact, as its force does not turn.
+    The acceleration a(t) of the thrust is replaced by a velocity change w_i h a(s_i h) at every node s_i of
+    weight w_i, which the drift propagates for the rest of the substep. If the drift is a straight line, the
+    changes are summed first: v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h).
+    The contribution of a disturbance is then exact, because its force does not rotate.
 
     Args:
         p: position in W at the start, m.
-        v: velocity in W, m/s.
-        h: s.
-        drift: how a free point moves.
-        rule: nodes and weights.
-        pushes: the acceleration at each node, in any form of which sums can be made.
-        in_world: makes a vector in W of that form and a scalar to multiply it with.
-        steady: a second acceleration, constant in W, m/s^2.
+        v: velocity in W at the start, m/s.
+        h: duration of the substep, s.
+        drift: motion of a free point.
+        rule: nodes and weights of the quadrature.
+        pushes: acceleration at each node, in any representation that can be summed.
+        in_world: converts such a sum, times a scalar, to a vector in W.
+        steady: second acceleration, constant in W, m/s^2.
     """
     if not drift.in_straight_lines:
         p, v = drift.carry(p, v, h)

@@ -1,13 +1,13 @@
-"""Vectors and rotations whose members are *fields*, and the functions that act on fields.
+"""Vectors and rotations whose members are *fields*, and functions of fields.
 
-A field is one scalar quantity of however many spacecraft: a torch tensor ``(N,)`` in the fast
-engine, a float or NumPy array in a test or the Drake environment, a CasADi ``SX`` in an optimal
-control problem, a `rans.model.trace.Symbol` while a GPU kernel is generated. Equations written
-over fields are plain arithmetic on named scalars, so one source serves all these libraries and
-compiles into one kernel (docs/decisions/001-structure-of-fields.md).
+A field is one scalar quantity of one or many spacecraft: a torch tensor ``(N,)`` in the fast engine, a float or
+NumPy array in a test or the Drake environment, a CasADi ``SX`` in an optimal control problem, or a
+`rans.model.trace.Symbol` while a GPU kernel is generated. Equations over fields are arithmetic on named scalars,
+so the same source runs in all these libraries and compiles into one kernel
+(docs/decisions/001-structure-of-fields.md).
 
-Two rules keep it traceable: multiply a vector with ``v.scale(s)``, never ``s * v`` (a torch tensor
-on the left takes the operator first), and never branch on a field: use `where`.
+Two rules keep equations traceable. Multiply a vector with ``v.scale(s)``, never ``s * v``: a torch tensor on the
+left takes the operator first. Never branch on a field; use `where`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ sin, cos, exp, log, tanh, absolute, floor = map(
 
 
 def sqrt(x: Field) -> Field:
-    """Square root. Where torch asks for its gradient, that is zero at zero, not infinite: a norm's, at rest."""
+    """Square root. In torch its gradient at zero is zero, not infinite, so that norms of zero vectors have one."""
     if getattr(x, "requires_grad", False):
         positive = x > 0
         return where(positive, x, 1.0).sqrt() * positive
@@ -68,7 +68,7 @@ def atan2(y: Field, x: Field) -> Field:
 
 
 def where(condition: Field, a: Field, b: Field) -> Field:
-    """``a`` where the condition holds, else ``b``; a plain number where that is plain."""
+    """``a`` where the condition is true, else ``b``; the condition is a field or a bool."""
     if isinstance(condition, bool):
         return a if condition else b
     return _function("where", condition, a, b)(condition, a, b)
@@ -93,7 +93,7 @@ def within(x: Field, low: float, high: float) -> Field:
 
 
 def ascending(values: Sequence[Field]) -> list[Field]:
-    """Fields of the same numbers, the smallest first (a bubble sort, which never branches)."""
+    """The fields sorted in ascending order (by a bubble sort, which needs no branches)."""
     result = list(values)
     for last in range(len(result) - 1, 0, -1):
         for k in range(last):
@@ -109,12 +109,12 @@ def wrap(angle: Field) -> Field:
 
 
 def finite(*xs: Field) -> Field:
-    """Whether all of them are numbers: a sum is neither NaN nor infinite unless one of its terms is."""
+    """Whether all fields are finite, by their sum: it is NaN or infinite if one of its terms is."""
     return absolute(reduce(operator.add, xs)) < 1e30  # beyond float32's squares
 
 
 def leaves(tree: Any) -> tuple[Field, ...]:
-    """The fields of a tree of frozen dataclasses, in the order of definition; None has no field."""
+    """Fields of a tree of frozen dataclasses and tuples, in the order of definition; None has no field."""
     found: list[Field] = []
     _gather(tree, found)
     return tuple(found)
@@ -136,12 +136,12 @@ def _gather(tree: Any, found: list[Field]) -> None:
 
 
 def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:
-    """A tree of the same shape whose every field is ``function(field, *fields_of_the_others)``."""
+    """Tree of the same structure whose fields are ``function(field, *fields_of_the_others)``."""
     return unflatten(tree, map(function, leaves(tree), *map(leaves, others)))
 
 
 def unflatten(tree: Tree, fields: Iterable[Field]) -> Tree:
-    """A tree of the same shape filled with the fields, in the order `leaves` gives them."""
+    """Tree of the same structure filled with these fields, in the order of `leaves`."""
     return _filled(tree, iter(fields))
 
 
@@ -202,7 +202,7 @@ class Attitude(ABC):
 
     @abstractmethod
     def columns(self) -> tuple[Field, ...]:
-        """What a policy sees of it: (cos, sin), or the first two rows of the rotation matrix."""
+        """Continuous representation for policies: (cos, sin), or the first two rows of the rotation matrix."""
 
 
 @dataclass(frozen=True)
@@ -233,13 +233,13 @@ class Vec3(Vector):
 
 @dataclass(frozen=True)
 class Heading(Attitude):
-    """A rotation in the plane, R_WB, given by its angle; a task written for it serves `Quat` as well."""
+    """A rotation in the plane, R_WB, by its angle; it has the same methods as `Quat`, so that tasks serve both."""
 
     angle: Field
     """Heading of B's x axis in W, rad, not wrapped."""
 
     def rotate(self, v: Vec2) -> Vec2:
-        """A vector given in B, expressed in W."""
+        """Vector expressed in W, from one expressed in B."""
         c = cos(self.angle)
         s = sin(self.angle)
         return Vec2(c * v.x - s * v.y, s * v.x + c * v.y)
@@ -263,7 +263,7 @@ class Heading(Attitude):
 
 @dataclass(frozen=True)
 class Quat(Attitude):
-    """A rotation in space, R_WB, given by a unit quaternion (w, x, y, z)."""
+    """A rotation in space, R_WB, as a unit quaternion (w, x, y, z)."""
 
     w: Field
     x: Field
@@ -271,10 +271,10 @@ class Quat(Attitude):
     z: Field
 
     def rotate(self, v: Vec3) -> Vec3:
-        """A vector given in B, expressed in W: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
+        """Vector expressed in W, from v expressed in B: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
 
-        Off unit length this form scales the vector but still turns it exactly; the shorter
-        v + 2 u x (u x v + w v) does not.
+        For a quaternion that is not of unit length this form scales the vector but still rotates it exactly; the
+        shorter v + 2 u x (u x v + w v) does not.
         """
         w = self.w
         u = Vec3(self.x, self.y, self.z)
@@ -301,7 +301,7 @@ class Quat(Attitude):
         return self.conjugate().times(goal)
 
     def magnitude(self) -> Field:
-        """The angle of the rotation, rad, in [0, pi]; without arccos it has no NaN at the ends."""
+        """The angle of the rotation, rad, in [0, pi]; atan2 instead of arccos avoids NaN at both ends."""
         return 2.0 * atan2(Vec3(self.x, self.y, self.z).norm(), absolute(self.w))
 
     def normalised(self) -> Quat:

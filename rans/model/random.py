@@ -1,4 +1,4 @@
-"""Counter-based random numbers: what an episode draws is a function of seed and episode number alone."""
+"""Counter-based random numbers: the draws of an episode are a function of its seed and number alone."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def seed_words(seed: int) -> tuple[int, int]:
     """A 64-bit seed, signed or not, as two signed 32-bit words (low, high).
 
     Raises:
-        ConfigError: the seed is no whole number, or has more than 64 bits.
+        ConfigError: the seed is not a whole number, or has more than 64 bits.
     """
     if not isinstance(seed, Integral) or not -(2**63) <= seed < 2**64:
         raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {brief(seed)}.")
@@ -44,7 +44,7 @@ def seed_words(seed: int) -> tuple[int, int]:
 
 
 def generator(seed: int) -> np.random.Generator:
-    """NumPy's, of any seed that `seed_words` takes."""
+    """NumPy random generator for any seed that `seed_words` accepts."""
     seed_words(seed)
     return np.random.default_rng(seed % 2**64)
 
@@ -52,8 +52,8 @@ def generator(seed: int) -> np.random.Generator:
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
     """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
 
-    PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020: the cheapest
-    of their hashes that passes the statistical tests at four words in, four words out.
+    Source: PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020, the cheapest of
+    their hashes from four words to four words that passes the statistical tests.
     """
     a, b, c, d = (x * 1664525 + 1013904223 for x in (a, b, c, d))
     a, b, c, d = _mix(a, b, c, d)
@@ -70,7 +70,7 @@ def _mix(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
 
 
 def real(whole: Field, dtype: Any) -> Field:
-    """A whole number, or a field of them, as a real of this floating dtype."""
+    """Whole number, or field of whole numbers, converted to this floating dtype."""
     if isinstance(whole, int | float | np.generic):
         return float(whole)
     return whole.astype(dtype) if isinstance(whole, np.ndarray) else whole.to(dtype)
@@ -78,34 +78,38 @@ def real(whole: Field, dtype: Any) -> Field:
 
 @dataclass(frozen=True)
 class Draws:
-    """What N running environments draw with."""
+    """Seed and episode numbers of N environments, from which their random numbers follow."""
 
     low: Field
-    """Low word of the seed (`seed_words`), one for all or each one's own."""
+    """Low word of the seed (`seed_words`), one for all environments or one for each."""
     high: Field
-    """High word."""
+    """High word of the seed, one for all environments or one for each."""
     first: Field
-    """Number of each environment's first episode, int32."""
+    """Number of the first episode of each environment, int32."""
     stride: Any
-    """How far it is from one episode of an environment to its next."""
+    """Difference between the numbers of two successive episodes of an environment."""
     dtype: Any
-    """Floating dtype of what is drawn, of the fields' library."""
+    """Floating dtype of the draws, of the library of the fields."""
 
     def random(self, dimension: Literal[2, 3], number: Field, block: Field = 0) -> Random:
-        """The random numbers of the episodes with these numbers, see `Random`."""
+        """Random numbers of the episodes with these numbers, see `Random`."""
         return Random(dimension, self.low, self.high, number, self.dtype, block)
 
     def real(self, whole: Field) -> Field:
-        """A whole number, or a field of them, as a real."""
+        """Whole number, or field of whole numbers, converted to the floating dtype."""
         return real(whole, self.dtype)
 
 
 class Random:
-    """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
+    """Random numbers of one episode, of one or many spacecraft; each call takes the next ones.
 
-    The dimension, 2 or 3, decides what `direction` and `attitude` return. The seed's low and high word are
-    ints or int32 fields, the episode's number is an int32 field; the draws have a dtype of its library.
-    Blocks of four numbers each are counted from ``block`` on, an int or an int32 field.
+    Args:
+        dimension: 2 or 3, which determines the results of `direction` and `attitude`.
+        low: low word of the seed, an int or an int32 field.
+        high: high word of the seed, an int or an int32 field.
+        episode: number of the episode, an int32 field.
+        dtype: floating dtype of the draws, of the library of ``episode``.
+        block: index of the first block of four numbers, an int or an int32 field.
     """
 
     def __init__(
@@ -126,7 +130,7 @@ class Random:
         self._spare: Field = None
 
     def unit(self) -> Field:
-        """Uniform in [0, 1), a multiple of 2^-24 and so the same in float32 and float64."""
+        """Uniform in [0, 1): a multiple of 2^-24, and thus the same in float32 and float64."""
         if not self._words:
             low, high = (self._episode * 0 + word for word in self._key)
             self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
@@ -141,12 +145,12 @@ class Random:
         return low + (high - low) * self.unit()
 
     def within(self, values: Range) -> Field:
-        """Uniform between the bounds of a range; a number for itself, for which one is drawn in vain."""
+        """Uniform between the bounds of a range; a number is returned as is, and one draw is skipped."""
         u = self.unit()
         return values[0] + (values[1] - values[0]) * u if isinstance(values, tuple) else values
 
     def whole(self, values: Range) -> Field:
-        """A whole number, each within a range as likely as the next, as a real."""
+        """Whole number, uniform over those within a range, as a floating number."""
         u = self.unit()
         return (
             values[0] + floor((values[1] - values[0] + 1.0) * u)
@@ -155,7 +159,7 @@ class Random:
         )
 
     def normal(self) -> Field:
-        """From the standard normal distribution (Box and Muller, 1958)."""
+        """Draw from the standard normal distribution (Box and Muller, 1958)."""
         if self._spare is not None:
             result = self._spare
             self._spare = None
@@ -166,18 +170,18 @@ class Random:
         return radius * cos(angle)
 
     def vector(self, length: Range) -> Vec2 | Vec3:
-        """A vector in any direction whose length is within a range."""
+        """Vector in a uniformly drawn direction whose length is drawn from a range."""
         return self.direction().scale(self.within(length))
 
     def turn(self, size: Range) -> Field:
-        """A turn about z either way, or a vector about any axis, whose size is within a range."""
+        """Rotation of a size drawn from a range: about z with a random sign, or a vector about a random axis."""
         if self.dimension == 3:
             return self.vector(size)
         side = self.unit()
         return where(side < 0.5, side * 0.0 - 1.0, side * 0.0 + 1.0) * self.within(size)
 
     def direction(self) -> Vec2 | Vec3:
-        """A unit vector, uniform on the circle or the sphere (Archimedes' cylinder)."""
+        """Unit vector, uniform on the circle or the sphere (Archimedes' cylinder)."""
         angle = self.uniform(-math.pi, math.pi)
         if self.dimension == 2:
             return Vec2(cos(angle), sin(angle))
@@ -186,7 +190,7 @@ class Random:
         return Vec3(r * cos(angle), r * sin(angle), z)
 
     def attitude(self) -> Heading | Quat:
-        """A rotation, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III)."""
+        """Attitude, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III)."""
         if self.dimension == 2:
             return Heading(self.uniform(-math.pi, math.pi))
         u = self.unit()
@@ -197,23 +201,23 @@ class Random:
         return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
 
     def spin(self, fastest: float) -> Field:
-        """An angular velocity up to this rate, rad/s: about z either way, or about any axis of B."""
+        """Angular velocity up to this rate, rad/s: about z with a random sign, or about a random axis of B."""
         if self.dimension == 2:
             return self.uniform(-fastest, fastest)
         return self.direction().scale(self.uniform(0.0, fastest))
 
     def around(self, low: float, high: float) -> State:
-        """A state at rest so far from the origin, m, with any bearing and attitude."""
+        """State at rest at a distance between two bounds from the origin (m), with random bearing and attitude."""
         direction = self.direction()
         distance = self.uniform(low, high)
         return self.at_rest(direction.scale(distance), self.attitude())
 
     def at_rest(self, p: Vector, attitude: Attitude) -> State:
-        """The state at this place with no velocity."""
+        """State at rest at this position (W, m)."""
         return replace(self.moving(self.origin(), attitude), p=p)
 
     def moving(self, velocity: Vector, attitude: Attitude, spin: Field = None) -> State:
-        """The state at the origin with this velocity and spin, by default none."""
+        """State at the origin with this velocity (W, m/s) and spin (rad/s); by default without spin."""
         kind: Any = PlanarState if self.dimension == 2 else SpatialState
         if spin is None:
             spin = 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)

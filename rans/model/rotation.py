@@ -1,6 +1,6 @@
-"""The rotation of a rigid body in space: spin and attitude as power series in time.
+"""Rotation of a rigid body in space: spin and attitude as power series in time.
 
-A series is a list of vectors, the coefficients of the powers of the share of a step that is gone.
+A series is a list of vectors: the coefficients of the powers of the elapsed share of a step.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from rans.model.fields import Field, Quat, Vec3
 Series = Sequence[Vec3]
 
 _ORDER = 8
-"""Of the spin's series where moments of inertia differ."""
+"""Order of the series of the spin where moments of inertia differ."""
 _EVEN_ORDER = 4
-"""Of equal moments under a torque that turns: it only says where that points (`pulled`)."""
+"""Order of the series for equal moments under a torque that rotates in B; only its direction follows from the
+series (`pulled`)."""
 
 _IN_THE_MIDDLE = [[math.comb(j, k) * 0.5 ** (j - k) for j in range(_ORDER + 1)] for k in range(4)]
-"""Share that every coefficient of a series has in its k-th derivative there, over k factorial."""
+"""Factor of every coefficient of a series in its k-th derivative at the middle of the step, over k factorial."""
 _ALTERNATING = {
     first: [(-1) ** k / math.perm(first - 1 + 2 * k, 2 * k) for k in range(4, -1, -1)]
     for first in (2, 3)
 }
-"""Coefficients by falling powers; all made beforehand, as torch traces few functions of numbers."""
+"""Coefficients by descending powers, computed once because torch can trace few functions of numbers."""
 
 
 def at(series: Series, share: float) -> Vec3:
@@ -45,20 +46,20 @@ def spin_series(
     steady: Vec3 | None,
     stored: Sequence[Vec3] | None = None,
 ) -> Series:
-    """Taylor series of the angular velocity over the share of h that is gone.
+    """Taylor series of the angular velocity in the elapsed share of a step.
 
-    Euler's equation, I w' = tau - w x ((I - I_zz 1) w + h): a multiple of the unit tensor has no part in
-    w x I w, so the series of a body with three equal moments, in which nothing spins (h = 0), ends after its
-    second term. A torque that is constant in W turns in B: u' = u x w.
+    Euler's equation is I w' = tau - w x ((I - I_zz 1) w + H), with the angular momentum H of the wheels: a
+    multiple of the unit tensor does not contribute to w x I w. The series of a body with three equal moments of
+    inertia and without wheels therefore ends after its second term. A torque u that is constant in W rotates in
+    B: u' = u x w.
 
     Args:
         w: angular velocity in B, rad/s.
-        torque: in B, by powers of that share: one entry if it is constant, N m.
+        torque: torque in B by powers of the elapsed share, N m; one entry if it is constant.
         inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
         h: length of the step, s.
-        steady: a second torque, constant in W, as B sees it at the start, N m.
-        stored: angular momentum of what spins inside the body, in B, by powers of the share of h, N m s; None:
-            nothing does.
+        steady: second torque, constant in W, expressed in B at the start, N m.
+        stored: angular momentum of the wheels in B by powers of the elapsed share, N m s; None: no wheels.
     """
     xx, xy, xz, yy, yz, zz = inertia
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
@@ -84,7 +85,7 @@ def spin_series(
 
 
 def even(inertia: Sequence[Field]) -> bool:
-    """Whether all moments of inertia, as in `spin_series`, are known to be equal."""
+    """Whether all moments of inertia, as in `spin_series`, are the same number or the same field."""
     xx, xy, xz, yy, yz, zz = inertia
     return all(
         isinstance(x, float) and x == 0.0 for x in (_less(xx, zz), xy, xz, _less(yy, zz), yz)
@@ -92,12 +93,12 @@ def even(inertia: Sequence[Field]) -> bool:
 
 
 def last_product(a: Series, b: Series) -> Vec3:
-    """The last known coefficient of the vector product of two series of the same length."""
+    """Last coefficient that two series of the same length determine of their vector product."""
     return reduce(add, [x.cross(y) for x, y in zip(a, reversed(b), strict=True)])
 
 
 def _less(a: Field, b: Field) -> Field:
-    """Their difference, known to be nothing where they are one and the same."""
+    """Difference a - b; the number 0.0 if both are the same object."""
     return 0.0 if a is b else a - b
 
 
@@ -127,24 +128,27 @@ def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
 
 
 class Rotation:
-    """The rotation of a body that turns at a given rate, by Magnus' series of order six.
+    """Rotation of a body with a known angular velocity over a step, by a Magnus series of order six.
 
-    Blanes, Casas and Ros, "Improved high order integrators based on the Magnus expansion", BIT 40, 2000: with
-    C = [a, b] and D = -[a, 2 c + C] / 60, the rotation vector is a + c / 12 + [-20 a - c + C, b + D] / 240,
-    where a, b and c stand for the rate's first moments: here r0 + r4 / 80, r1 + 3 r3 / 20 and r2 of its
-    Taylor coefficients in the middle of the step, times the duration. They multiply from the other side, so
-    that every bracket has its sign changed here. A rate that never changes is exact. The rate is the angular
-    velocity in the body's frame, rad/s; the step lasts for the duration, s.
+    Source: Blanes, Casas and Ros, "Improved high order integrators based on the Magnus expansion", BIT 40, 2000.
+    With C = [a, b] and D = -[a, 2 c + C] / 60 the rotation vector is a + c / 12 + [-20 a - c + C, b + D] / 240.
+    Here a, b and c are the first moments of the rate: r0 + r4 / 80, r1 + 3 r3 / 20 and r2, with its Taylor
+    coefficients r0, r1, ... at the middle of the step times the duration. The source multiplies from the other
+    side, so every bracket has the opposite sign here. A constant rate is exact.
+
+    Args:
+        rate: series of the angular velocity in the body frame, rad/s.
+        duration: length of the step, s.
     """
 
     def __init__(self, rate: Series, duration: Field) -> None:
         self.brackets = _brackets(rate, duration)
-        """What the rotation vector has beside the integral of the rate, for the whole step."""
+        """Rotation vector of the whole step less the integral of the rate."""
         self.whole = (
             _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
         )
         """Rotation vector of the whole step, in the frame at its start."""
-        # Its Taylor series as far as that is short, and one more term that ends it where the step ends.
+        # The first terms of its Taylor series, and one more term that makes the end of the step exact.
         zero = Vec3(0.0, 0.0, 0.0)
         w0, w1, w2, w3 = (*rate, zero, zero, zero, zero)[:4]
         second, third = (
@@ -155,7 +159,7 @@ class Rotation:
         self._path.append(self.whole - reduce(add, self._path))
 
     def vector(self, share: float) -> Vec3:
-        """Rotation vector from the start until this share of the step is gone, of order five."""
+        """Rotation vector from the start to this share of the step, of order five."""
         return at(self._path, share)
 
 
@@ -168,7 +172,7 @@ def _brackets(rate: Series, duration: Field) -> Vec3:
 
 
 def _derivative(series: Series, k: int) -> Vec3:
-    """The k-th of a series in the middle, over k factorial."""
+    """The k-th derivative of a series at the middle of the step, over k factorial."""
     return _sum(series[k:], _IN_THE_MIDDLE[k][k : len(series)])
 
 
@@ -180,15 +184,15 @@ def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
 def pulled(
     torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]], steady: Vec3
 ) -> tuple[Vec3, Vec3]:
-    """A torque and one that is constant in W, integrated once and twice over the share of a step gone.
+    """First and second integral over a step of a torque in B plus a torque that is constant in W.
 
-    Where moments of inertia are equal nothing else changes the spin, and this is closer to the truth than
-    the end of a series.
+    If all moments of inertia are equal, these integrals alone change the spin, and they are more accurate than
+    the series.
 
     Args:
-        torque: in B, by powers of that share, N m.
-        turns: rotation vectors at the nodes of a rule, the nodes and their weights.
-        steady: the other, as B sees it at the start, N m.
+        torque: torque in B by powers of the elapsed share, N m.
+        turns: rotation vectors at the nodes of a quadrature rule, the nodes and their weights.
+        steady: torque that is constant in W, expressed in B at the start, N m.
     """
     seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
     powers = range(1, len(torque) + 1)
@@ -214,12 +218,12 @@ def exponential(rotation: Vec3) -> Quat:
 
 
 def _sine_and_cosine(square: Field) -> tuple[Field, Field]:
-    """sin(x) / x and (1 - cos(x)) / x^2 from the square of x, by Taylor series: 3e-8 off at 1 rad."""
+    """sin(x) / x and (1 - cos(x)) / x^2 from the square of x, by Taylor series with an error of 3e-8 at 1 rad."""
     return _alternating(square, 2), 0.5 * _alternating(square, 3)
 
 
 def _alternating(square: Field, first: int) -> Field:
-    """1 - s / (n (n + 1)) + s^2 / (n (n + 1) (n + 2) (n + 3)) - ..., five terms."""
+    """Five terms of 1 - s / (n (n + 1)) + s^2 / (n (n + 1) (n + 2) (n + 3)) - ..."""
     result, *factors = _ALTERNATING[first]
     for factor in factors:
         result = square * result + factor

@@ -1,4 +1,4 @@
-"""What a spacecraft looks like, where its file says so: boxes, cylinders, cones, spheres and meshes."""
+"""Shapes that draw a spacecraft: boxes, cylinders, cones, spheres and meshes."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ _SIZES = {
     "sphere": ("radius",),
     "mesh": ("scale",),
 }
-"""What the numbers of a solid's size are, m; a mesh has a factor."""
+"""Meaning of the numbers in the size of a solid, m; a mesh has a factor."""
 _COLOUR = re.compile("#[0-9a-fA-F]{6}")
 _LARGEST = 1_000_000
-"""Characters of a mesh: it travels with the spacecraft, in every run folder and every page."""
+"""Largest number of characters of a mesh, which is stored with the spacecraft in every run folder and page."""
 _NAMED = re.compile(r"""(?m)^([ \t]*mesh[ \t]*=[ \t]*)(?:"([^"\\\n]*\.obj)"|'([^'\n]*\.obj)')""")
 
 MOST_SOLIDS = 200
-"""More would make pages slow, and takes a mesh."""
+"""Largest number of solids of a spacecraft; more would make pages slow and should be one mesh."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """One shape that is fixed to the spacecraft; for drawings only, it has no mass.
+    """One shape that is fixed to the spacecraft, for drawings only; it has no mass.
 
     Raises:
-        ConfigError: a value that cannot be drawn.
+        ConfigError: a value cannot be drawn.
     """
 
     shape: Literal["box", "cylinder", "cone", "sphere", "mesh"]
     size: tuple[float, ...]
-    """m: the lengths of a box along x, y and z; radius and length along z of a cylinder, or of a cone, which
-    points along z; a sphere's radius; a mesh's factor."""
+    """Size, m: lengths of a box along x, y and z; radius and length of a cylinder along z, or of a cone, which
+    points along z; radius of a sphere. For a mesh, a scale factor."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of its centre (of a mesh: of its origin) in G, m."""
+    """Position of the centre (of a mesh: of its origin) in G, m."""
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Where its z axis points in G; of any length but zero."""
+    """Direction of the solid's z axis in G, of any length above zero."""
     colour: str = ""
-    """"#rrggbb"; by default the colour that tells agents apart."""
+    """Colour "#rrggbb"; by default the colour that distinguishes agents."""
     mesh: str = ""
-    """Text of a mesh in the format OBJ: its lines v and f count."""
+    """Text of a mesh in the OBJ format; its lines v and f are read."""
 
     def __post_init__(self) -> None:
         wanted = _SIZES.get(self.shape, ())
@@ -79,16 +79,16 @@ class Solid:
             if not holds:
                 raise ConfigError(f"{what}, got {brief(value)}")
         if (self.shape == "mesh") is not bool(self.mesh):
-            raise ConfigError('the shape "mesh", and no other, has the key mesh')
+            raise ConfigError('the key mesh belongs to the shape "mesh", and no other')
         if self.mesh:
             triangles(self.mesh)
 
 
 def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, int]]]:
-    """Corners, m, and triangles of a mesh, each three indices of corners; polygons become fans.
+    """Vertices (m) and triangles of a mesh, each with three indices of vertices; polygons become triangle fans.
 
     Raises:
-        ConfigError: it is no such text, has no triangle, or is too large.
+        ConfigError: the text is not in the OBJ format, has no triangle, or is too large.
     """
     if "\n" not in text or len(text) > _LARGEST:
         raise ConfigError(
@@ -120,9 +120,12 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
 
 
 def with_meshes(text: str, folder: Path) -> str:
-    """A spacecraft's TOML text in which the meshes themselves stand where names of files did.
+    """TOML text of a spacecraft with the text of its meshes in place of the names of their files.
 
-    So it is whole wherever it is copied to. `ConfigError` where such a file cannot be read or lies elsewhere.
+    The result needs no other file.
+
+    Raises:
+        ConfigError: a file cannot be read, or is not beside the spacecraft's file.
     """
 
     def found(match: re.Match[str]) -> str:
@@ -135,6 +138,6 @@ def with_meshes(text: str, folder: Path) -> str:
         return match[1] + json.dumps(read_text(file, _LARGEST, "the mesh "))
 
     count = sum(1 for _ in _NAMED.finditer(text))
-    if count > MOST_SOLIDS:  # each is read, however small the file that names them
+    if count > MOST_SOLIDS:  # each one would be read
         raise ConfigError(f"a spacecraft may have at most {MOST_SOLIDS} meshes, got {count:,}.")
     return _NAMED.sub(found, text)

@@ -1,7 +1,8 @@
-"""What a spacecraft is made of: masses and thruster geometry, and nothing derived by hand.
+"""Description of a spacecraft: mass properties and the geometry of its effectors.
 
-A spacecraft is described in a body-fixed frame G whose origin the author chooses; the body frame B
-used by the equations has the same axes and its origin at the centre of mass.
+A spacecraft is described in a body-fixed frame G with an origin of the author's choice. The body frame B of the
+equations has the same axes and its origin at the centre of mass. Derived quantities such as wrenches are
+computed from the description.
 """
 
 from __future__ import annotations
@@ -28,83 +29,83 @@ PlanarThruster = tuple[Pair, Pair, float]
 
 _SMALLEST = 1e-9
 _LARGEST = 1e9
-"""Range of a mass, force, radius or principal moment, and bound of a coordinate (SI): their products
-and the inertia tensor's determinant then stay within float32."""
+"""Range of a mass, force, radius or principal moment, and bound of a coordinate (SI). Their products and the
+determinant of the inertia tensor then stay within float32."""
 _POSITIVE = f"a number from {_SMALLEST:g} to {_LARGEST:g}"
 _TRIPLE = f"three numbers within +-{_LARGEST:g}"
 
 _PLANE_TOLERANCE = 1e-9
-"""Out-of-plane part of a position (m) or unit direction taken for rounding in the file."""
+"""Out-of-plane component of a position (m) or unit direction that is accepted as rounding."""
 
 
 @dataclass(frozen=True)
 class Thruster:
-    """One nozzle, rigidly attached.
+    """One thruster nozzle, fixed to the body.
 
     >>> rans.Thruster(position=(0.3, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0).force
     1.0
     """
 
     position: tuple[float, float, float]
-    """Where the force acts, in G, m."""
+    """Point of application of the force in G, m."""
     direction: tuple[float, float, float]
-    """Unit vector of the force on the spacecraft (the exhaust leaves the other way), in G."""
+    """Unit vector of the force on the spacecraft in G; the exhaust leaves in the opposite direction."""
     force: float
-    """Thrust when fully on, N."""
+    """Full thrust, N."""
 
 
 class CommandRange(NamedTuple):
-    """One number that a craft takes in every control period, from a least to a largest."""
+    """Name, kind and bounds of one command of a craft."""
 
     name: str
-    """Such as "thruster 0" or "wheel 2"."""
+    """Name such as "thruster 0" or "wheel 2"."""
     kind: str
-    """"on-off", "pulsed", "throttle" or "wheel"."""
+    """Kind: "on-off", "pulsed", "throttle" or "wheel"."""
     low: float
     high: float
 
 
 class Store(NamedTuple):
-    """One number that effectors keep in a craft's state, such as propellant left."""
+    """Name, unit and bounds of one state of an effector, such as the propellant left."""
 
     name: str
     unit: str
     initial: float
-    """At the start of an episode."""
+    """Value at the start of an episode."""
     low: float
     high: float
 
 
 class FurtherEffector(Protocol):
-    """What a spacecraft reads of an effector that is neither thruster, propellant nor wheel.
+    """Interface of an effector that is neither thruster, propellant nor wheel.
 
-    `rans.effectors.effector.Effector` is what such effectors derive from.
+    Such effectors derive from `rans.effectors.effector.Effector`.
     """
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
-        """Numbers that it takes in every control period."""
+        """Commands of the effector in every control period."""
         ...
 
     @property
     def stores(self) -> tuple[Store, ...]:
-        """Numbers that it keeps in the craft's state."""
+        """States of the effector, which are part of the craft's state."""
         ...
 
     @property
     def largest_torque(self) -> float:
-        """The largest torque that it can give, N m, by which the integration steps are chosen."""
+        """Largest torque of the effector, N m, from which the number of substeps is chosen."""
         ...
 
 
 @dataclass(frozen=True)
 class Spacecraft(NotebookRepr):
-    """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
+    """A rigid body with thrusters that moves in the plane (dimension 2) or in space (dimension 3).
 
     >>> rans.load_spacecraft("free-flyer")
     <Spacecraft free-flyer: 5.32 kg in space, thrusters 16 x 1 N>
 
-    One for the plane is shorter to write with `planar`.
+    `planar` is a shorter constructor for the plane.
 
     Raises:
         ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
@@ -114,33 +115,33 @@ class Spacecraft(NotebookRepr):
     dimension: Literal[2, 3]
     """2: x, y and heading (3DoF); 3: position and attitude (6DoF)."""
     mass: float
-    """kg."""
+    """Mass with a full tank, kg."""
     inertia: tuple[tuple[float, float, float], ...]
     """Inertia tensor about the centre of mass, axes of G, kg m^2; the plane uses its zz entry."""
     thrusters: tuple[Thruster, ...]
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """In G, m."""
+    """Centre of mass in G, m."""
     thrust_sharing: ThrustSharing = "none"
-    """"none": each open thruster gives its full force. "split": the supply gives one thruster's worth, shared
-    by the open ones: F_i = F_max a_i / max(sum a, 1) (facts of the original system's 2024 platform)."""
+    """"none": each open thruster gives its full force. "split": the supply feeds the equivalent of one thruster,
+    which the open ones share: F_i = F_max a_i / max(sum a, 1), as on the 2024 platform of the original system."""
     radius: float = 0.31
     """Outer radius for drawings, m."""
     shape: Shape = "sphere"
-    """For drawings: of the platform's tank, or the free flyer's body."""
+    """Shape of the platform's tank or of the free flyer's body in drawings."""
     actuators: Actuators = ON_OFF
-    """How all thrusters take commands."""
+    """Command mode of all thrusters."""
     solids: tuple[Solid, ...] = ()
-    """What it looks like; by default a platform on air bearings in the plane, a free flyer in space."""
+    """Shapes for drawings; by default a platform on air bearings in the plane, a free flyer in space."""
     wheels: tuple[Wheel, ...] = ()
     """Reaction wheels; their commands come after those of the thrusters."""
     propellant: Propellant | None = None
-    """What thrusters use up; None: mass stays as it is."""
+    """Propellant of the thrusters; None: the mass is constant."""
     further_effectors: tuple[FurtherEffector, ...] = ()
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
 
     def __post_init__(self) -> None:
         check(self)
-        # What every step reads is known beforehand: torch's compiler cannot trace cached properties.
+        # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop
 
     @classmethod
@@ -159,7 +160,7 @@ class Spacecraft(NotebookRepr):
         wheels: tuple[Wheel, ...] = (),
         propellant: Propellant | None = None,
     ) -> Spacecraft:
-        """One that moves in a plane, from vectors of two numbers and one moment of inertia.
+        """Spacecraft in the plane, from vectors of two numbers and one moment of inertia.
 
         >>> rans.Spacecraft.planar("slider", 5.0, 0.1, [
         ...     ((-0.2, 0.1), (1, 0), 1.0), ((-0.2, -0.1), (1, 0), 1.0),
@@ -168,20 +169,20 @@ class Spacecraft(NotebookRepr):
         <Spacecraft slider: 5 kg in the plane, thrusters 6 x 1 N>
 
         Args:
-            name: of the spacecraft.
-            mass: kg.
-            inertia: about the centre of mass, kg m^2.
+            name: name of the spacecraft.
+            mass: mass, kg.
+            inertia: moment of inertia about the centre of mass, kg m^2.
             thrusters: position (x, y) in G, m, direction (x, y) of the force, of any length, and force, N.
-            centre_of_mass: (x, y) in G, m.
-            thrust_sharing: see the class.
-            radius: see the class, m.
-            shape: see the class.
-            actuators: see the class.
-            wheels: see the class; about z.
-            propellant: see the class.
+            centre_of_mass: centre of mass (x, y) in G, m.
+            thrust_sharing: "none" or "split", see `Spacecraft.thrust_sharing`.
+            radius: outer radius for drawings, m.
+            shape: shape for drawings.
+            actuators: command mode of all thrusters.
+            wheels: reaction wheels about z.
+            propellant: propellant of the thrusters; None: the mass is constant.
 
         Raises:
-            ConfigError: see the class.
+            ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
         """
         try:
             made = tuple(_in_plane(*one) for one in thrusters)
@@ -220,7 +221,7 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def commands(self) -> tuple[CommandRange, ...]:
-        """What the craft takes in every control period: of each thruster, each wheel, then further effectors."""
+        """Commands of a control period: one per thruster, one per wheel, then those of further effectors."""
         actuators = self.actuators
         thrusters = (
             CommandRange(f"thruster {i}", actuators.kind, actuators.low, actuators.high)
@@ -232,9 +233,9 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def stores(self) -> tuple[Store, ...]:
-        """Meaning of `rans.model.dynamics.State.stores`: propellant left, if it is used, then wheels' momenta.
+        """Entries of `rans.model.dynamics.State.stores`: propellant left, wheel momenta, further effectors.
 
-        Those of further effectors come last.
+        Propellant has an entry only if the craft has `propellant`.
         """
         tank = self.propellant
         left = () if tank is None else (Store("propellant", "kg", tank.mass, 0.0, tank.mass),)
@@ -247,18 +248,18 @@ class Spacecraft(NotebookRepr):
 
     @property
     def is_continuous(self) -> bool:
-        """Whether any command may be a number between its least and its largest."""
+        """Whether any command may take values between its bounds."""
         return self.actuators.is_continuous or len(self.commands) > len(self.thrusters)
 
     @property
     def command_dtype(self) -> Literal["int8", "float32"]:
-        """Type in which commands are remembered."""
+        """Number type in which commands are stored."""
         only_thrusters = len(self.commands) == len(self.thrusters)
         return self.actuators.dtype if only_thrusters else "float32"
 
     @property
     def lightest(self) -> float:
-        """Share of its mass and inertia that is left with an empty tank."""
+        """Mass with an empty tank over mass with a full tank; inertia has the same ratio."""
         return 1.0 if self.propellant is None else 1.0 - self.propellant.mass / self.mass
 
     @property
@@ -270,14 +271,14 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def droop(self) -> float:
-        """How much of each thruster's force every further open one takes, see `thrust_sharing`."""
+        """Droop of the shared supply: 1 if thrusters share it (`thrust_sharing`), else 0."""
         return 1.0 if self.thrust_sharing == "split" else 0.0
 
     @cached_property
     def wrench_map(self) -> tuple[tuple[float, ...], ...]:
-        """Per thruster, its full-on wrench on B about the centre of mass.
+        """Wrench of each thruster at full thrust about the centre of mass, in B, N and N m.
 
-        Plane: (F_x, F_y, tau_z); space: (F_x, F_y, F_z, tau_x, tau_y, tau_z); N and N m, axes of B.
+        Plane: (F_x, F_y, tau_z); space: (F_x, F_y, F_z, tau_x, tau_y, tau_z).
         """
         forces = np.array([np.array(t.direction) * t.force for t in self.thrusters])
         arms = np.array([t.position for t in self.thrusters]) - np.array(self.centre_of_mass)
@@ -287,27 +288,27 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def wheel_map(self) -> tuple[tuple[float, ...], ...]:
-        """Per wheel, the torque on the craft of the command 1: (tau_z,) in the plane, three in space; N m."""
+        """Torque of each wheel on the craft at command 1, in B, N m: (tau_z,) in the plane, three in space."""
         torques = [[-wheel.max_torque * x for x in wheel.axis] for wheel in self.wheels]
         return tuple(tuple(t[2:] if self.dimension == 2 else t) for t in torques)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """3 in the plane, 6 in space."""
+        """Number of degrees of freedom: 3 in the plane, 6 in space."""
         return 3 if self.dimension == 2 else 6
 
 
 MOST_WHEELS = 100
-"""More than any spacecraft has."""
+"""Largest number of wheels, well above that of any spacecraft."""
 MOST_THRUSTERS = 1000
-"""Ten times what any spacecraft has: more is a slip, and takes minutes only to be looked at."""
+"""Largest number of thrusters, ten times that of any spacecraft; more would take minutes to check."""
 
 
 def check(craft: Spacecraft) -> None:
-    """Refuse what cannot exist, warn about what cannot be controlled.
+    """Reject spacecraft that are not physical, and warn about those that cannot be controlled.
 
     Raises:
-        ConfigError: see `Spacecraft`.
+        ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
     """
     dimension = craft.dimension
     kinds = "OnOff(), Pulsed(counts, least) or Throttle()"
@@ -349,7 +350,7 @@ def check(craft: Spacecraft) -> None:
             index,
             checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
         )
-    # Engines that cannot be shut are for flight against gravity, which pushes where they do not.
+    # Engines that cannot be shut are for flight against gravity, which replaces the missing directions.
     if craft.actuators.low == 0.0 and not is_steerable(craft):
         warnings.warn(
             f"spacecraft {craft.name!r}: its {_effectors(craft)} cannot push and turn it in "
@@ -360,13 +361,13 @@ def check(craft: Spacecraft) -> None:
 
 
 def _effectors(craft: Spacecraft) -> str:
-    """Such as "8 thrusters and 1 reaction wheel"."""
+    """Number of effectors as text, such as "8 thrusters and 1 reaction wheel"."""
     wheels = f" and {counted(len(craft.wheels), 'reaction wheel')}" if craft.wheels else ""
     return f"{len(craft.thrusters)} thrusters{wheels}"
 
 
 def _in_plane(position: Pair, direction: Pair, force: float) -> Thruster:
-    """A thruster of two-vectors; a direction without a length is left to `check`."""
+    """Thruster from vectors of two numbers; `check` rejects a direction of zero length."""
     (x, y) = position
     (a, b) = direction
     length = math.hypot(a, b) or 1.0
@@ -379,7 +380,7 @@ def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str
 
 
 def _number(x: object) -> bool:
-    """Whether this is a real number in range; NaN is in no range, a truth value is no number."""
+    """Whether this is a real number in range; NaN and booleans are not."""
     return isinstance(x, int | float) and not isinstance(x, bool) and -_LARGEST <= x <= _LARGEST
 
 
@@ -392,7 +393,7 @@ def _triple(vector: tuple[float, ...]) -> bool:
 
 
 def _check_inertia(craft: Spacecraft) -> None:
-    """A rigid body's principal moments are positive and none exceeds the sum of the other two."""
+    """Reject tensors of no rigid body: principal moments must be > 0, and none above the sum of the others."""
 
     def require(holds: bool, bound: str) -> None:
         _require(holds, craft, "inertia", rows, bound)
@@ -490,11 +491,10 @@ def _check_propellant(craft: Spacecraft) -> None:
 
 
 def can_turn(craft: Spacecraft) -> bool:
-    """Whether any thruster or reaction wheel gives a torque about the centre of mass.
+    """Whether any effector gives a torque about the centre of mass.
 
-    A craft whose thrusters all act through its centre of mass moves as a point does: it can be pushed, but
-    its angular velocity stays as it is. Torques below a billionth of what the same force would give on the
-    longest arm are rounding.
+    A craft whose thrusters all act through its centre of mass moves as a point mass with constant angular
+    velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding.
     """
     if craft.wheels or any(one.largest_torque > 0.0 for one in craft.further_effectors):
         return True
@@ -505,10 +505,10 @@ def can_turn(craft: Spacecraft) -> bool:
 
 
 def is_steerable(craft: Spacecraft) -> bool:
-    """Whether effectors push the craft in every direction and, if any turns it, turn it about every axis.
+    """Whether effectors accelerate the craft in every direction and, if any gives a torque, about every axis.
 
-    Holds for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose forces
-    positively span the plane or space.
+    This is true for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose
+    forces positively span the plane or space.
     """
     wrenches = wrenches_either_way(craft)
     return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
@@ -520,7 +520,7 @@ def controls_every_direction(craft: Spacecraft) -> bool:
 
 
 def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
-    """Wrench of each thruster, and of each wheel either way: (3 or 6, effectors)."""
+    """Wrench of each thruster, and of each wheel in both directions, N and N m: (3 or 6, effectors)."""
     size = craft.dimension
     turns = np.array(
         [sign * np.array(column) for column in craft.wheel_map for sign in (1.0, -1.0)]
@@ -532,16 +532,16 @@ def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
 
 
 def _positively_spans(columns: np.ndarray) -> bool:
-    """Whether sums of columns (n, m) with factors >= 0 give every vector of n components.
+    """Whether the columns (n, m) positively span R^n: sums with factors >= 0 give every vector.
 
-    They do if and only if they span the space and zero is a combination of them with strictly
-    positive factors (Davis, "Theory of positive linear dependence", 1954).
+    This is the case if and only if they span R^n and zero is a combination of them with strictly positive
+    factors (Davis, "Theory of positive linear dependence", 1954).
     """
     columns = columns / np.linalg.norm(columns, axis=0)
     if np.linalg.matrix_rank(columns, tol=1e-9) < len(columns):
         return False
     ones = np.ones(columns.shape[1])
-    # The nearest factors to one that give zero: most craft need not wait for SciPy, 0.3 s.
+    # The factors nearest to one that give zero; for most craft this avoids the import of SciPy (0.3 s).
     if np.all(ones - np.linalg.lstsq(columns, columns @ ones)[0] > 1e-9):
         return True
     from scipy.optimize import nnls

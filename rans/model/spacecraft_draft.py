@@ -1,4 +1,4 @@
-"""A spacecraft's file with comments, from what its author knows: `rans init`."""
+"""Commented spacecraft files from a few numbers, as `rans init` writes them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from rans.model.actuators import KINDS, Actuators, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
 
 _MOST = 1e6
-"""Numbers beyond this are a slip of the unit."""
+"""Largest accepted number; larger ones are in a wrong unit."""
 
 
 def numbers(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
-    """Numbers of a text, between commas or spaces.
+    """Numbers of a text, separated by commas or spaces.
+
+    Args:
+        text: text to read.
+        what: name of the quantity in messages.
+        counts: accepted numbers of values.
 
     Raises:
-        ConfigError: it has others than so many finite numbers; ``what`` names them.
+        ConfigError: the text does not hold one of these counts of finite numbers.
     """
     words = text.replace(",", " ").split()
     wanted = " or ".join(map(str, counts))
@@ -39,7 +44,7 @@ def thruster_of(text: str, dimension: int) -> Thruster:
     """A thruster from "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5" in the plane.
 
     Raises:
-        ConfigError: there are not three parts, or a part is wrong; a direction has no length.
+        ConfigError: there are not three parts, a part is wrong, or the direction is zero.
     """
     parts = text.split(";")
     if len(parts) != 3:
@@ -57,7 +62,7 @@ def wheel_of(text: str) -> Wheel:
     """A reaction wheel from "AXIS; TORQUE; MOMENTUM; INERTIA", such as "0, 0, 1; 0.1; 0.7; 0.001".
 
     Raises:
-        ConfigError: there are not four parts, or a part is wrong; an axis has no length.
+        ConfigError: there are not four parts, a part is wrong, or the axis is zero.
     """
     parts = text.split(";")
     if len(parts) != 4:
@@ -76,8 +81,8 @@ def wheel_of(text: str) -> Wheel:
 def box_inertia(mass: float, size: Sequence[float]) -> tuple[tuple[float, float, float], ...]:
     """Inertia of a uniform box of this mass (kg) and size (x, y, z; m) about its centre, kg m^2.
 
-    I_xx = m (y^2 + z^2) / 12 and so on. In the plane, where a box has x and y alone, the only moment that counts
-    is the same of any height; the height taken is the mean of x and y.
+    I_xx = m (y^2 + z^2) / 12, and I_yy and I_zz likewise. In the plane a box has only x and y; its I_zz does not
+    depend on the height, for which the mean of x and y is taken.
     """
     x, y = size[:2]
     z = size[2] if len(size) == 3 else (x + y) / 2.0
@@ -88,10 +93,10 @@ def box_inertia(mass: float, size: Sequence[float]) -> tuple[tuple[float, float,
 def actuators_of(
     kind: str, counts: int | None, least: float | None, most: float | None
 ) -> Actuators:
-    """Actuators by the name of their kind; `counts`, `least` and `most` as far as the kind has them.
+    """Actuators of a kind, with those of `counts`, `least` and `most` that the kind has.
 
     Raises:
-        ConfigError: there is no such kind, it lacks a number or has no use for one, or the number is wrong.
+        ConfigError: the kind is unknown, a number is missing or does not belong to the kind, or it is out of range.
     """
     if kind not in KINDS:
         raise ConfigError(f"actuators are {', '.join(KINDS)}, got {brief(kind)}.")
@@ -116,11 +121,11 @@ def actuators_of(
 
 
 def commented(craft: Spacecraft, origin: str) -> str:
-    """The file of a spacecraft, with the unit and the meaning of every number and room for its source.
+    """TOML text of a spacecraft with the unit and meaning of every number and a place for its source.
 
     Args:
-        craft: what it describes; `rans.model.spacecraft_file.parse_spacecraft` gives it back.
-        origin: one line that says how it came to be.
+        craft: spacecraft; `rans.model.spacecraft_file.parse_spacecraft` reads it back.
+        origin: one line that says how the file was made.
     """
     return "\n".join(_lines(craft, origin)) + "\n"
 
@@ -128,7 +133,7 @@ def commented(craft: Spacecraft, origin: str) -> str:
 def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
     size = craft.dimension
     yield f"# {origin}"
-    yield "# G is any frame fixed to the body. Say beside every number where it comes from, or that it is"
+    yield "# G is any frame fixed to the body. Write the source of every number beside it, or that it is"
     yield "# estimated."
     yield f"name = {json.dumps(craft.name, ensure_ascii=False)}"
     where = "x, y and heading" if size == 2 else "position and attitude"
@@ -142,7 +147,7 @@ def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
     yield f"centre_of_mass = {list(craft.centre_of_mass)}  # m, in G; source:"
     yield f"radius = {craft.radius!r}  # m, for drawings"
     yield f'shape = "{craft.shape}"  # for drawings'
-    shared = "one thruster's worth is shared by the open ones"
+    shared = "the open thrusters share the force of one"
     alone = "every open thruster gives its full force"
     yield (
         f'thrust_sharing = "{craft.thrust_sharing}"  # '
@@ -171,7 +176,7 @@ def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
         yield ""
         yield f"[[thruster]]  # {index}"
         yield f"position = {list(thruster.position)}  # m, in G"
-        yield f"direction = {list(thruster.direction)}  # of the force; the exhaust leaves the other way"
+        yield f"direction = {list(thruster.direction)}  # of the force, opposite to the exhaust"
         yield f"force = {thruster.force!r}  # N, when open; source:"
     for index, wheel in enumerate(craft.wheels):
         yield ""

@@ -1,4 +1,4 @@
-"""Spacecraft from TOML files: strict, so that a misspelt key never passes for a default."""
+"""Spacecraft from TOML files, read strictly: an unknown key is an error."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _OPTIONAL = {"solid", "wheel", "effector"} | {f.name for f in dataclasses.fields
 
 
 class Described(NamedTuple):
-    """A spacecraft and the TOML text that it was made from."""
+    """A spacecraft and its TOML text."""
 
     text: str
     craft: Spacecraft
 
 
 def _described(found: Any) -> Described:
-    """A TOML text, a `Spacecraft` or a function that makes one, in one form."""
+    """Spacecraft with its text, from a TOML text, a `Spacecraft`, or a function that returns one."""
     if not isinstance(found, str):
         found = _made(found)
         found = to_toml(found)
@@ -45,12 +45,12 @@ def _described(found: Any) -> Described:
 
 
 def _made(found: Any) -> Spacecraft:
-    """A spacecraft itself, or what a function or a class of spacecraft makes; nothing else is called."""
+    """Spacecraft from itself, from a function, or from a subclass of `Spacecraft`; nothing else is called."""
     is_function = callable(found) and not isinstance(found, type)
     if is_function or _is_spacecraft_class(found):
         try:
             found = found()
-        except Exception as error:  # somebody else's code raises anything
+        except Exception as error:  # code of other packages may raise anything
             raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
     if not isinstance(found, Spacecraft):
         got = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
@@ -78,11 +78,11 @@ SPACECRAFT = Registry(
     _described,
     ", or a file whose name ends in .toml",
 )
-"""Every spacecraft that has a name."""
+"""Spacecraft by name."""
 
 
 def _effector_class(found: Any) -> Any:
-    """The class itself, if it is a dataclass with what `FurtherEffector` has."""
+    """The class, checked to be a dataclass with the members of `rans.model.spacecraft.FurtherEffector`."""
     members = ("commands", "stores", "largest_torque", "begin")
     has_all = isinstance(found, type) and all(hasattr(found, name) for name in members)
     if not has_all or not dataclasses.is_dataclass(found):
@@ -94,15 +94,15 @@ def _effector_class(found: Any) -> Any:
 
 
 EFFECTORS: Registry[Any] = Registry("kind of effector", "rans.effector", {}, _effector_class)
-"""Kinds of effectors that packages add, for ``[[effector]]`` tables."""
+"""Kinds of effectors for ``[[effector]]`` tables, registered by packages."""
 
 
 USUAL: dict[int, str] = {2: "floating-platform", 3: "free-flyer"}
-"""Who flies where none is named, by dimension."""
+"""Default spacecraft by dimension."""
 
 
 def spacecraft_names() -> list[str]:
-    """Names of the spacecraft that come with the package, and of those that others installed.
+    """Names of the spacecraft of RANS and of installed packages.
 
     >>> "atmos" in rans.spacecraft_names()
     True
@@ -111,15 +111,15 @@ def spacecraft_names() -> list[str]:
 
 
 def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
-    """The spacecraft of this name (`spacecraft_names`), MODULE:NAME, or of a path that ends in ``.toml``.
+    """Load a spacecraft by name (`spacecraft_names`), as MODULE:NAME, or from a path that ends in ``.toml``.
 
-    One that is given as such is itself.
+    A `Spacecraft` is returned as is.
 
     >>> rans.load_spacecraft("free-flyer")
     <Spacecraft free-flyer: 5.32 kg in space, thrusters 16 x 1 N>
 
     Raises:
-        ConfigError: no such name or file, or it does not describe a spacecraft.
+        ConfigError: the name or file does not exist, or does not describe a spacecraft.
     """
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
@@ -132,7 +132,11 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
 
 
 def spacecraft_text(name_or_file: str | Path) -> str:
-    """The TOML text behind `load_spacecraft`; `ConfigError`, where there is no such name or readable file."""
+    """TOML text that `load_spacecraft` reads for a name or path.
+
+    Raises:
+        ConfigError: the name does not exist, or the file cannot be read.
+    """
     given = str(name_or_file)
     return _file_text(given) if given.endswith(".toml") else SPACECRAFT[given].text
 
@@ -143,16 +147,21 @@ def _file_text(given: str) -> str:
 
 
 def parse_spacecraft(text: str, source: str) -> Spacecraft:
-    """The spacecraft that a TOML text describes; messages begin with the source.
+    """Spacecraft from a TOML text; messages begin with the source.
 
-    Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, ``[actuators]``
-    with their ``kind`` and its settings, a ``[[wheel]]`` table per reaction wheel, ``[propellant]`` where
-    thrusters use up mass, an ``[[effector]]`` table with its ``kind`` (MODULE:NAME, see `EFFECTORS`) and settings
-    for each of another kind, and a ``[[solid]]`` table for every shape that is drawn. Planar spacecraft may give
-    positions and directions of thrusters as two numbers and the inertia as one.
+    Its keys are the fields of `Spacecraft`, with the tables
+
+    - ``[[thruster]]`` for each thruster,
+    - ``[actuators]`` with the ``kind`` of the actuators and its settings,
+    - ``[[wheel]]`` for each reaction wheel,
+    - ``[propellant]`` if thrusters use propellant,
+    - ``[[effector]]`` for each further effector, with its ``kind`` (MODULE:NAME, see `EFFECTORS`) and settings,
+    - ``[[solid]]`` for each shape in drawings.
+
+    A planar spacecraft may have positions and directions of two numbers, and its inertia as one number.
 
     Raises:
-        ConfigError: names the source, the key, the value and the bound.
+        ConfigError: a key or value is wrong; the message names the source, the key, the value and the bound.
     """
     try:
         return _build(read_toml(text))
@@ -161,7 +170,7 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 
 
 def spacecraft_label(craft: Spacecraft) -> str:
-    """What names of files tell a spacecraft by: its name, with a digest unless it comes with RANS."""
+    """Label of a spacecraft in file names: its name, with a digest unless it comes with RANS."""
     text = to_toml(craft)
     if craft.name in SPACECRAFT.built_in and to_toml(SPACECRAFT[craft.name].craft) == text:
         return craft.name
@@ -169,7 +178,7 @@ def spacecraft_label(craft: Spacecraft) -> str:
 
 
 def to_toml(craft: Spacecraft) -> str:
-    """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
+    """TOML text from which `parse_spacecraft` reads the same spacecraft, up to rounding of directions."""
     table: dict[str, Any] = dataclasses.asdict(dataclasses.replace(craft, further_effectors=()))
     del table["further_effectors"]
     defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
@@ -192,14 +201,14 @@ def to_toml(craft: Spacecraft) -> str:
 
 
 def _effector_lines(effector: Any) -> str:
-    """Kind and settings of a further effector, which this process may read again."""
+    """Kind and settings of a further effector as TOML lines; the kind is then allowed in files of this process."""
     kind = f"{type(effector).__module__}:{type(effector).__qualname__}"
     EFFECTORS.vouch_for(kind)
     return _lines({"kind": kind} | dataclasses.asdict(effector))
 
 
 def _lines(table: dict[str, Any]) -> str:
-    """Texts, numbers and lists of them are written in TOML as they are in JSON."""
+    """TOML lines of a table of texts, numbers and lists, which TOML writes as JSON does."""
     return "".join(
         f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items()
     )
@@ -252,7 +261,7 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
 
 
 def _unit(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
-    """A direction of any length, made a unit vector."""
+    """Unit vector along a direction of any length."""
     direction = _vector(value, key, lengths)
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
@@ -325,7 +334,7 @@ def _check_keys(
     where: str,
     prefix: str,
 ) -> None:
-    """Refuse keys that are unknown, and tables without those that are needed."""
+    """Reject unknown keys, and tables without the required ones."""
     known = sorted({*needed, *optional})
     for key in table:
         if key not in known:
@@ -351,7 +360,7 @@ def _number(value: Any, key: str) -> float:
 
 
 def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
-    """Three numbers; where two are allowed, the third is zero."""
+    """Vector of three numbers; if two are allowed, the third is zero."""
     if not isinstance(value, list) or len(value) not in lengths:
         count = " or ".join(map(str, lengths))
         raise ConfigError(f"{key} must be a list of {count} numbers, got {brief(value)}.")
@@ -360,7 +369,7 @@ def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, floa
 
 
 def _inertia(value: Any, key: str) -> tuple[tuple[float, float, float], ...]:
-    """A full tensor, or one number for a body whose three principal moments are equal."""
+    """Inertia tensor from three rows, or from one number for three equal principal moments."""
     if not isinstance(value, list):
         moment = _number(value, key)
         return ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))

@@ -1,4 +1,4 @@
-"""How time is cut: control periods, physics substeps, episodes."""
+"""Time scales of an episode: control period, substeps, checks and length."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from rans.model.fields import Field
 from rans.renamed import renamed
 
 MOST_SUBSTEPS = 10_000
-"""A hundred times what any craft needs: more is a slip, and takes for ever."""
+"""Largest number of substeps, a hundred times what any craft needs."""
 MOST_CHECKS = 1_000
-"""So many instants are enough for every craft; each costs as much as a step."""
+"""Largest number of checks in a control period; each costs as much as a step."""
 MOST_STEPS = 2**20 - 1
-"""Of an episode. The engine counts them in the low bits of a 32-bit word, and episodes in the others."""
+"""Largest number of control periods in an episode. The engine counts them in the low bits of a 32-bit word, and
+episodes in the high bits."""
 
 
 @renamed(looks="checks")
 @dataclass(frozen=True)
 class Timing:
-    """Control rate, accuracy of the motion between two commands, and length of an episode.
+    """Control period, substeps and checks of a period, and length of an episode.
 
     >>> rans.Timing(control_period=0.1, episode_steps=250)
     Timing(control_period=0.1, substeps=None, episode_steps=250, checks=1)
@@ -30,16 +31,16 @@ class Timing:
     """
 
     control_period: float = 0.2
-    """Time a command is held, s: 5 Hz, as in the paper (section 3.1)."""
+    """Control period, s, for which a command is held; by default 5 Hz, as in the paper (section 3.1)."""
     substeps: int | None = None
-    """Integration steps a control period. None: as many as the craft needs (`rans.model.accuracy.chosen`);
-    the spacecraft that come with RANS need one, which is exact to rounding in the plane and 0.01 mm off
-    after 25 s in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
+    """Integration steps in a control period. None: as many as the craft needs (`rans.model.accuracy.chosen`).
+    The spacecraft of RANS need one, which is exact to rounding in the plane and has an error of 0.01 mm after
+    25 s in space; the original system's ten steps at 50 Hz have one of 3.5 mm."""
     episode_steps: int = 125
-    """Control periods until an episode is cut off: 25 s."""
+    """Control periods until an episode is truncated; by default 25 s."""
     checks: int = 1
-    """Instants of a control period, evenly spaced, the last one at its end, at which a task's constraints,
-    success and memory are asked (`rans.tasks.base.Task`)."""
+    """Number of instants in a control period, evenly spaced with the last one at its end, at which constraints,
+    success and memory of a task are evaluated (`rans.tasks.base.Task`)."""
 
     def __post_init__(self) -> None:
         period = self.control_period
@@ -69,11 +70,11 @@ class Timing:
         return clock & self._mask
 
     def episode(self, clock: Field) -> Field:
-        """How many episodes of the same environment came before: the bits above them."""
+        """Number of earlier episodes of the same environment: the high bits of a clock."""
         return clock >> self._mask.bit_length()
 
     def next_episode(self, clock: Field) -> Field:
-        """The clock at the start of the next episode."""
+        """Clock at the start of the next episode."""
         return (clock | self._mask) + 1
 
     @property

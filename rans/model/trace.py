@@ -1,7 +1,7 @@
-"""Symbols: fields that write down what is done to them.
+"""Symbols: fields that record the operations on them.
 
-Running `rans.episode.step` on symbols gives its operations as a graph, every one of them
-once, with constants folded: the straight-line program that `rans.compile.cuda.source` prints.
+Running `rans.episode.step` on symbols gives a graph of its operations, without repeated operations and with
+constants folded: the branch-free program that `rans.compile.cuda.source` prints.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 Kind = Literal["real", "int", "bool"]
-"""real: the engine's floating dtype; int: 32 bits with wrap-around."""
+"""Type of a symbol. real: the engine's floating dtype; int: 32 bits with wrap-around."""
 Operand = Any
 """A symbol or a number."""
 
@@ -47,41 +47,41 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "tanh", "sqrt", "atan2")},
 }
 UNTRACEABLE = (TypeError, AttributeError)
-"""What a task raises that does more with a symbol than arithmetic, such as calling a tensor's method."""
+"""Exceptions of tasks that use more than arithmetic on a symbol, such as a method of tensors."""
 
 
 class Untraceable(TypeError):
-    """Equations asked a symbol for what only a number has, such as a branch on its value."""
+    """Equations used a symbol in a way that needs a number, such as a branch on its value."""
 
 
 class Symbol:
-    """One value of a step, of every spacecraft: an input, a constant, or an operation on symbols.
+    """One value of a traced program: an input, a constant, or an operation on symbols.
 
-    The same operation on the same symbols is the same object.
+    Equal operations on the same symbols are the same object.
     """
 
     __slots__ = ("__weakref__", "args", "kind", "operation", "serial", "value")
-    __array_ufunc__ = None  # NumPy's numbers on the left leave the operator to us
+    __array_ufunc__ = None  # NumPy scalars on the left defer to the operators below
 
     _interned: ClassVar[WeakValueDictionary[tuple[Any, ...], Symbol]] = WeakValueDictionary()
     _serials = itertools.count()
 
     operation: str
-    """"input", "constant", or one of those above."""
+    """"input", "constant", or an operation in the tables above."""
     args: tuple[Symbol, ...]
     kind: Kind
     value: Any
-    """Name of an input, number of a constant."""
+    """Name of an input, or number of a constant."""
     serial: int
-    """Grows with every new symbol, so that an operation has a greater one than its operands."""
+    """Serial number, increasing, so that that of an operation is above those of its operands."""
 
     @classmethod
     def _of(
         cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None
     ) -> Symbol:
         key = (operation, kind, tuple(map(id, args)), repr(value))
-        if (found := cls._interned.get(key)) is not None:
-            return found
+        if (known := cls._interned.get(key)) is not None:
+            return known
         new = object.__new__(cls)
         new.operation = operation
         new.kind = kind
@@ -93,15 +93,15 @@ class Symbol:
 
     @classmethod
     def input(cls, name: str, kind: Kind = "real") -> Symbol:
-        """A value that the program is given."""
+        """Input of the program with this name."""
         return cls._of("input", kind, value=name)
 
     @classmethod
     def constant(cls, value: Any, kind: Kind | None = None) -> Symbol:
-        """A number; by default of the kind that it is of.
+        """Constant symbol of a number; by default of the kind of its Python type.
 
         Raises:
-            Untraceable: it is no number.
+            Untraceable: the value is not a number.
         """
         if isinstance(value, Symbol):
             return value
@@ -109,18 +109,19 @@ class Symbol:
             value = value.item()
         if not isinstance(value, bool | int | float):
             raise Untraceable(
-                f"a symbol meets {type(value).__name__}, which is neither symbol nor number."
+                f"an operation on a symbol has a {type(value).__name__} operand; operands must be symbols or "
+                "numbers."
             )
-        own: Kind = (
+        natural: Kind = (
             "bool" if isinstance(value, bool) else "int" if isinstance(value, int) else "real"
         )
-        kind = kind or own
+        kind = kind or natural
         convert = {"real": float, "int": _wrapped, "bool": bool}[kind]
         return cls._of("constant", kind, value=convert(value))
 
     @classmethod
     def apply(cls, operation: str, *operands: Operand) -> Symbol:
-        """The result of an operation, computed at once where it is known."""
+        """Result of an operation; that of constants is a constant."""
         args = _alike(operation, operands)
         if all(arg.operation == "constant" for arg in args):
             return cls.constant(
@@ -133,11 +134,11 @@ class Symbol:
         return cls._of(operation, _kind(operation, args), args)
 
     def is_number(self, value: float) -> bool:
-        """Whether it is this constant."""
+        """Whether the symbol is a constant of this value."""
         return self.operation == "constant" and self.value == value
 
     def to(self, _dtype: Any) -> Symbol:
-        """As a real, whatever the engine's floating dtype is."""
+        """The symbol converted to real."""
         return Symbol.apply("real", self)
 
     def __neg__(self) -> Symbol:
@@ -172,7 +173,7 @@ def _wrapped(value: int) -> int:
 
 
 def _alike(operation: str, operands: tuple[Operand, ...]) -> tuple[Symbol, ...]:
-    """The operands as symbols; numbers take the kind of the symbols beside them."""
+    """Operands as symbols; numbers take the kind of the other operands."""
     args = [Symbol.constant(x) for x in operands]
     same = args[1:] if operation == "where" else args
     if operation != "real" and any(arg.kind == "real" for arg in same):
@@ -193,7 +194,7 @@ def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
 
 
 def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
-    """A simpler symbol with the same value wherever that is finite; None if there is none."""
+    """Simpler symbol with the same value wherever that is finite; None if there is none."""
     a = args[0]
     b = args[-1]
     if operation in ("+", "*", "&", "|", "^") and a.operation == "constant":
@@ -223,9 +224,9 @@ def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
 
 
 def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[Symbol]:
-    """Everything that the roots are made of, operands before operations, late enough to be used soon.
+    """Symbols that the roots depend on, each after its operands and close to its first use.
 
-    Without what is known, and without what only that is made of.
+    Symbols in ``known``, and those that only they depend on, are left out.
     """
     seen = set(known)
     stack = [(root, False) for root in reversed(list(roots))]
@@ -240,7 +241,7 @@ def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[S
 
 
 def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """The roots as they are when some symbols have other values, simplified again."""
+    """The roots with some symbols replaced by others, simplified again."""
     roots = list(roots)
     new = dict(values)
     for symbol in ordered(roots):

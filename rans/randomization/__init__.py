@@ -1,1 +1,1 @@
-"""What an episode draws: the body, thruster faults, delays, disturbances and sensor errors."""
+"""Domain randomization: body, thruster faults, delays, disturbances and sensor errors of an episode."""

@@ -1,7 +1,7 @@
-"""Conditions: what an episode does not promise, as distributions that every engine draws from alike.
+"""Conditions: distributions of domain randomization, faults, disturbances and sensor errors.
 
-A `Range` is a number, or the two bounds of a uniform distribution. Everything is drawn anew for each episode;
-the defaults are a perfect world, of which nothing is drawn, remembered or computed.
+A `Range` is a number, or the two bounds of a uniform distribution. Every episode draws new values, the same in
+every engine. The defaults are nominal: nothing is drawn, stored or computed.
 """
 
 from __future__ import annotations
@@ -19,150 +19,152 @@ from rans.model.spacecraft import Spacecraft
 from rans.structure import Range, is_range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
-"""Never open; always open; always open by a share; open by a share of what it is told."""
+"""Kinds of thruster faults: never open; always open; always open by a share; opens by a share of its command."""
 FaultChoice = Literal["any", "recoverable", "unrecoverable"]
-"""Any thrusters, each in a way of its own; sets without which every push and turn stays possible (`rans
-faults`), or sets without which not, each as likely as the next: their thrusters fail alike."""
+"""Which thrusters may fail. "any": any thrusters, each with a fault kind of its own. "recoverable" and
+"unrecoverable": sets after whose failure every force and torque is, or is not, still possible (`rans faults`);
+all sets are equally likely, and the thrusters of a set have the same fault kind."""
 
 
 class Varying(NamedTuple):
-    """A range that is one of several, by episode."""
+    """Range that differs between episodes, as one of several."""
 
     low: Field
     high: Field
     bounds: tuple[float, float]
-    """The least and the largest of them all."""
+    """Least lower bound and largest upper bound of all of them."""
 
 
 def bounds(values: Range | Varying) -> tuple[float, float]:
-    """The least and the largest of a range."""
+    """Lower and upper bound of a range."""
     if isinstance(values, Varying):
         return values.bounds
     return values if isinstance(values, tuple) else (values, values)
 
 
 def largest(values: Range | Varying) -> float:
-    """The largest of a range."""
+    """Upper bound of a range."""
     return bounds(values)[1]
 
 
 @dataclass(frozen=True)
 class BodyConditions(Settings):
-    """What flies, beside what was designed."""
+    """Randomization of the mass properties."""
 
     mass: Range = 1.0
     """Factor on the mass."""
     inertia: Range = 1.0
     """Factor on all moments of inertia."""
     centre: Range = 0.0
-    """How far the true centre of mass lies from the designed one, in any direction, m."""
+    """Distance between the true centre of mass and the designed one, in a random direction, m."""
 
 
 @dataclass(frozen=True)
 class ThrusterConditions(Settings):
-    """What nozzles and valves do with a command."""
+    """Randomization of thrust, delays and dwell times of the thrusters."""
 
     thrust: Range = 1.0
     """Factor on the force of each thruster, drawn for each."""
     pressure: Range = 1.0
-    """Factor on the force of all, by the pressure of their shared supply."""
+    """Factor on the force of all thrusters, from the pressure of their shared supply."""
     droop: Range | None = None
-    """How much the supply gives way: with n valves open, each has 1 / (1 + droop (n - 1)) of its force. None:
-    as the spacecraft says (0: an ample supply, 1: it feeds one thruster's worth)."""
+    """Droop of the supply: with n valves open, each thruster gives 1 / (1 + droop (n - 1)) of its force. None: that
+    of the spacecraft (0: an ample supply; 1: a supply for one thruster)."""
     latency: Range = 0.0
-    """From a command until valves begin to move, s."""
+    """Time from a command until valves begin to move, s."""
     command_delay: Range = 0.0
-    """From a decision until the command arrives, s; adds to the latency."""
+    """Time from a decision until the command arrives, s; adds to the latency."""
     rise: Range = 0.0
-    """From then until full force, in which the force grows steadily, s."""
+    """Time of a linear rise of the force after an opening valve begins to move, s."""
     fall: Range | None = None
-    """The same when a valve shuts, s; None: as the rise, in the same episode."""
+    """Time of a linear fall of the force after a closing valve begins to move, s; None: the rise time of the
+    episode."""
     least_on: Range = 0.0
     """Shortest time for which an on/off valve stays open, s."""
     least_off: Range = 0.0
-    """Shortest time for which it stays shut, s."""
+    """Shortest time for which an on/off valve stays shut, s."""
 
 
 @dataclass(frozen=True)
 class FaultConditions(Settings):
-    """Thrusters that fail, each at most once."""
+    """Fault injection: thrusters that fail, each at most once."""
 
     count: Range = 0.0
-    """How many fail, drawn as a whole number; up to two."""
+    """Number of thrusters that fail, drawn as a whole number; at most two."""
     kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
-    """How, each as likely as the next."""
+    """Fault kinds, all equally likely."""
     share: Range = (0.3, 1.0)
-    """Of "stuck" and "weak" thrusters."""
+    """Share of full force of "stuck" thrusters, and share of the command of "weak" ones."""
     time: Range = 0.0
-    """When, s from the start of the episode, to the instant: within a control period too."""
+    """Time of the fault from the start of the episode, s; it may lie within a control period."""
     among: FaultChoice = "any"
-    """Which."""
+    """Which thrusters may fail."""
 
 
 @dataclass(frozen=True)
 class DisturbanceConditions(Settings):
-    """What else pushes and turns, in the world frame."""
+    """Disturbance forces and torques in the world frame."""
 
     force: Range = 0.0
-    """Steady force in any direction, N."""
+    """Constant force in a random direction, N."""
     torque: Range = 0.0
-    """Steady torque either way, or about any axis, N m."""
+    """Constant torque about z with a random sign (in space: about a random axis), N m."""
     slow_force: Range = 0.0
-    """Amplitude of a force that swings to and fro, N."""
+    """Amplitude of a sinusoidal force in a random direction, N."""
     slow_torque: Range = 0.0
-    """The same of a torque, N m."""
+    """Amplitude of a sinusoidal torque, N m."""
     slow_period: Range = 25.0
-    """Of both, s."""
+    """Period of the sinusoidal force and torque, s."""
     kicks: int = 0
-    """How many sudden pushes come at random moments."""
+    """Number of impulsive disturbances at random instants."""
     kick: Range = 0.0
-    """Impulse of each, in any direction, N s."""
+    """Impulse of each, in a random direction, N s."""
     kick_spin: Range = 0.0
     """Angular impulse of each, N m s."""
 
 
 @dataclass(frozen=True)
 class SensorConditions(Settings):
-    """Of one measured quantity, in its unit: m, rad, m/s or rad/s."""
+    """Errors of one measured quantity, in its unit: m, rad, m/s or rad/s."""
 
     noise: Range = 0.0
-    """Standard deviation of each component, new in every control period."""
+    """Standard deviation of the noise of each component, drawn anew in every control period."""
     bias: Range = 0.0
-    """Size of a steady error in any direction."""
+    """Magnitude of a constant error in a random direction."""
     dropout: Range = 0.0
-    """Probability that a control period brings no new reading and the last one stands."""
+    """Probability that a control period has no new reading and the last one is kept."""
 
 
 @dataclass(frozen=True)
 class SensorsConditions(Settings):
-    """What the policy is told of the true state."""
+    """Errors, delay and outages of the measured state that a policy observes."""
 
     position: SensorConditions = field(default_factory=SensorConditions)
     attitude: SensorConditions = field(default_factory=SensorConditions)
     velocity: SensorConditions = field(default_factory=SensorConditions)
     spin: SensorConditions = field(default_factory=SensorConditions)
     delay: Range = 0.0
-    """How old readings are, drawn as a whole number of control periods."""
+    """Age of the readings, drawn as a whole number of control periods."""
     outage: Range = 0.0
-    """For how long all sensors stop at a time, and their last readings stand, s; such as a motion capture
-    that loses its markers."""
+    """Duration of an outage of all sensors, s, in which the last readings are kept, such as a motion capture that
+    loses its markers."""
     outage_every: Range = 5.0
-    """From the beginning of one outage to that of the next, s; the first begins at a random moment."""
+    """Time from the start of one outage to that of the next, s; the first starts at a random instant."""
 
     def each(self) -> tuple[SensorConditions, ...]:
-        """In the order of a state's fields."""
+        """Conditions of position, attitude, velocity and spin, in this order."""
         return self.position, self.attitude, self.velocity, self.spin
 
 
 @dataclass(frozen=True)
 class Conditions(Settings):
-    """Distributions of everything that an episode does not promise.
+    """Distributions of domain randomization, faults, disturbances and sensor errors of an episode.
 
     >>> rans.Conditions(rans.BodyConditions(mass=(0.7, 2.0)), rans.ThrusterConditions(latency=0.1)).delay
     0.1
 
     Raises:
-        ConfigError: a range is not of finite numbers in order, or outside of what is possible.
+        ConfigError: a range is not of finite numbers in ascending order, or outside its bounds.
     """
 
     body: BodyConditions = field(default_factory=BodyConditions)
@@ -171,11 +173,11 @@ class Conditions(Settings):
     disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
     description: str = ""
-    """One line for lists."""
+    """Description in one line, for lists."""
     weight: float = 1.0
-    """How likely these are among others, relative to those."""
+    """Relative probability of these conditions among ``others``."""
     others: tuple[Conditions, ...] = ()
-    """That an episode may meet instead. They may differ in ranges only."""
+    """Alternative conditions of a mixture: each episode has one of them. They may differ in ranges only."""
 
     def __post_init__(self) -> None:
         _check(self, "")
@@ -240,7 +242,10 @@ class Conditions(Settings):
         )
 
     def met(self, chance: Field) -> Conditions:
-        """Those that an episode meets, which a number in [0, 1) decides: ranges that differ are `Varying`."""
+        """Conditions of an episode, selected from the mixture by a number in [0, 1).
+
+        Ranges that differ within the mixture become `Varying`.
+        """
         if not self.others:
             return self
         parts = (replace(self, others=()), *self.others)
@@ -248,44 +253,44 @@ class Conditions(Settings):
         return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
 
     def check_valves(self, craft: Spacecraft) -> None:
-        """Refuse what this spacecraft's valves cannot do.
+        """Reject conditions that do not apply to the valves of a spacecraft.
 
         Raises:
-            ConfigError: they must stay open or shut for a time, but are not on/off valves.
+            ConfigError: there are shortest on or off times, but the thrusters are not on/off.
         """
         for name in ("least_on", "least_off"):
-            asked = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
-            if asked > 0 and craft.actuators.is_continuous:
+            longest = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
+            if longest > 0 and craft.actuators.is_continuous:
                 raise ConfigError(
-                    f"Conditions have thrusters.{name} up to {asked:g} s, which is for on/off "
+                    f"Conditions have thrusters.{name} up to {longest:g} s, which is for on/off "
                     f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
                 )
 
     @property
     def or_none(self) -> Conditions | None:
-        """None for a perfect world, in which nothing is drawn."""
+        """The conditions; None if they are nominal, so that nothing is drawn."""
         return None if replace(self, description="") == Conditions() else self
 
     @property
     def steady_torque(self) -> float:
-        """The largest that stays for longer than a kick, N m."""
+        """Largest sum of constant and sinusoidal disturbance torque, N m."""
         every = (part.disturbances for part in (self, *self.others))
         return max(largest(part.torque) + largest(part.slow_torque) for part in every)
 
     @property
     def delay(self) -> float:
-        """The longest time from a decision until a valve begins to move, s."""
+        """Longest time from a decision until a valve begins to move, s."""
         return largest(self.thrusters.latency) + largest(self.thrusters.command_delay)
 
     @property
     def lasting(self) -> float:
-        """The longest time for which a command is still felt after the next one, s."""
+        """Longest time for which a command still affects the thrust after the next one, s."""
         thrusters = self.thrusters
         return self.delay + max(largest(thrusters.rise), largest(thrusters.fall or 0.0))
 
 
 def _check(conditions: Any, place: str) -> None:
-    """Every range is of finite numbers >= 0, the least first."""
+    """Reject ranges that are not finite numbers >= 0 in ascending order."""
     for one in fields(conditions):
         value = getattr(conditions, one.name)
         name = place + one.name
@@ -303,7 +308,7 @@ def _check(conditions: Any, place: str) -> None:
 
 
 def _check_alike(one: Any, other: Any, place: str) -> None:
-    """What is no range is the same in both."""
+    """Reject conditions of a mixture that differ in anything but ranges."""
     for known in fields(one):
         here = getattr(one, known.name)
         there = getattr(other, known.name)
@@ -316,7 +321,7 @@ def _check_alike(one: Any, other: Any, place: str) -> None:
 
 
 def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
-    """The first part with its ranges those of the part in whose share of [0, 1) the chance lies."""
+    """The first part with the ranges of the part to whose share of [0, 1) the number belongs."""
     changed: dict[str, Any] = {}
     for one in fields(parts[0]):
         values = [getattr(part, one.name) for part in parts]
@@ -332,7 +337,7 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
 
 
 def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
-    """The value in whose share of [0, 1) the chance lies; all but the last share end somewhere."""
+    """Value to whose share of [0, 1) the number belongs; ``ends`` are the ends of all shares but the last."""
     zero = chance * 0.0
     last = values[0]
     result = zero + last

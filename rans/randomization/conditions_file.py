@@ -1,4 +1,4 @@
-"""Conditions by name, and from TOML files: strict, so that a misspelt key never passes for a default."""
+"""Conditions by name, and from TOML files, read strictly: an unknown key is an error."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from rans.structure import LARGEST_TOML, merged, read_toml, structure
 
 
 class Described(NamedTuple):
-    """Conditions and the TOML text that they were made from."""
+    """Conditions and their TOML text."""
 
     text: str
     conditions: Conditions
 
 
 def _described(found: Any) -> Described:
-    """A TOML text or `Conditions`."""
+    """Conditions with their text, from a TOML text or from `Conditions`."""
     if isinstance(found, str):
         table = _inherited(read_toml(found))
         return Described(found, structure(table, Conditions, "conditions"))
     if not isinstance(found, Conditions):
         raise ConfigError(
-            "they must be rans.Conditions or a TOML file of the package, got "
+            "conditions must be rans.Conditions or a TOML file of the package, got "
             f"{type(found).__name__}."
         )
     return Described(conditions_text(found), found)
 
 
 def _inherited(table: dict[str, Any]) -> dict[str, Any]:
-    """The table of conditions over that of its ``base``, by the name of conditions of the package."""
+    """Table of conditions, merged over that of its ``base`` (the name of conditions of RANS)."""
     others = table.get("others")
     if isinstance(others, list):
         others = [_inherited(one) if isinstance(one, dict) else one for one in others]
@@ -79,11 +79,11 @@ CONDITIONS = Registry(
     _described,
     ", or a file whose name ends in .toml",
 )
-"""All conditions that have a name."""
+"""Conditions by name."""
 
 
 def conditions_names() -> list[str]:
-    """Names of the conditions that come with the package, and of those that others installed.
+    """Names of the conditions of RANS and of installed packages.
 
     >>> "lab" in rans.conditions_names()
     True
@@ -92,19 +92,19 @@ def conditions_names() -> list[str]:
 
 
 def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
-    """The conditions of this name, MODULE:NAME, or of a path that ends in ``.toml``.
+    """Load conditions by name (`conditions_names`), as MODULE:NAME, or from a path that ends in ``.toml``.
 
     >>> rans.load_conditions("lab").body.mass
     (0.75, 1.25)
 
-    Given as such they are themselves.
+    `Conditions` are returned as is.
 
     Keys of the file are those of `Conditions`: tables ``[body]``, ``[thrusters]``, ``[faults]``,
-    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` ... with numbers or [least, largest]. A key
-    ``base`` names conditions that come with RANS, whose values hold where the file has none of its own.
+    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` etc. with numbers or [least, largest]. The key
+    ``base`` names conditions of RANS, whose values apply where the file has none.
 
     Raises:
-        ConfigError: no such name or file, or it does not describe conditions.
+        ConfigError: the name or file does not exist, or does not describe conditions.
     """
     if isinstance(name_or_file, Conditions):
         return name_or_file
@@ -119,30 +119,30 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
 
 
 def conditions_label(name_or_file: str, conditions: Conditions) -> str:
-    """What names of files tell conditions by: their name, or their own file's with a digest of them."""
+    """Label of conditions in file names: their name, or that of their own file with a digest."""
     if name_or_file.endswith(".toml"):
         return distinct(Path(name_or_file).stem, conditions_text(conditions))
     return distinct(name_or_file)
 
 
 def conditions_text(conditions: Conditions) -> str:
-    """TOML text of which `load_conditions` makes the same conditions: what is not the default."""
+    """TOML text from which `load_conditions` reads the same conditions: the values that are not defaults."""
     lines = "".join(f"{key} = {_inline(value)}\n" for key, value in _changed(conditions).items())
     return lines or "# Everything as designed and told.\n"
 
 
-def _changed(given: Any) -> dict[str, Any]:
-    """Fields that differ from their defaults; of a dataclass inside, those that differ in it."""
+def _changed(settings: Any) -> dict[str, Any]:
+    """Fields that differ from their defaults, with nested dataclasses as nested tables."""
     values = {
-        one.name: getattr(given, one.name)
-        for one in fields(given)
-        if getattr(given, one.name) != default(one)
+        one.name: getattr(settings, one.name)
+        for one in fields(settings)
+        if getattr(settings, one.name) != default(one)
     }
     return {key: _changed(x) if is_dataclass(x) else x for key, x in values.items()}
 
 
 def _inline(value: Any) -> str:
-    """A value in one line of TOML, whose basic strings escape as JSON's do."""
+    """Value in one line of TOML, whose basic strings have the escapes of JSON."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_inline(x)}' for key, x in value.items())} }}"
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""What one episode draws of failing thrusters, written over fields."""
+"""Draws of thruster faults of an episode, written over fields."""
 
 from __future__ import annotations
 
@@ -16,20 +16,27 @@ from rans.randomization.faults import failed, sets_among
 
 @dataclass(frozen=True)
 class Fault:
-    """The thrusters' health from a moment on."""
+    """Health of the thrusters after a fault, and the instant of the fault."""
 
     begins: Field
-    """s from the start of the episode."""
+    """Time of the fault from the start of the episode, s."""
     gain: tuple[Field, ...]
     leak: tuple[Field, ...]
     latest: float = math.inf
-    """No fault begins later, s; 0: all are there from the start on."""
+    """Upper bound on the time of the fault, s; 0: every fault exists from the start."""
 
 
 def draw_fault(
     given: FaultConditions, craft: Spacecraft, body: Body, random: Random
 ) -> Fault | None:
-    """What failing thrusters of one episode do, the others stay as they are; None: none fails."""
+    """Draw the fault of an episode; None if the conditions have no faults.
+
+    Args:
+        given: conditions of faults.
+        craft: spacecraft.
+        body: body before the fault; thrusters that do not fail keep its gain and leak.
+        random: random numbers.
+    """
     thrusters = len(body.gain)
     if largest(given.count) < 1:
         return None
@@ -51,11 +58,11 @@ def draw_fault(
 
 
 Lost = list[tuple[Field, tuple[Field, Field]]]
-"""Thrusters by number, with the gain and leak that they have left."""
+"""Indices of the thrusters that fail, with their gain and leak after the fault."""
 
 
 def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
-    """Any: the second takes its place among the others."""
+    """Any thrusters, each with its own fault kind; the second is drawn among the others."""
     places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
     if len(places) == 2:
         places[1] = places[1] + where(
@@ -68,7 +75,7 @@ def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
 
 
 def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
-    """A set that is recoverable, or one that is not; all of it fails in one way."""
+    """A recoverable or an unrecoverable set of thrusters, all with the same fault kind."""
     chance = random.unit()
     share = random.within(given.share)
     which = random.unit()
@@ -84,7 +91,7 @@ def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Rand
 def _places(
     given: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
 ) -> tuple[Field, ...]:
-    """The thrusters of a set of so many, of the kind that ``chance`` chooses."""
+    """Indices of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects."""
     found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
     result: tuple[Field, ...] = ()
     for k, kind in enumerate(given.kinds):
@@ -102,9 +109,9 @@ def _places(
 
 
 def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
-    """One of these sets, each as likely as the next.
+    """One of these sets, drawn uniformly.
 
-    Their last thrusters mostly rise by one from set to set: what is looked up is where they do not.
+    The last thruster mostly increases by one from set to set; only its exceptions are tabulated.
     """
     k = floor(which * float(len(sets)))
     ends = range(1, len(sets))
@@ -114,7 +121,7 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
-    """Gain and leak of a kind that a number in [0, 1) chooses."""
+    """Gain and leak of the fault kind that a number in [0, 1) selects."""
     none = chance * 0.0
     full = chance * 0.0 + 1.0
     gain, leak = failed(kinds[0], share, none, full)

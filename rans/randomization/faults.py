@@ -1,11 +1,12 @@
-"""Which failed thrusters a spacecraft can do without: every push and turn is still possible, on average.
+"""Recoverable thruster faults: those after which every mean force and torque direction is still possible.
 
-A dead thruster never opens, one stuck open always pushes. What the others give on average over time, each
-open for a share u_i in [0, 1] of it, is W u with their wrenches as the columns of W. The craft stays master
-of its motion if it can hold still against the stuck ones and from there push and turn every way: zero lies
-inside the set of w_stuck + W u. That is so if and only if W has full rank and w_stuck + W u = 0 for some u
-with all 0 < u_i < 1 (a linear map takes the inside of a box to the inside of its image). A supply that is
-shared by what is open scales all forces alike and changes nothing of this.
+A dead thruster never opens, and a stuck-open one always pushes. If each other thruster is open for a share u_i
+in [0, 1] of the time, their mean wrench is W u, with their wrenches as the columns of W. The craft remains
+controllable if it can balance the stuck thrusters and from there accelerate in every direction: zero is an
+interior point of the set of w_stuck + W u. This is the case if and only if W has full rank and
+w_stuck + W u = 0 for some u with 0 < u_i < 1 for all i, because a linear map of full rank takes the interior of
+a box to the interior of its image. A shared supply scales all forces by the same factor and does not change
+this.
 """
 
 from __future__ import annotations
@@ -23,33 +24,33 @@ from rans.model.spacecraft import Spacecraft, wrenches_either_way
 from rans.randomization.conditions import FaultKind
 
 _LEAST = 1e-6
-"""Share of full thrust below which a margin is rounding."""
+"""Share of full thrust below which a margin is treated as rounding."""
 _MOST = 1e8
-"""Inverse of what a margin of one half may lack of it."""
+"""Bound on 1 / (1/2 - margin), which keeps the linear program bounded."""
 
 
 @dataclass(frozen=True)
 class FaultSet:
-    """Thrusters that fail together, in the same way."""
+    """Set of thrusters that fail with the same fault kind, and the margin of the others."""
 
     kind: FaultKind
     thrusters: tuple[int, ...]
     margin: float
-    """How far the others can stay from always shut and always open while they hold the craft still: a share
-    of full thrust, up to 0.5; zero or less: they cannot, or some way they can neither push nor turn."""
+    """Distance of the other thrusters from always shut and always open while they balance the craft: a share of
+    full thrust, up to 0.5. Zero: they cannot balance it, or not accelerate it in every direction."""
 
     @property
     def recoverable(self) -> bool:
-        """Whether the craft can still push and turn every way."""
+        """Whether the craft can still accelerate in every direction."""
         return self.margin > _LEAST
 
 
 def fault_sets(
     craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...] = (1.0,)
 ) -> Iterator[FaultSet]:
-    """Every set of so many thrusters that fail in this way, in order, with the least margin of the shares.
+    """All sets of ``count`` thrusters with this fault kind, in order, each with its least margin over the shares.
 
-    What the craft can do without at both ends of a range of shares, it can between them.
+    A fault that is recoverable at both ends of a range of shares is recoverable between them.
     """
     for thrusters in combinations(range(len(craft.thrusters)), count):
         ways = {failed(kind, share) for share in shares}
@@ -66,10 +67,10 @@ def _sets(
 def sets_among(
     craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...], recoverable: bool
 ) -> tuple[tuple[int, ...], ...]:
-    """The sets of so many thrusters that are recoverable, or those that are not.
+    """Sets of ``count`` thrusters whose failure is recoverable, or those whose failure is not.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no such set.
     """
     found = tuple(
         one.thrusters for one in _sets(craft, count, kind, shares) if one.recoverable == recoverable
@@ -87,9 +88,13 @@ def sets_among(
 def failed(
     kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0
 ) -> tuple[Field, Field]:
-    """Gain and leak of a thruster that fails in this way, see `rans.model.body.Body`.
+    """Gain and leak of a thruster with this fault kind, see `rans.model.body.Body`.
 
-    For fields that may be of another kind elsewhere, no thrust and full thrust are fields too.
+    Args:
+        kind: fault kind.
+        share: share of "stuck" and "weak" thrusters.
+        none: no thrust, as a number or a field.
+        full: full thrust, as a number or a field.
     """
     ways: dict[FaultKind, tuple[Field, Field]] = {
         "dead": (none, none),
@@ -101,12 +106,12 @@ def failed(
 
 
 def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:
-    """See `FaultSet`: the largest m with w_stuck + W u = 0 and m <= u_i <= 1 - m, a linear programme.
+    """Margin of the thrusters after a fault (`FaultSet`): largest m with w_stuck + W u = 0, m <= u_i <= 1 - m.
 
-    The lost thrusters give gain * u_i + leak of their force; without gain they have no u_i. With
-    u_i = 1/2 + z_i / s, |z_i| <= 1, the margin is 1/2 - 1/s; the largest s has one condition for each of the
-    craft's degrees of freedom, however many its thrusters are. Reaction wheels help either way, as long as they
-    are not full.
+    It is the solution of a linear program. The failed thrusters give gain * u_i + leak of their force; without
+    gain they have no u_i. With u_i = 1/2 + z_i / s and |z_i| <= 1 the margin is 1/2 - 1/s, and the program for
+    the largest s has one constraint for each degree of freedom, whatever the number of thrusters. Reaction
+    wheels contribute in both directions, as long as they are not saturated.
     """
     from scipy.optimize import linprog
 

@@ -1,4 +1,4 @@
-"""How much of its past an episode keeps, because valves and sensors answer late."""
+"""Number of past commands and states that an episode stores for delays of valves and sensors."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from rans.randomization.conditions import Conditions, largest
 
 
 class Memory(NamedTuple):
-    """Of all episodes under some conditions, in control periods."""
+    """Lengths of the histories that episodes under some conditions store, in control periods."""
 
     felt: int = 0
-    """Commands before the newest whose thrust may still be felt."""
+    """Commands before the newest one that may still affect the thrust."""
     obeyed: int = 0
-    """Commands that a valve may have to stay as it is for."""
+    """Commands within the longest dwell time of a valve."""
     states: int = 0
-    """States before the present one that a reading may be of."""
+    """States before the present one that a delayed reading may show."""
 
     @classmethod
     def of(cls, conditions: Conditions | None, period: float) -> Memory:
-        """What a control period (s) asks for; nothing in a perfect world."""
+        """Histories that conditions need at a control period (s); none under nominal conditions."""
         if conditions is None:
             return cls()
         widest = conditions.met(

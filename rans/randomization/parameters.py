@@ -1,7 +1,7 @@
 """Parameters that an episode draws from its conditions, and their effect in each control period.
 
-All is written over fields. An effect that the conditions leave out is None: it takes no memory and no place in
-kernels. Every effect draws from a random stream of its own, so that switching one on changes no other.
+Everything is written over fields. An effect that the conditions leave out is None and needs neither memory nor
+operations. Every effect draws from a random stream of its own, so that adding one does not change the others.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class MinimumDwell:
     """Shortest times for which an on/off valve stays open and shut."""
 
     on: Field
-    """s."""
+    """Shortest time open, s."""
     off: Field
-    """s."""
+    """Shortest time shut, s."""
 
     def enforced(
         self, command: Sequence[Field], before: Sequence[Sequence[Field]], period: float
@@ -46,18 +46,20 @@ class MinimumDwell:
             period: control period, s.
         """
         result = []
-        for told, *last in zip(command, *before, strict=True):
+        for wanted, *last in zip(command, *before, strict=True):
             opened = _age(last)
             shut = _age([1.0 - x for x in last])
             must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
-            # One that was shut for as long as is remembered may have been so forever.
+            # A valve that was shut over the whole history may have been shut for longer.
             must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
-            result.append(where(must_open, told * 0.0 + 1.0, where(must_shut, told * 0.0, told)))
+            result.append(
+                where(must_open, wanted * 0.0 + 1.0, where(must_shut, wanted * 0.0, wanted))
+            )
         return tuple(result)
 
 
 def _age(open_before: Sequence[Field]) -> Field:
-    """Number of control periods for which a valve has been open until now, as far as is remembered."""
+    """Number of control periods for which a valve has been open until now, within the stored history."""
     still: Field = 1.0
     age: Field = 0.0
     for was_open in open_before:
@@ -72,19 +74,19 @@ class SinusoidalWrench:
 
     amplitude: Wrench
     rate: Field
-    """rad/s."""
+    """Angular frequency, rad/s."""
     phase: Field
-    """rad."""
+    """Phase at the start of the episode, rad."""
 
 
 @dataclass(frozen=True)
 class ImpulsiveWrench:
-    """An impulsive disturbance, spread evenly over the control period that it falls in."""
+    """An impulsive disturbance, spread evenly over the control period in which it occurs."""
 
     step: Field
-    """Which control period, a whole number."""
+    """Index of the control period, a whole number."""
     impulse: Wrench
-    """In W, N s and N m s."""
+    """Impulse and angular impulse in W, N s and N m s."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,9 @@ class Failing:
     """Thrusters that fail at an instant."""
 
     instant: Field
-    """s from the start of the control period; negative: they failed before; longer than it: not yet."""
+    """Time of the fault from the start of the control period, s; it may lie before or after the period."""
     body: Body
-    """Body after the failure; it differs from the sound one in gain and leak only."""
+    """Body after the fault; it differs from the one before in gain and leak only."""
 
 
 @dataclass(frozen=True)
@@ -102,15 +104,15 @@ class StepInputs:
     """Body, commands and disturbances that move a spacecraft in one control period."""
 
     body: Body
-    """Body until thrusters fail."""
+    """Body before a fault."""
     commands: tuple[tuple[Field, ...], ...]
-    """Commands of this period and of earlier ones that late valves still carry out, the newest first."""
+    """Commands of this period, and of earlier ones that delayed valves still carry out, the newest first."""
     lag: Lag | None = None
-    """None: valves obey at once."""
+    """Delay of the valves; None: they follow commands without delay."""
     disturbance: Wrench | None = None
-    """Constant in W."""
+    """Disturbance wrench, constant in W."""
     failing: Failing | None = None
-    """None: no thruster fails meanwhile."""
+    """Fault within the period; None: no thruster fails."""
 
     def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
         """Wrenches of the thrusters over the control period (s), piece by piece."""
@@ -120,7 +122,7 @@ class StepInputs:
         return failing(sound, failed, self.failing.instant)
 
     def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
-        """Wrenches of thrusters whose state does not change within the period."""
+        """Pieces of the period for thrusters whose health does not change within it."""
         if self.lag is None:
             return at_once(craft, body, self.commands[0], period)
         return pieces(craft, body, self.commands, self.lag, period)
@@ -131,20 +133,20 @@ class EpisodeParameters:
     """Parameters that one episode drew, or N episodes as fields (N,)."""
 
     number: Field
-    """Of the episode."""
+    """Number of the episode."""
     body: Body
-    """What flies."""
+    """Body before a fault."""
     fault: Fault | None
     lag: Lag | None
     dwell: MinimumDwell | None
     push: Wrench | None
-    """Steady, in W."""
+    """Constant disturbance wrench in W."""
     swing: SinusoidalWrench | None
     kicks: tuple[ImpulsiveWrench, ...]
     sensors: Sensors | None
 
     def body_at(self, time: Field) -> Body:
-        """Body at an instant, s after the start."""
+        """Body at a time since the start of the episode, s."""
         if self.fault is None:
             return self.body
         failed = time >= self.fault.begins
@@ -156,9 +158,9 @@ class EpisodeParameters:
         )
 
     def flying(self, time: Field) -> tuple[Body, Failing | None]:
-        """What flies in a control period that begins so long after the start, s; and how thrusters fail.
+        """Body of a control period that begins at a time since the start (s), and the fault within it.
 
-        None: no fault begins later than at the start.
+        The fault is None if no fault of these conditions begins after the start.
         """
         if self.fault is None or self.fault.latest <= 0.0:
             return self.body_at(time), None
@@ -166,7 +168,7 @@ class EpisodeParameters:
         return self.body, Failing(self.fault.begins - time, failed)
 
     def strongest(self) -> Body:
-        """Body whose thrusters have the larger of their strengths before and after the fault."""
+        """Body whose thrusters have the larger of their forces before and after the fault."""
         if self.fault is None:
             return self.body
         gain = (
@@ -178,7 +180,7 @@ class EpisodeParameters:
         return replace(self.body, gain=tuple(gain), leak=(0.0,) * len(self.body.leak))
 
     def disturbance(self, step: Field, period: float) -> Wrench | None:
-        """Disturbance wrench of a control period, constant in W; None: there is never any.
+        """Disturbance wrench of a control period, constant in W; None if the conditions have no disturbances.
 
         A sinusoidal disturbance has its value at the middle of the period.
         """
@@ -193,10 +195,10 @@ class EpisodeParameters:
 
 
 def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodeParameters:
-    """Parameters of the first 1,024 episodes of so many steps under seed 0, as arrays (1024,).
+    """Parameters of the first 1,024 episodes of ``steps`` control periods under seed 0, as arrays (1024,).
 
     Raises:
-        ConfigError: conditions are none, or not for the craft's valves.
+        ConfigError: ``conditions`` are not `Conditions`, or do not apply to the valves of the craft.
     """
     if not isinstance(conditions, Conditions):
         raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
@@ -219,8 +221,8 @@ _STREAMS = {
     "sensors": 16,
     "mixture": 17,
 }
-"""Of 256 blocks of random numbers each; start and goal have the first, kicks have eight. A number that was
-given stays: else agents would meet other episodes under the same seed."""
+"""Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
+eight streams. These numbers must not change: every seed would then have other episodes."""
 
 
 def draw(
@@ -229,12 +231,12 @@ def draw(
     """Draw the parameters of an episode.
 
     Args:
-        conditions: distributions.
-        craft: whose thrusters fail.
-        base: the body that factors apply to.
+        conditions: distributions to draw from.
+        craft: spacecraft.
+        base: body to which the factors apply.
         steps: control periods of an episode.
-        number: of the episode.
-        draws: random numbers.
+        number: number of the episode.
+        draws: seed of the random numbers.
     """
 
     def random(stream: str, k: int = 0) -> Random:
@@ -264,7 +266,7 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
     inertia = random.within(body.inertia)
     pressure = random.within(given.pressure)
     droop = random.within(given.droop or 0.0)
-    # Equal moments stay one and the same field, so that spins are known to have no gyroscopic part.
+    # Equal moments of inertia stay the same object, so that the gyroscopic torque is known to be zero.
     same = [x if isinstance(x, float) else id(x) for x in base.inertia]
     scaled = {
         key: x if key == 0.0 else x * inertia for key, x in zip(same, base.inertia, strict=True)

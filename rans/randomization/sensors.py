@@ -1,4 +1,4 @@
-"""What a policy is told of the true state."""
+"""Sensor model: the measured state that a policy observes."""
 
 from __future__ import annotations
 
@@ -15,44 +15,44 @@ from rans.randomization.conditions import Range, SensorConditions, SensorsCondit
 
 @dataclass(frozen=True)
 class Outage:
-    """All sensors stop again and again."""
+    """Periodic outages of all sensors."""
 
     share: Field
-    """Length of an outage as a share of the time from one beginning to the next."""
+    """Duration of an outage over the time from the start of one to the start of the next."""
     rate: Field
     """Outages per second."""
     phase: Field
-    """How much of that time is gone when the episode begins, 0 to 1."""
+    """Elapsed share of the cycle at the start of the episode, 0 to 1."""
 
     def at(self, time: Field) -> Field:
-        """Whether sensors have stopped, so long after the episode's start (s)."""
+        """Whether sensors are out at a time since the start of the episode (s)."""
         gone = time * self.rate + self.phase
         return gone - floor(gone) < self.share
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """What readings have wrong, in the order of a state's fields: p, attitude, v, w."""
+    """Errors of the readings, each in the order of the state's fields: p, attitude, v, w."""
 
     delay: Field
-    """Control periods, a whole number."""
+    """Delay in control periods, a whole number."""
     noise: tuple[Field, ...] | None
-    """Standard deviation of each component."""
+    """Standard deviation of the noise of each component."""
     bias: tuple[Any, ...] | None
-    """Vectors (a scalar for planar turns); the attitude's is a rotation vector in B."""
+    """Constant errors: vectors (scalars for planar rotations); that of the attitude is a rotation vector in B."""
     dropout: tuple[Field, ...] | None
-    """Probability that the last reading stands."""
+    """Probability that the last reading is kept."""
     outage: Outage | None
-    """When all of them stand."""
+    """Outages of all sensors."""
 
     @property
     def repeats(self) -> bool:
-        """Whether a reading may stand for longer than one control period."""
+        """Whether a reading may be kept for longer than one control period."""
         return self.dropout is not None or self.outage is not None
 
 
 def draw_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
-    """What one episode drew of this; None: readings are the state."""
+    """Draw the sensor errors of an episode; None if readings are the true state."""
     sensors = given.each()
     off = SensorConditions()
 
@@ -80,7 +80,8 @@ def _draw_outage(given: SensorsConditions, random: Random) -> Outage | None:
 
 
 PER_STEP = 2**25
-"""The first block of the random numbers of every step, which sensors draw: behind those of an episode."""
+"""First block of the random numbers of a step, which sensors draw; the blocks before it are those of an
+episode."""
 
 
 def reading(
@@ -90,14 +91,14 @@ def reading(
     last: State | None,
     time: Field,
 ) -> State:
-    """What sensors tell of a state.
+    """Measured state.
 
     Args:
-        states: the true one, and those before it, the last one first.
-        sensors: what is wrong with them.
-        random: gives the random numbers of a block in this control period.
-        last: the reading before, which stands where one drops out; None: there was none.
-        time: since the episode's start, s.
+        states: the true state and those before it, the newest first.
+        sensors: errors of the sensors.
+        random: returns the random numbers of a block in this control period.
+        last: previous reading, which is kept where a reading drops out; None: there is none.
+        time: time since the start of the episode, s.
     """
     stores = states[0].stores  # effectors report them without delay or error
     state = replace(states[0], stores=())
@@ -115,9 +116,9 @@ def reading(
             attitude = _turned(attitude, errors[1])
             v = v + errors[2]
             w = w + errors[3]
-    seen = type(state)(p, attitude, v, w, stores=stores)
+    measured = type(state)(p, attitude, v, w, stores=stores)
     if last is None or not sensors.repeats:
-        return seen
+        return measured
     stopped = None if sensors.outage is None else sensors.outage.at(time)
     if sensors.dropout is None:
         lost = [stopped] * 4
@@ -127,7 +128,7 @@ def reading(
         ]
         lost = lost if stopped is None else [one | stopped for one in lost]
     parts = (
-        (getattr(seen, name), getattr(last, name), gone)
+        (getattr(measured, name), getattr(last, name), gone)
         for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True)
     )
     return type(state)(
@@ -140,7 +141,7 @@ def reading(
 
 
 def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
-    """One vector, or planar turn, for each quantity."""
+    """Noise of each quantity: a vector, or a scalar for planar rotations; None without noise."""
     if sensors.noise is None:
         return None
     alike = state.p, state.w, state.v, state.w
@@ -151,7 +152,7 @@ def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[An
 
 
 def _turned(attitude: Any, turn: Any) -> Any:
-    """An attitude after a turn in its own frame: an angle, or a rotation vector."""
+    """Attitude after a rotation in its own frame, by an angle or a rotation vector."""
     if isinstance(attitude, Heading):
         return Heading(attitude.angle + turn)
     return attitude.times(exponential(turn))

@@ -1,11 +1,11 @@
-"""Valves that answer late, thrusters that fail: the thrust of a control period as straight pieces.
+"""Delayed valves and failing thrusters: the thrust of a control period as pieces that are linear in time.
 
-A command is felt ``latency`` after it was given; then the thrust goes steadily from what the last command
-gave to what this one gives, up within ``rise``, down within ``fall``. Wrenches are sums over nozzles, so
-whole wrenches are ramped, not nozzles.
+A command takes effect ``latency`` after it was given. The thrust then changes linearly from that of the last
+command to that of the new one, up within ``rise`` and down within ``fall``. Wrenches are sums over nozzles, so
+whole wrenches are ramped instead of nozzles.
 
-A thruster fails at once, at any instant of a period and wherever its valve is: what its nozzle gives jumps
-from what a sound thruster gives then to what a failed one gives.
+A thruster may fail at any instant of a period. At that instant its force jumps from that of a healthy thruster
+to that of a failed one.
 """
 
 from __future__ import annotations
@@ -25,43 +25,43 @@ from rans.model.spacecraft import Spacecraft
 
 @dataclass(frozen=True)
 class Lag:
-    """How late and how gradually valves answer, s."""
+    """Latency and ramp times of all valves, s."""
 
     latency: Field
     rise: Field | None
-    """None: at once."""
+    """Rise time; None: the thrust changes at once."""
     fall: Field | None
-    """None: as the rise."""
+    """Fall time; None: the rise time."""
     latest: float = math.inf
-    """No latency is above it, s."""
+    """Upper bound on the latency, s."""
     slowest: float = math.inf
-    """No ramp is longer, s."""
+    """Upper bound on the ramp times, s."""
 
 
 class Jump(NamedTuple):
-    """A change of the wrench that was told at a time."""
+    """A change of the commanded wrench."""
 
     time: Field
-    """s from the start of the control period."""
+    """Time of the command from the start of the control period, s."""
     up: Wrench
-    """Of what opens."""
+    """Change by opening thrusters."""
     down: Wrench | None
-    """Of what shuts; None: it is in ``up`` too."""
+    """Change by closing thrusters; None: it is part of ``up``."""
 
 
 def pieces(
     craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], lag: Lag, period: float
 ) -> Iterator[Piece]:
-    """The wrench in one control period.
+    """Pieces of a control period in which delayed valves follow the commands.
 
     Args:
-        craft: whose valves.
-        body: mass and faults.
-        commands: this period's and those before it that are still felt, the newest first.
-        lag: of all valves.
-        period: s.
+        craft: spacecraft.
+        body: mass properties and thruster health.
+        commands: command of this period, and earlier ones that still affect the thrust, the newest first.
+        lag: delay of all valves.
+        period: control period, s.
     """
-    before, jumps = _told(craft, body, commands, period, lag.fall is not None)
+    before, jumps = _commanded(craft, body, commands, period, lag.fall is not None)
     if len(jumps) == 1 and lag.latest + lag.slowest <= period + 1e-9:
         yield from _once(before, jumps[0], lag, period)
         return
@@ -83,17 +83,17 @@ def pieces(
 
 
 def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field) -> Iterator[Piece]:
-    """The pieces of a control period in which thrusters fail: first sound ones, then failed ones.
+    """Pieces of a control period in which thrusters fail: healthy ones first, then failed ones.
 
-    Both are of the same commands and end at the same times, so that the instant divides one of them and there
-    is one piece more. Each is a piece of the sound thrusters if that begins before the instant, and else the
-    piece before it of the failed ones.
+    Both sequences belong to the same commands and end at the same times. The instant divides one piece, so
+    there is one piece more. Each result is a healthy piece if that begins before the instant, and otherwise the
+    preceding failed piece.
 
     Args:
-        sound: pieces with the thrusters before.
-        failed: pieces with the thrusters after.
-        instant: s from the start of the period; before it (all is failed) and after its end (all is sound)
-            too.
+        sound: pieces with the healthy thrusters.
+        failed: pieces with the failed thrusters.
+        instant: time of the fault from the start of the period, s; it may lie before the period (all thrusters
+            have failed) or after it (all are healthy).
     """
     begin: Field = 0.0
     rest: Piece | None = None
@@ -117,7 +117,7 @@ def _until(piece: Piece, share: Field) -> Piece:
 
 
 def _from(piece: Piece, share: Field) -> Piece:
-    """What is left of a piece after its first share."""
+    """Remainder of a piece after its first share."""
     duration, first, last, most = piece
     if last is not None:
         first = _between(first, last, share)
@@ -129,7 +129,7 @@ def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
 
 
 def _either(condition: Field, one: Piece, other: Piece) -> Piece:
-    """One piece where the condition holds, else the other."""
+    """One piece where the condition is true, else the other."""
 
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
@@ -142,7 +142,7 @@ def _either(condition: Field, one: Piece, other: Piece) -> Piece:
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
-    """The pieces where the period's own command is the only change, and is obeyed in the period."""
+    """Pieces of a period whose own command is the only change and is completed within the period."""
     after = map_leaves(operator.add, before, jump.up)
     if jump.down is not None:
         after = map_leaves(operator.add, after, jump.down)
@@ -164,12 +164,12 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
     yield period - gone, after, None, period
 
 
-def _told(
+def _commanded(
     craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float, apart: bool
 ) -> tuple[Wrench, list[Jump]]:
-    """The wrench of the oldest command at its beginning, and every later change.
+    """Wrench at the start of the oldest command, and every later change.
 
-    What opens and what shuts are kept apart if they are not felt alike.
+    Changes by opening and by closing thrusters are separate if ``apart``, for different ramp times.
     """
     when = []
     thrusts = []
@@ -192,7 +192,7 @@ def _told(
 
 
 def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
-    """The wrench at a time."""
+    """Wrench at a time from the start of the period (s)."""
     for jump in jumps:
         gone = time - jump.time - lag.latency
         up = _share(gone, lag.rise)
@@ -204,7 +204,7 @@ def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
 
 
 def _share(gone: Field, ramp: Field | None) -> Field:
-    """How much of a change is felt, so long after valves began to move (s)."""
+    """Share of a change that has taken effect at a time after valves began to move (s)."""
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)
     share = gone / at_least(ramp, 1e-30)  # at once, where a ramp takes no time

@@ -1,4 +1,4 @@
-"""The tasks: what a spacecraft is asked to do. A line here, or an entry point, enrols a task everywhere."""
+"""Tasks of a spacecraft. A line in `TASKS`, or an entry point, registers a task everywhere."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 def _checked(found: Any) -> type[Any]:
-    """The class itself, if it is a task: a dataclass with defaults, and all that tasks have."""
+    """The class, checked to be a task: a dataclass with defaults and all methods of tasks."""
     if not (
         isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)
     ):
@@ -62,7 +62,7 @@ def _checked(found: Any) -> type[Any]:
 
 
 def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
-    """Refuse errors that nobody can name, and tolerances of none; code that fails tells so when it runs."""
+    """Reject errors of undeclared quantities, and tolerances without an error; skip tasks whose code fails."""
     for dimension in (2, 3):
         with contextlib.suppress(Exception):  # a task may be for space alone
             errors = task.errors(*example_state(task, dimension)).keys()
@@ -102,7 +102,7 @@ TASKS = Registry(
     },
     _checked,
 )
-"""The class of every task by the name the command line uses."""
+"""Class of every task by its name on the command line."""
 
 _PUBLISHED = {
     "go-to-position": ("GoToXY", "GoToXYZ"),
@@ -110,17 +110,17 @@ _PUBLISHED = {
     "track-twist": ("TrackXYOVelocity", "TrackXYZOVelocity"),
     "track-velocity-heading": ("TrackXYVelocityHeading", "TrackXYZVelocityAttitude"),
 }
-"""Names in the plane and in space that papers use, where they say more than 2D and 3D."""
+"""Names of papers for tasks in the plane and in space, where they differ from NAME2D and NAME3D."""
 
 
 def load_task(name: str | Task) -> Task:
-    """The task of this name (`TASKS`), or MODULE:NAME, with its default settings; one given as such.
+    """Load a task with default settings by name (`TASKS`) or as MODULE:NAME; a task object is returned as is.
 
     >>> rans.load_task("go-to-pose")
     GoToPose()
 
     Raises:
-        ConfigError: there is no such task, or it is neither a name nor a task.
+        ConfigError: there is no such task, or the argument is neither a name nor a task.
     """
     if isinstance(name, Task):
         return name
@@ -133,7 +133,7 @@ def load_task(name: str | Task) -> Task:
 
 
 def registered_name(task: Task) -> str | None:
-    """The name of a task's class in `TASKS`; None where it has none.
+    """Name of the class of a task in `TASKS`; None if it is not registered.
 
     >>> from rans.tasks import registered_name
     >>> registered_name(rans.GoToPose())
@@ -143,9 +143,9 @@ def registered_name(task: Task) -> str | None:
 
 
 def gymnasium_ids(name: str) -> tuple[str, str]:
-    """Gymnasium ids of the task of this name in the plane and in space, without loading it.
+    """Gymnasium ids of a task in the plane and in space, by its name and without loading it.
 
-    "my-task" is "rans/MyTask2D-v0" and "rans/MyTask3D-v0".
+    Those of "my-task" are "rans/MyTask2D-v0" and "rans/MyTask3D-v0".
     """
     base = "".join(word[:1].upper() + word[1:] for word in re.split(r"\W+", name))
     plane, space = _PUBLISHED.get(name, (f"{base}2D", f"{base}3D"))

@@ -1,4 +1,4 @@
-"""Go to a pose among keep-out zones that stand still or move, in the plane or in space."""
+"""Go to a pose among fixed or moving keep-out zones, in the plane or in space."""
 
 from __future__ import annotations
 
@@ -16,29 +16,30 @@ from rans.tasks.rewards import Transition, is_used, nearness
 from rans.tasks.shapes import Ball, nearest_first
 
 _MOST_ZONES = 16
-"""The observation grows by seven columns a zone at most, and sorting by a comparison for every pair."""
+"""Largest number of zones. Each adds 7 (plane) or 10 (space) columns to the observation; sorting compares all
+pairs."""
 
 
 @dataclass(frozen=True)
 class Avoid(GoToPose):
-    """Go to a pose and stay there without entering a keep-out zone on the way.
+    """Go to a pose and stay there without entering a keep-out zone.
 
     >>> rans.Avoid(zone_speed=(0.0, 0.0)).zones
     3
 
-    Goal, start and success are those of `GoToPose`, with starts far enough away for zones between. Every zone
-    is a `rans.tasks.shapes.Ball` that the spacecraft's centre must not enter: its radius includes the
-    spacecraft's own. Zones lie between start and goal, beside the straight way by up to `zone_offset`, and
-    move across it at a constant velocity; at a time within `crossing_time` a zone is at its offset. As they
-    move at right angles to the straight way, none ever comes nearer than `clearance` to start or goal.
+    Goal, start and success are those of `GoToPose`, with starts far enough away for zones between start and
+    goal. Every zone is a `rans.tasks.shapes.Ball` that the centre of the spacecraft must not enter; its radius
+    includes that of the spacecraft. Zones lie up to `zone_offset` beside the line from start to goal and move at a
+    constant velocity at right angles to it; at a time within `crossing_time` a zone is at its offset. The
+    distance of a zone from start and goal is therefore never below `clearance`.
 
-    Observed task data: those of `GoToPose`, then of every zone, the nearest first: way to its centre and its
-    relative velocity in W, the distance from its rim, and the direction to its centre times
-    exp(-distance from the rim / zone_scale), which changes most where it matters.
+    Observed task data: those of `GoToPose`, then for every zone, the nearest first: vector to its centre and its
+    relative velocity in W, distance from its surface, and direction to its centre times
+    exp(-distance from the surface / zone_scale), which changes most near the surface.
 
     Raises:
-        ConfigError: the number of zones is not whole or out of range, or starts are too near for the largest
-            zone to fit between; and as `GoToPose`.
+        ConfigError: the number of zones is not a whole number in range, or starts are too near for the largest
+            zone to fit between; and as for `GoToPose`.
     """
 
     spawn_distance: tuple[float, float] = (2.2, 4.5)
@@ -46,19 +47,19 @@ class Avoid(GoToPose):
     zones: int = 3
     """Number of zones."""
     zone_radius: tuple[float, float] = (0.3, 0.5)
-    """Range of their radii, m."""
+    """Range of the radii of zones, m."""
     zone_speed: tuple[float, float] = (0.0, 0.04)
-    """Range of their speeds, m/s."""
+    """Range of the speeds of zones, m/s."""
     zone_offset: float = 0.5
-    """Largest distance of a zone's centre from the straight way when it crosses, m."""
+    """Largest distance of a zone's centre from the line between start and goal when it crosses, m."""
     crossing_time: tuple[float, float] = (0.0, 12.0)
-    """Range of the time at which a zone is at its offset, s: moving zones come from the side."""
+    """Range of the time at which a zone is at its offset, s; moving zones come from the side."""
     clearance: float = 0.4
     """Least distance of start and goal from every zone, m."""
     zone_weight: float = 0.5
-    """Reward lost per step at the rim of a zone."""
+    """Reward lost per step at the surface of a zone."""
     zone_scale: float = 0.15
-    """Distance from the rim at which that has fallen to 1/e, m."""
+    """Distance from the surface at which the zone penalty has fallen to 1/e, m."""
     violation_weight: float = 20.0
     """Reward lost once when a zone is entered, which ends the episode."""
 
@@ -79,7 +80,7 @@ class Avoid(GoToPose):
             )
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """As `GoToPose`; the goal's notes are the zones."""
+        """Start and goal as for `GoToPose`; the zones are the notes of the goal."""
         start, goal = super().sample(random)
         distance = (start.p - goal.p).norm()
         along = (start.p - goal.p).scale(1.0 / distance)
@@ -96,20 +97,20 @@ class Avoid(GoToPose):
         return start, replace(goal, notes=tuple(zones))
 
     def later(self, goal: State, time: Field) -> State:
-        """The goal stands still, zones move."""
+        """Goal after a time (s): the pose is fixed and the zones move."""
         return replace(goal, notes=tuple(zone.later(time) for zone in self.scenery(goal)))
 
     def scenery(self, goal: State) -> tuple[Ball, ...]:
-        """The zones."""
+        """Keep-out zones at the goal's instant."""
         return goal.notes
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance of the spacecraft's centre from the rim of every zone, m."""
+        """Distance of the spacecraft's centre from the surface of every zone, m."""
         zones = self.scenery(goal)
         return {f"zone {k}": zone.gap(state.p) for k, zone in enumerate(zones, 1)}
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """As `GoToPose`, and the zones, the nearest first."""
+        """Terms of `GoToPose`, then those of the zones, the nearest first."""
         entries = list(super().observation_terms(state, goal))
         for k, zone in enumerate(nearest_first(self.scenery(goal), state.p), 1):
             way = zone.centre - state.p
@@ -120,7 +121,7 @@ class Avoid(GoToPose):
         return tuple(entries)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """As `GoToPose`, less a price of being close to a zone."""
+        """Terms of `GoToPose`, and a penalty near zones."""
         terms = super().reward(transition)
         if is_used(self.zone_weight):
             zones = self.scenery(transition.goal)
@@ -131,9 +132,9 @@ class Avoid(GoToPose):
 
 
 def _across(direction: Vector, along: Vector) -> Vector:
-    """Unit vector of the part of a direction at right angles to a unit vector.
+    """Unit vector along the component of a direction at right angles to a unit vector.
 
-    In the plane only its sign is computed: the part itself may be so short that rounding is all of it.
+    In the plane only the sign of that component is used, because rounding may exceed the component itself.
     """
     if isinstance(along, Vec2):
         left = Vec2(-along.y, along.x)
@@ -145,5 +146,5 @@ def _across(direction: Vector, along: Vector) -> Vector:
 
 
 def _outside(gap: Field) -> Field:
-    """A distance from a rim, and zero inside."""
+    """Positive part of a distance from a surface: zero inside."""
     return 0.5 * (gap + absolute(gap))

@@ -1,4 +1,4 @@
-"""What a task is, and how what it shows becomes the observation of a policy."""
+"""Base classes of tasks, and the observation of a policy from the terms of a task."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape
 
 _DATA_COLUMNS = {2: 4, 3: 9}
-"""At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
+"""Least number of columns of task data by dimension, so that the paper's tasks share a width (Table 1)."""
 
 
 class Task(Settings, ABC):
-    """A frozen dataclass of settings with pure functions over fields; no engine inside.
+    """Base class of tasks: a frozen dataclass of settings with pure functions over fields.
 
-    The same object serves the plane and space, and every engine. It never truncates: time is the engine's.
+    The same object serves the plane and space, and every engine. Tasks do not truncate episodes; engines do.
     """
 
     def __init_subclass__(cls) -> None:
@@ -45,8 +45,8 @@ class Task(Settings, ABC):
         if "next_goal" in vars(cls):
             warnings.warn(
                 f"{cls.__name__}.next_goal is deprecated and will not be called by the next version: "
-                "write later(goal, time) for how the goal moves, and remember(goal, state) for what it "
-                "notes of the spacecraft.",
+                "write later(goal, time) for the motion of the goal, and remember(goal, state) for what its "
+                "notes record of the spacecraft.",
                 DeprecationWarning,
                 stacklevel=2,
             )
@@ -63,73 +63,72 @@ class Task(Settings, ABC):
             own.sight = vars(cls)["observation_terms"]  # for `super().sight` in tasks of users
 
     symmetric: ClassVar[bool] = True
-    """Whether agents had better learn for one side of the spacecraft what serves all that look the same
-    (decision 009)."""
+    """Whether policies exploit the symmetry of the spacecraft by default (decision 009)."""
 
     def parts(self) -> Mapping[str, Task]:
-        """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
+        """Tasks on which an agent is evaluated separately, by name: those of a multi-task, else the task as ""."""
         return {"": self}
 
     def task_of(self, goal: State) -> Task:
-        """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""
+        """Task to which one goal (of numbers) belongs: one of a multi-task, else the task itself."""
         return self
 
     @abstractmethod
     def flag_of(self, goal: State) -> Field:
-        """The paper's task flag tf, by which a policy knows the task that a goal is of."""
+        """Task flag tf of the paper, which tells a policy the task of a goal."""
 
     @abstractmethod
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of one episode.
 
-        The goal is a state to be in: controllers that need no training fly to it, pages draw it, and
-        `errors` are best zero there. What else a task must know of it goes into its ``notes``.
+        The goal is a target state: controllers without training fly to it, pages draw it, and `errors` should be
+        zero there. Further data of the goal belong into its ``notes``.
         """
 
     def for_evaluation(self) -> Task:
-        """The task with the starts and goals that agents are judged on: by default those of training."""
+        """The task with the starts and goals of evaluations; by default those of training."""
         return self
 
     @property
     def drift(self) -> Drift:
-        """How a free point moves where the task is set: by default it flies free."""
+        """Motion of a free point in W; by default free flight."""
         return FREE
 
     def later(self, goal: State, time: Field) -> State:
-        """Goal after a time (s): by default it stands still.
+        """Goal after a time (s); by default it does not move.
 
-        It is a flow: it depends on the goal and its ``notes`` alone, whatever the spacecraft does, so that
-        optimal control may ask for any time. `rans.model.drift.step_goal` moves a goal as free points move.
+        It depends on the goal and its ``notes`` alone and not on the spacecraft, so that optimal control may
+        evaluate it at any time. `rans.model.drift.step_goal` moves a goal as a free point.
         """
         return goal
 
     def remember(self, goal: State, state: State) -> State:
-        """Goal whose ``notes`` remember what has happened, such as points seen: by default nothing.
+        """Goal whose ``notes`` record events of the episode, such as points seen; by default unchanged.
 
-        Asked at every instant that `rans.model.timing.Timing.checks` says, after `later`.
+        Evaluated at every check (`rans.model.timing.Timing.checks`), after `later`.
         """
         return goal
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Margins by name that must never be negative, such as a distance to a wall (m): by default none.
+        """Margins by name that must not become negative, such as a distance to a wall (m); by default none.
 
-        They are in SI units, smooth, and asked at every instant that `rans.model.timing.Timing.checks` says.
+        They are smooth, in SI units, and evaluated at every check (`rans.model.timing.Timing.checks`).
         """
         return {}
 
     def arrival(self, goal: State) -> Field | None:
-        """Time (s) until the planned arrival, which controllers without training aim at; None: there is no plan."""
+        """Time (s) until the planned arrival, for controllers without training; None: there is no plan."""
         return None
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """Zones, cones and limits at the goal's instant, as pages and safety filters see them: by default none.
+        """Zones, cones and limits at the goal's instant, for pages and safety filters; by default none.
 
-        They are the shapes that `constraints` asks for their margins and `observation_terms` for their entries.
+        They are the shapes whose margins `constraints` returns and whose entries `observation_terms` contains.
         """
         return ()
 
     def done(self, state: State, goal: State) -> Field | None:
-        """Whether the mission is over and won, which ends the episode; None: it lasts until time is up."""
+        """Whether the mission is accomplished, which ends the episode; None: it lasts until it is truncated."""
         return None
 
     violation_ends: bool = True
@@ -137,17 +136,18 @@ class Task(Settings, ABC):
     violation_weight: float = 0.0
     """Reward lost in a control period with a negative margin."""
     done_weight: float = 0.0
-    """Reward for the control period in which the mission is won."""
+    """Reward for the control period in which the mission is accomplished."""
     timing: ClassVar[Timing] = Timing()
-    """Control period and length of an episode where nobody says otherwise."""
+    """Default timing of the task: control period, checks and length of an episode."""
     dimensions: ClassVar[tuple[Dimension, ...]] = (2, 3)
-    """Dimensions that the task can be flown in."""
+    """Dimensions in which the task can be flown."""
     spacecraft: ClassVar[str | None] = None
-    """Name of the spacecraft that flies where none is named; None: the usual one of the dimension."""
+    """Name of the default spacecraft of the task; None: the default one of the dimension."""
     optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing"]] = "trajectory"
-    """The problem whose solution ``rans optimal`` gives: the best trajectory by nonlinear programming, the least
-    impulse to a place on an orbit, or the least propellant of a landing, both by convex programming. The latter
-    two are for what is derived from `rans.tasks.orbital.OrbitalMission` and `rans.tasks.land.Land`."""
+    """Problem that ``rans optimal`` solves. "trajectory": the best trajectory, by nonlinear programming.
+    "rendezvous": the least impulse to a position near an orbiting target, for tasks derived from
+    `rans.tasks.orbital.OrbitalMission`. "landing": the least propellant of a landing, for tasks derived from
+    `rans.tasks.land.Land`. The latter two are convex programs."""
 
     @property
     def draws_trade_off(self) -> bool:
@@ -156,35 +156,39 @@ class Task(Settings, ABC):
 
     @property
     def held_trade_off(self) -> float | None:
-        """Trade-off of every episode, which policies observe; None: there is none, or episodes draw it."""
+        """Fixed trade-off of all episodes, which policies observe; None: there is none, or episodes draw it."""
         return None
 
     def with_trade_off(self, trade_off: float) -> Task:
-        """The task with its trade-off held; `ConfigError` if it has none, or for a number beyond 0 to 1."""
+        """The task with a fixed trade-off.
+
+        Raises:
+            ConfigError: the task has no trade-off, or the number is not within 0 to 1.
+        """
         raise ConfigError(f"{type(self).__name__} has no trade-off.")
 
     def plain(self) -> Task:
-        """The task with nothing of a trade-off to observe: itself where there is no trade-off."""
+        """The task without a trade-off in its observation; the task itself if it has no trade-off."""
         return self
 
     @abstractmethod
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """What a policy sees of the way to the goal, smooth: the paper's task data td (Table 1).
+        """Observation terms of the goal, smooth in the state: the task data td of the paper (Table 1).
 
-        Optimal controllers drive it to the entries' targets.
+        Optimal controllers drive them to their targets (`ObservationTerm.target`).
         """
 
     @abstractmethod
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the goal by quantity; the names are those of `rans.tasks.quantities.QUANTITIES`."""
+        """Errors by quantity, SI units; the names are those of `rans.tasks.quantities.QUANTITIES`."""
 
     @abstractmethod
     def tolerances(self) -> dict[str, float]:
-        """The error below which each quantity counts as reached, in the units of `errors`."""
+        """Error of each quantity below which it counts as reached, in the units of `errors`."""
 
     @abstractmethod
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Named terms; their sum is the reward of arriving in this state."""
+        """Terms of the reward of a control period by name; the reward is their sum."""
 
     def reached(self, state: State, goal: State) -> Field:
         """Whether every error that has a tolerance is within it."""
@@ -194,32 +198,33 @@ class Task(Settings, ABC):
 
     @abstractmethod
     def failed(self, state: State, goal: State) -> Field:
-        """Whether the episode ends here as a failure."""
+        """Whether the episode ends in this state as a failure."""
 
 
 @dataclass(frozen=True)
 class SingleTask(Prices, Task):
-    """What the tasks with one kind of goal have in common, a multi-task has not.
+    """Base class of tasks with one kind of goal, as opposed to `rans.MultiTask`.
 
-    A setting is a number, a range (low, high) or a truth value, and what it may be follows from its name;
-    what is none of these, or may be negative, is a ``ClassVar``, or for a `__post_init__` of your own.
+    A setting is a number, a range (low, high) or a boolean; its bounds follow from its name
+    (`rans.tasks.settings.check_settings`). Other values, and values that may be negative, must be a ``ClassVar``
+    or be checked in a `__post_init__` of your own.
 
     Raises:
         ConfigError: see `rans.tasks.settings.check_settings`.
     """
 
     flag: ClassVar[float] = -1.0
-    """The paper's tf, which policies see. The paper's are 0 to 4; other tasks need none of their own."""
+    """Task flag tf of the paper, which policies observe. The tasks of the paper have 0 to 4; others may keep -1."""
 
     def __post_init__(self) -> None:
         check_settings(self)
 
     def flag_of(self, goal: State) -> Field:
-        """The same for every goal."""
+        """Task flag, the same for every goal."""
         return float(self.flag)
 
     def tolerances(self) -> dict[str, float]:
-        """The settings named after a quantity, such as "position_tolerance"."""
+        """Tolerances by quantity, from the settings named QUANTITY_tolerance."""
         return {
             one.name.removesuffix("_tolerance"): getattr(self, one.name)
             for one in fields(self)
@@ -228,8 +233,8 @@ class SingleTask(Prices, Task):
 
 
 def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
-    """Goal and what it remembers a time (s) later, when the state is reached."""
-    old = getattr(task, "next_goal", None)  # of plug-ins written for an earlier version
+    """Goal a time (s) later, with its memory updated for the state at that time."""
+    old = getattr(task, "next_goal", None)  # plug-ins written for an earlier version
     if old is not None:
         return old(goal, state, time)
     return task.remember(task.later(goal, time), state)
@@ -238,9 +243,9 @@ def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
 def reward_terms(
     task: Task, transition: Transition, done: Field | None, violated: Field | None
 ) -> dict[str, Field]:
-    """Terms of a task's reward by name, with those for winning and for violated constraints."""
+    """Terms of a task's reward by name, with those for success and for violated constraints."""
     terms = dict(task.reward(transition))
-    zero = transition.state.p.columns()[0] * 0.0  # of the precision that everything has
+    zero = transition.state.p.columns()[0] * 0.0  # in the precision of the state
     if done is not None and is_used(task.done_weight):
         terms["done"] = where(done, zero + task.done_weight, zero)
     if violated is not None and is_used(task.violation_weight):
@@ -249,7 +254,7 @@ def reward_terms(
 
 
 def typed_observation(task: Task, state: State, goal: State) -> Observation:
-    """All that a policy sees of this state, with this goal."""
+    """Observation of a state with a goal, as typed terms."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.observation_terms(state, goal)
     missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
@@ -266,5 +271,5 @@ def typed_observation(task: Task, state: State, goal: State) -> Observation:
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """The columns of `observation_terms`, which `rans.tasks.observation_columns` names."""
+    """Columns of the observation of a state with a goal; `rans.tasks.observation_columns` names them."""
     return typed_observation(task, state, goal).columns()

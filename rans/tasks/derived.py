@@ -1,4 +1,4 @@
-"""What is derived from a task before it is flown: the columns of what it shows, and what its reward reads."""
+"""Properties derived from a task: its dimensions, the columns of its observation, and inputs of its reward."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ PLACES: dict[Dimension, str] = {2: "in the plane", 3: "in space"}
 
 
 def dimensions(task: Task) -> tuple[Dimension, ...]:
-    """Those in which the task works; both, where none of them could be found to work."""
+    """Dimensions in which the functions of a task can be evaluated; both if they fail in both."""
     return tuple(one for one in PLACES if _failure(task, one) is None) or tuple(PLACES)
 
 
 def check_dimension(task: Task, dimension: Dimension) -> None:
-    """Refuse a task that works in the other dimension only.
+    """Reject a task that can be evaluated in the other dimension only.
 
-    One that works in neither may want more than NumPy's numbers: its own code tells what is wrong with it.
+    A task that fails in both may need more than NumPy numbers and is not rejected here.
 
     Raises:
-        ConfigError: one of the task's functions, or of its drift, fails here and not there.
+        ConfigError: a function of the task, or of its drift, fails in this dimension and not in the other.
     """
     if (reason := _failure(task, dimension)) is None or dimension in (works := dimensions(task)):
         return
@@ -49,8 +49,10 @@ def check_dimension(task: Task, dimension: Dimension) -> None:
 
 
 def _failure(task: Task, dimension: Dimension) -> Exception | None:
-    """What is raised when all that a task computes is computed once, of numbers."""
-    shut = (np.zeros(1),) * 16  # as many in both, and enough for who looks at single thrusters
+    """Exception of the functions of a task, each evaluated once on numbers; None if there is none."""
+    shut = (
+        np.zeros(1),
+    ) * 16  # the same number in both dimensions, enough for rewards of single thrusters
     try:
         with warnings.catch_warnings(action="ignore"):
             state, goal = example_state(task, dimension)
@@ -64,13 +66,13 @@ def _failure(task: Task, dimension: Dimension) -> Exception | None:
             _ = task.failed(state, goal) | task.reached(state, goal)
             _ = task.constraints(state, goal)
             _ = task.done(state, goal)
-    except Exception as error:  # somebody else's code raises anything
+    except Exception as error:  # code of other packages may raise anything
         return error
     return None
 
 
 def example(task: Task, dimension: Dimension) -> Observation:
-    """What the task shows at the start of an episode, whose entries have the types that all have.
+    """Observation of a task at the start of an episode; the types of its terms are those of all observations.
 
     Raises:
         ConfigError: see `check_dimension`.
@@ -81,34 +83,34 @@ def example(task: Task, dimension: Dimension) -> Observation:
 
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
-    """Start and goal of one episode, of arrays of one number."""
+    """Start and goal of one episode, as arrays of one number."""
     start, goal = task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
-    # As many stores as a craft may have: what a task sees of them is decided without one.
+    # Enough stores for any craft, because the observation of a task is determined without a craft.
     return (start if start.stores else replace(start, stores=(np.ones(1),) * 16)), goal
 
 
 def _with_numbers(task: Task) -> Task:
-    """The task with ones in the place of settings that are in memory, or symbols."""
+    """The task with ones in place of settings that are tensors or symbols."""
     return map_settings(lambda _, x: x if isinstance(x, int | float) else np.ones(1), task)
 
 
 def layout(task: Task, dimension: Dimension) -> Layout:
-    """Which columns of the task's observation are what."""
+    """Layout of the observation of a task."""
     return example(task, dimension).layout()
 
 
 def observation_width(task: Task, dimension: Dimension) -> int:
-    """Columns of the task's observation: 10 in the plane and 22 in space (paper, section 3.2), or more."""
+    """Number of columns of the observation: 10 in the plane and 22 in space (paper, section 3.2), or more."""
     return layout(task, dimension).width
 
 
 def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
-    """What each column of `observation` holds."""
+    """Name, unit and frame of each column of the observation."""
     return example(task, dimension).table()
 
 
 def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """How far the task's data are from where they are at the goal, column by column."""
+    """Difference of the task data from their values at the goal, for each column."""
     return tuple(
         x - target
         for entry in task.observation_terms(state, goal)
@@ -117,7 +119,7 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
 
 
 def goal_stands_still(task: Task) -> bool:
-    """Whether the goal stays where an episode begins: the task does not move it, nor note anything."""
+    """Whether the goal is constant over an episode: the task defines neither `later` nor `remember`."""
     kind = type(task)
     return (
         kind.later is Task.later
@@ -127,7 +129,7 @@ def goal_stands_still(task: Task) -> bool:
 
 
 class _Noted(tuple[Field, ...]):
-    """A command that notes whether anybody reads it."""
+    """A command that records whether it is read."""
 
     read = False
 
@@ -141,9 +143,9 @@ class _Noted(tuple[Field, ...]):
 
 
 def watches_switching(task: Task, craft: Spacecraft) -> bool:
-    """Whether the reward reads the previous command, found by running it once on arrays of one number.
+    """Whether the reward reads the previous command, determined by one evaluation on arrays of one number.
 
-    A reward that cannot be computed of them, as only torch can follow it, may read anything.
+    True for a reward that cannot be evaluated on NumPy arrays.
     """
     shut = (np.zeros(1),) * len(craft.commands)
     previous = _Noted(shut)
@@ -153,6 +155,6 @@ def watches_switching(task: Task, craft: Spacecraft) -> bool:
             state, goal = example_state(task, craft.dimension)
             forces = (1.0,) * len(craft.thrusters)
             task.reward(Transition(state, goal, shut, previous, state, 0.2, forces))
-    except Exception:  # somebody else's code raises anything
+    except Exception:  # code of other packages may raise anything
         return True
     return previous.read

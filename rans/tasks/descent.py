@@ -1,4 +1,4 @@
-"""A guidance law for landing: the least squared acceleration and time, in closed form over fields.
+"""Guidance law for landing that minimises squared acceleration and time, in closed form over fields.
 
 Source: C. N. D'Souza, "An optimal guidance law for planetary landing", AIAA Guidance, Navigation, and Control
 Conference, 1997, paper 97-3709.
@@ -11,42 +11,44 @@ from dataclasses import dataclass
 from rans.model.fields import Field, Vec3, at_least, sqrt, where
 
 _NEWTON_STEPS = 6
-"""Relative error of the time to go afterwards: 7e-5 in 99 of 100 states between 1 cm and 4 km and between 1 cm/s
-and 200 m/s. Worse are states that need 5 m/s^2 and more to brake in time."""
+"""Iterations of Newton's method. The relative error of the time to go is then below 7e-5 in 99 of 100 states
+between 1 cm and 4 km and between 1 cm/s and 200 m/s; it is larger in states that need 5 m/s^2 or more to brake
+in time."""
 _SOFTENING = 1e-6
-"""Added to squared distances, m^2, and speeds, m^2/s^2: at the site nothing is divided by zero."""
+"""Added to squared distances, m^2, and squared speeds, m^2/s^2, to avoid division by zero at the site."""
 
 
 @dataclass(frozen=True)
 class DescentLaw:
-    """Thrust that lands a free point at the origin at rest with the least of haste * time + |acceleration|^2 / 2.
+    """Thrust that brings a point to rest at the origin and minimises time and squared acceleration.
 
-    The acceleration is that of the motion; its thrust bears the weight besides. It changes linearly with time, from
-    -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at the end of the time to go t, which is the root of
+    The cost is haste * time + integral of |acceleration|^2 / 2. The acceleration is that of the motion; thrust must
+    also balance the weight. It changes linearly with time, from -6 p / t^2 - 4 v / t now to 6 p / t^2 + 2 v / t at
+    the end of the time to go t, which is the root of
 
         (haste + g^2 / 2) t^4 - 2 |v|^2 t^2 - 12 p . v t - 18 |p|^2 = 0.
 
-    Neither the bounds of a thrust nor the ground are known to it.
+    The law considers neither bounds on the thrust nor the ground.
     """
 
     time: Field
     """Time to go, s."""
     thrust: Vec3
-    """Acceleration by thrust that it asks for now, in W, m/s^2."""
+    """Commanded acceleration by thrust now, in W, m/s^2."""
     last: Vec3
-    """The same at the end of the time to go."""
+    """Commanded acceleration by thrust at the end of the time to go, in W, m/s^2."""
     speed: Field
-    """Velocity that thrust changes until then, m/s: the root mean square of its acceleration times the time."""
+    """Velocity change by thrust until then, m/s: root mean square of its acceleration times the time to go."""
 
     @classmethod
     def of(cls, p: Vec3, v: Vec3, gravity: float, haste: float) -> DescentLaw:
-        """From a position (m) and a velocity (m/s), with gravity (m/s^2) along -z.
+        """Guidance law at a position and velocity, with gravity along -z of W.
 
         Args:
-            p: from the landing site.
-            v: against it.
-            gravity: acceleration of free fall, > 0.
-            haste: weight of time, m^2/s^4: a larger one lands sooner.
+            p: position relative to the landing site, m.
+            v: velocity relative to the landing site, m/s.
+            gravity: acceleration of free fall, > 0, m/s^2.
+            haste: weight of time, m^2/s^4; a larger one lands sooner.
         """
         time = 1.0 / _rate(p.dot(p) + _SOFTENING, v.dot(v) + _SOFTENING, p.dot(v), gravity, haste)
         by_place = p.scale(6.0 / (time * time))
@@ -55,26 +57,26 @@ class DescentLaw:
         weight = Vec3(zero, zero, zero + gravity)
         now = weight - by_place - by_speed.scale(2.0)
         last = weight + by_place + by_speed
-        # The mean square of what changes linearly.
+        # Mean square of a vector that changes linearly.
         square = (now.dot(now) + now.dot(last) + last.dot(last)) * (1.0 / 3.0)
         return cls(time, now, last, time * sqrt(square))
 
 
 def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: float) -> Field:
-    """One over the time to go, 1/s: the largest root of 18 |p|^2 s^4 + 12 p . v s^3 + 2 |v|^2 s^2 = cost.
+    """Inverse of the time to go, 1/s: largest root s of 18 |p|^2 s^4 + 12 p . v s^3 + 2 |v|^2 s^2 = cost.
 
-    Newton's method from above, where the polynomial is convex; a step never more than halves the root.
+    It is found by Newton's method from above, where the polynomial is convex; a step at most halves s.
 
     Args:
         square: |p|^2, m^2.
         speed: |v|^2, m^2/s^2.
         closing: p . v, m^2/s.
-        gravity: m/s^2.
-        haste: m^2/s^4.
+        gravity: acceleration of free fall, m/s^2.
+        haste: weight of time, m^2/s^4.
     """
     cost = haste + 0.5 * gravity * gravity
     distance = sqrt(square)
-    # Two upper bounds: with the velocity straight at the site, and of its part across the way alone.
+    # Two upper bounds: for a velocity directed at the site, and from its transverse component alone.
     bound = sqrt(speed) / (3.0 * distance) + (cost / 18.0) ** 0.25 / sqrt(distance)
     towards = at_least(-closing, 0.0)
     across = at_least(speed - towards * towards / square, 1e-9)

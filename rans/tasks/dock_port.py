@@ -1,4 +1,4 @@
-"""Dock at the port of a target that stands still or turns, inside an approach cone."""
+"""Dock at the port of a fixed or rotating target, inside an approach cone."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ from rans.tasks.shapes import Ball, Cone, Shape
 
 @dataclass(frozen=True)
 class DockPort(SingleTask):
-    """Dock at a port: arrive slowly, aligned and turning with it, inside its approach cone.
+    """Dock at a port of a rotating target: match its pose, velocity and spin inside the approach cone.
 
     >>> rans.DockPort(port_rate=(0.0, 0.0)).tolerances()["position"]
     0.02
 
-    The target's centre is the origin of W, where it turns at a constant rate: in the plane either way, in
-    space about any axis. The goal is the docked state, at `standoff` from the target's centre, with the
-    spacecraft's x axis towards it; it moves with the port. Start: at rest, any bearing and attitude.
+    The centre of the target is the origin of W. The target rotates at a constant rate, in the plane in either
+    direction and in space about any axis. The goal is the docked state, which moves with the port: at `standoff`
+    from the target's centre, with the spacecraft's x axis towards it. Start: at rest, any bearing and attitude.
 
-    Nearer to the port than `cone_length` the spacecraft's centre must be inside the approach cone, whose apex
-    lies `cone_depth` behind the docked position, and it must never enter the target's keep-out ball. The
-    mission is won at the first instant at which position, attitude, velocity and spin relative to the port
-    are within their tolerances; that ends the episode.
+    Within `cone_length` of its apex, which lies `cone_depth` behind the docked position, the spacecraft's centre
+    must be inside the approach cone. It must never enter the keep-out ball of the target. The mission succeeds at
+    the first instant at which position, attitude, velocity and spin relative to the port are within their
+    tolerances; this ends the episode.
 
-    Observed task data: way to the docked position (W), rotation to go, velocity to gain (W), spin to gain (B),
-    unit vector of the cone's axis (W), and the margin of the cone.
+    Observed task data: relative position (W), rotation, velocity (W) and spin (B) of the docked state, unit vector
+    of the cone's axis (W), and margin of the cone.
 
     Raises:
-        ConfigError: the cone is not below 90 degrees, or the docked position violates a constraint; and see
-            `rans.tasks.settings.check_settings`.
+        ConfigError: the half angle of the cone is not below 90 degrees, the docked position violates a
+            constraint, or a setting is out of range (`rans.tasks.settings.check_settings`).
     """
 
     spawn_distance: tuple[float, float] = (2.0, 4.0)
     """Range of the start's distance from the target's centre, m."""
     port_rate: tuple[float, float] = (0.0, math.radians(3.0))
-    """Range of the target's rate, rad/s."""
+    """Range of the target's angular rate, rad/s."""
     standoff: float = 0.65
     """Distance of the docked spacecraft's centre from the target's, m."""
     target_radius: float = 0.5
@@ -69,14 +69,14 @@ class DockPort(SingleTask):
     velocity_tolerance: float = 0.05
     """Velocity relative to the port that counts as docked, m/s."""
     spin_tolerance: float = math.radians(9.0)
-    """Spin relative to the port that counts as docked, rad/s. One pulse of 0.2 s of the floating platform
-    changes its spin by 17.4 degrees/s: every rate is within half of that of one that it reaches."""
+    """Spin relative to the port that counts as docked, rad/s. One pulse of 0.2 s changes the spin of the floating
+    platform by 17.4 degrees/s, so that every rate is within half of that of a reachable one."""
     approach_weight: float = 1.5
-    """Weight of nearness that is felt from afar."""
+    """Weight of a wide position reward, for large distances."""
     approach_scale: float = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
     turn_weight: float = 0.5
-    """Weight of an attitude reward that is felt from afar."""
+    """Weight of a wide attitude reward, for large errors."""
     turn_scale: float = 1.0
     """Attitude error at which the turn reward has fallen to 1/e, rad."""
     position_scale: float = 0.25
@@ -84,19 +84,19 @@ class DockPort(SingleTask):
     attitude_scale: float = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad."""
     soft_weight: float = 0.5
-    """Weight of velocity and spin like the port's, near it."""
+    """Weight of a reward for matching the port's velocity and spin near it."""
     velocity_scale: float = 0.1
-    """Error at which the velocity part of that has fallen to 1/e, m/s."""
+    """Error at which the velocity part of the soft reward has fallen to 1/e, m/s."""
     spin_scale: float = 0.2
-    """Error at which the spin part of that has fallen to 1/e, rad/s."""
+    """Error at which the spin part of the soft reward has fallen to 1/e, rad/s."""
     done_weight: float = 400.0
-    """Reward for docking, once: more than waiting at the port earns, 5 a step, discounted by 0.985."""
+    """Reward for docking, once: more than the discounted return of waiting at the port (5 a step, gamma 0.985)."""
     violation_weight: float = 20.0
-    """Reward lost once when the cone is left or the target touched, which ends the episode."""
+    """Reward lost once when a constraint is violated, which ends the episode."""
     fail_distance: float = 8.0
-    """An episode fails beyond this distance from the port, m."""
+    """Distance from the port beyond which an episode fails, m."""
     fail_spin: float = 4.0
-    """An episode fails beyond this rate, rad/s."""
+    """Angular rate beyond which an episode fails, rad/s."""
 
     timing: ClassVar[Timing] = Timing(control_period=0.2, episode_steps=200, checks=4)
 
@@ -114,13 +114,13 @@ class DockPort(SingleTask):
             )
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target; the docked state with the port in any direction."""
+        """Start around the target, and the docked state with the port in any direction."""
         start = random.around(*self.spawn_distance)
         spin = random.turn(self.port_rate)
         return start, self._docked(random.moving(random.origin(), random.attitude(), spin))
 
     def later(self, goal: State, time: Field) -> State:
-        """The docked state turns with the target."""
+        """Docked state after a time (s), rotated with the target."""
         return self._docked(step_goal(goal, FREE, time))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
@@ -139,7 +139,7 @@ class DockPort(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position, attitude, velocity and spin still to go, and the cone."""
+        """Position, attitude, velocity and spin of the docked state relative to the craft, and the cone."""
         cone = self._cone(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),
@@ -160,7 +160,7 @@ class DockPort(SingleTask):
         }
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Nearness of position and attitude, wide and narrow; near the port, of velocity and spin."""
+        """Wide and narrow rewards of position and attitude, and near the port of velocity and spin."""
         distance, angle, rush, twist = self.errors(transition.state, transition.goal).values()
         near = nearness(distance, self.position_scale)
         terms = {
@@ -175,17 +175,17 @@ class DockPort(SingleTask):
         return terms | self.prices(transition)
 
     def failed(self, state: State, goal: State) -> Field:
-        """Too far away, or spinning too fast."""
+        """Whether the craft is too far away, or spins too fast."""
         lost = (goal.p - state.p).norm() > self.fail_distance
         return lost | (speed(state.spin()) > self.fail_spin)
 
     def _docked(self, turned: Any) -> Any:
-        """The docked state with the attitude and the spin of another."""
+        """Docked state with the attitude and the spin of another state."""
         towards = _ahead(turned.attitude)
         p = towards.scale(-self.standoff)
         if isinstance(turned.attitude, Heading):
             return replace(turned, p=p, v=Vec2(-turned.w * p.y, turned.w * p.x))
-        # The spin is in the frame of the docked spacecraft, where its way from the target is along -x.
+        # The spin is in the frame of the docked spacecraft, whose position from the target is along -x.
         v = turned.w.cross(Vec3(-self.standoff, 0.0, 0.0))
         return replace(turned, p=p, v=turned.attitude.rotate(v))
 
@@ -206,7 +206,7 @@ def _ahead(attitude: Any) -> Vector:
 
 
 def _spin_to_gain(state: State, goal: State) -> tuple[Field, ...]:
-    """Angular velocity of the goal less the spacecraft's, in the spacecraft's frame, rad/s."""
+    """Angular velocity of the goal less that of the spacecraft, in B of the spacecraft, rad/s."""
     turn = state.attitude.to(goal.attitude)
     if isinstance(turn, Quat):
         wanted: Any = turn.rotate(goal.w)  # pyright: ignore[reportArgumentType]

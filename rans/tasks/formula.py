@@ -1,4 +1,4 @@
-"""Rewards as people write them, found by running a task's own functions on symbols."""
+"""Formulas of rewards as text, from evaluating a task's functions on symbols."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from rans.tasks.rewards import Transition
 
 OPEN = "open"
 BEFORE = "open_before"
-"""Names of how many thrusters are open, now and in the step before; errors have the names of the task."""
+"""Names of the number of open thrusters, now and in the step before; errors have the names of the task."""
 OF_STATE = "of state and goal beside the errors, see the task"
-"""Instead of a formula whose numbers have no names, or of more operations than `_MOST`."""
+"""Text in place of a formula with unnamed numbers or with more operations than `_MOST`."""
 _MOST = 5000
 _UNNAMED = re.compile(r"(goal_)?x\d+")
 _SUM = 1
 _PRODUCT = 2
 _WHOLE = 3
-"""How tightly a text holds together."""
+"""Binding strength of the outermost operation of a text."""
 
 
 def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
-    """Every term of a step's reward, in the task's errors and `OPEN`; none where symbols cannot follow.
+    """Formula of every term of the reward of a task, in its errors and `OPEN`; empty if it is not traceable.
 
-    A term that also reads other numbers of state and goal is `OF_STATE`.
+    A term that reads other numbers of state and goal is `OF_STATE`.
 
     >>> from rans.tasks.formula import reward_formulas
     >>> reward_formulas(rans.GoToPose())["approach"]
@@ -42,12 +42,12 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
             _named(one, name)
             for one, name in zip(example_state(task, dimension), ("", "goal_"), strict=True)
         )
-        shown = {
+        observed = {
             entry.value: Symbol.input(entry.name)
             for entry in task.observation_terms(state, goal)
             if isinstance(entry.value, Symbol)
         }
-        goal = replace(goal, notes=tuple(shown.get(note, note) for note in goal.notes))
+        goal = replace(goal, notes=tuple(observed.get(note, note) for note in goal.notes))
         errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))
@@ -66,7 +66,7 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
 
 
 def _length(symbol: Symbol, known: dict[int, float]) -> float:
-    """Operations in the text of a formula, where what symbols share is written anew; inf: some have no name."""
+    """Number of operations in the text of a formula, which repeats shared symbols; inf if an input has no name."""
     if symbol.serial not in known:
         unnamed = symbol.operation == "input" and _UNNAMED.fullmatch(str(symbol.value))
         parts = sum(_length(part, known) for part in symbol.args)
@@ -80,12 +80,12 @@ def _named(state: State, prefix: str) -> State:
 
 
 def _text(symbol: Symbol, within: int = 0, divided: bool = False) -> str:
-    """With brackets where what it stands in holds tighter; factors as divisors where that is usual."""
-    text, own = _told(symbol, divided)
-    return f"({text})" if own < within else text
+    """Text of a symbol, in brackets if the enclosing operation binds tighter; if divided, x / 2 for 0.5 x."""
+    text, strength = _text_and_strength(symbol, divided)
+    return f"({text})" if strength < within else text
 
 
-def _told(symbol: Symbol, divided: bool) -> tuple[str, int]:
+def _text_and_strength(symbol: Symbol, divided: bool) -> tuple[str, int]:
     if symbol.operation == "input":
         return str(symbol.value), _WHOLE
     if symbol.operation == "constant":
@@ -123,7 +123,7 @@ def _times(factor: float, rest: Symbol, divided: bool) -> tuple[str, int]:
 
 
 def _half_of(total: Symbol) -> Symbol | None:
-    """The x of x + |x|, which is twice the positive part of x."""
+    """The symbol x of a sum x + |x|, which is twice the positive part of x; None for other symbols."""
     if total.operation != "+":
         return None
     a, b = total.args if total.args[1].operation == "abs" else total.args[::-1]

@@ -30,9 +30,9 @@ class GoToPose(Arrived, SingleTask):
     spawn_distance: tuple[float, float] = (0.5, 4.5)
     """Range of the start's distance from the goal in training, m (original system)."""
     evaluation_distance: tuple[float, float] = (3.0, 4.0)
-    """The same in evaluations, m (paper, section 4.1)."""
+    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1)."""
     approach_weight: float = 0.5
-    """Weight of the rewards that are felt from afar; 0 gives the original system's reward."""
+    """Weight of the wide rewards, for large errors; 0 gives the reward of the original system."""
     approach_scale: float = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
     turn_scale: float = 1.0
@@ -42,54 +42,54 @@ class GoToPose(Arrived, SingleTask):
     attitude_scale: float = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
     fine_weight: float = 0.0
-    """Weight of narrow copies of both, for agents that hold millimetres."""
+    """Weight of narrow copies of both rewards, for agents that keep the position within millimetres."""
     fine_position_scale: float = 0.02
     """Error at which the narrow position reward has fallen to 1/e, m."""
     fine_attitude_scale: float = 0.02
     """Error at which the narrow attitude reward has fallen to 1/e, rad."""
     misaligned_weight: float = 0.0
-    """Weight lost at the goal's place in a wrong attitude (narrow copies), which would save thrust there."""
+    """Weight of a penalty for a wrong attitude at the goal's position (narrow copies)."""
     rest_position: float = 0.0
-    """Distance below which no reward is left to gain by firing, m."""
+    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
     rest_attitude: float = 0.0
-    """Attitude error below which no reward is left to gain by firing, rad."""
+    """Attitude error below which the attitude reward is constant, so that thrust gains nothing, rad."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     attitude_tolerance: float = math.radians(5.0)
     """Attitude error that counts as reached, rad."""
     fail_distance: float = 8.0
-    """An episode fails beyond this distance, m (original system)."""
+    """Distance from the goal beyond which an episode fails, m (original system)."""
     fail_spin: float = 4.0
-    """A spatial episode fails beyond this rate, rad/s: without it policies spin up for good."""
+    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
 
     flag = 1
 
     def for_evaluation(self) -> GoToPose:
-        """The task with the starts that agents are judged on."""
+        """The task with the starts of evaluations."""
         return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the goal, goal at the origin."""
+        """Start around the goal, and the goal at the origin."""
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position and attitude still to go."""
+        """Position and attitude of the goal relative to the craft."""
         return (
             VectorInW("d", "m", goal.p - state.p),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance and angle to the goal."""
+        """Distance from the goal, m, and attitude error, rad."""
         angle = state.attitude.to(goal.attitude).magnitude()
         return {"position": (goal.p - state.p).norm(), "attitude": angle}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-distance / scale) + exp(-angle / scale), as the original system; wider and narrower copies.
+        """Terms exp(-distance / scale) and exp(-angle / scale) of the original system, wider and narrower copies.
 
-        Without the wide "turn" some seeds hold the position with any attitude and never leave that
-        optimum, and without "approach" training takes twice as long (docs/decisions/005-presets.md).
+        Without the wide "turn" term some seeds keep the position with any attitude and remain in that local
+        optimum. Without "approach" training takes twice as long (docs/decisions/005-presets.md).
         """
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
@@ -124,7 +124,7 @@ class GoToPose(Arrived, SingleTask):
         return distance / self.position_tolerance, angle / self.attitude_tolerance
 
     def failed(self, state: State, goal: State) -> Field:
-        """Too far away, or in space spinning too fast."""
+        """Whether the craft is too far away, or in space spins too fast."""
         lost = (goal.p - state.p).norm() > self.fail_distance
         spin = state.spin()
         return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)

@@ -28,53 +28,53 @@ class GoToPosition(SingleTask):
     spawn_distance: tuple[float, float] = (0.5, 4.5)
     """Range of the start's distance from the goal in training, m (original system)."""
     evaluation_distance: tuple[float, float] = (3.0, 4.0)
-    """The same in evaluations, m (paper, section 4.1; in space it says 1 to 5 m)."""
+    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1; 1 to 5 m in space)."""
     position_scale: float = 0.25
     """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
     approach_weight: float = 0.5
-    """Weight of the reward that is felt from afar; 0 gives the original system's reward."""
+    """Weight of the wide position reward, for large distances; 0 gives the reward of the original system."""
     approach_scale: float = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
     stillness_weight: float = 0.5
-    """Weight of the reward for not spinning: without it agents spin at 3 to 7 rad/s unseen."""
+    """Weight of the reward for low spin; without it agents spin at 3 to 7 rad/s."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
     fine_weight: float = 0.0
-    """Weight of a narrow copy of the position reward, for agents that hold millimetres."""
+    """Weight of a narrow copy of the position reward, for agents that keep the position within millimetres."""
     fine_scale: float = 0.02
-    """Error at which that copy has fallen to 1/e, m."""
+    """Error at which the narrow position reward has fallen to 1/e, m."""
     rest_position: float = 0.0
-    """Distance below which no reward is left to gain by firing, m."""
+    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
     rest_spin: float = 0.0
-    """Angular speed below which no reward is left to gain by firing, rad/s."""
+    """Angular speed below which the stillness reward is constant, so that thrust gains nothing, rad/s."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     fail_distance: float = 8.0
-    """An episode fails beyond this distance, m (original system)."""
+    """Distance from the goal beyond which an episode fails, m (original system)."""
     fail_spin: float = 4.0
-    """A spatial episode fails beyond this rate, rad/s: without it policies spin up for good."""
+    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
 
     flag = 0
 
     def for_evaluation(self) -> GoToPosition:
-        """The task with the starts that agents are judged on."""
+        """The task with the starts of evaluations."""
         return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the goal, goal at the origin."""
+        """Start around the goal, and the goal at the origin."""
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.no_rotation())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """The way still to go."""
+        """Position of the goal relative to the craft."""
         return (VectorInW("d", "m", goal.p - state.p),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance to the goal, and angular speed."""
+        """Distance from the goal, m, and angular speed, rad/s."""
         return {"position": (goal.p - state.p).norm(), "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-distance / scale), as the original system; a wider and a narrower copy; stillness."""
+        """Terms: exp(-distance / scale) of the original system, a wider and a narrower copy, and low spin."""
         distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         return {
@@ -91,7 +91,7 @@ class GoToPosition(SingleTask):
         }
 
     def failed(self, state: State, goal: State) -> Field:
-        """Too far away, or in space spinning too fast."""
+        """Whether the craft is too far away, or in space spins too fast."""
         distance, spin = self.errors(state, goal).values()
         lost = distance > self.fail_distance
         return lost if len(state.spin()) == 1 else lost | (spin > self.fail_spin)

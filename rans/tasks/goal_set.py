@@ -1,4 +1,4 @@
-"""The goal set of a task: what it asks for, and at rest where that is to last."""
+"""Goal set of a task: states within its tolerances, and at rest relative to a goal position or attitude."""
 
 from __future__ import annotations
 
@@ -10,40 +10,45 @@ import numpy as np
 from rans.tasks.base import Task
 
 _RATES = {"position": "velocity", "attitude": "spin"}
-"""Who is to stay somewhere must not move, who is to keep an attitude must not turn."""
+"""Rate of each quantity, which must be that of the goal for the quantity to last."""
 REST_SPEED = 0.05
-"""A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
+"""Speed relative to the goal below which a position counts as reached for good, m/s: 1 cm in a period."""
 REST_SPIN = math.radians(5.0)
-"""An attitude counts as arrived at only below this rate relative to the goal's, rad/s. For the floating
-platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
+"""Angular rate relative to the goal below which an attitude counts as reached for good, rad/s. For the floating
+platform at 5 Hz this means no spin at all, because one pulse changes it by 17 degrees/s."""
 
 
 def aims(task: Task) -> frozenset[str]:
-    """What a task asks for: "position", "attitude", "velocity", "spin".
+    """Quantities of a task's goal set, such as "position", "attitude", "velocity" and "spin".
 
-    The quantities it has tolerances for, and the rates that must be the goal's for these to stay.
+    They are those with tolerances, and the rates that must be those of the goal for these to last.
 
     Raises:
-        ConfigError: a multi-task has no goal of its own.
+        ConfigError: the task is a multi-task, which has no tolerances.
     """
     wanted = task.tolerances().keys()
     return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
 
 
 def asks_rest(task: Task) -> bool:
-    """Whether the goal set asks for rest: the task names a place or an attitude, but no rate of its own.
+    """Whether the goal set requires rest: the task has a tolerance of position or attitude, but none of its rate.
 
     Raises:
-        ConfigError: a multi-task has no goal of its own.
+        ConfigError: the task is a multi-task, which has no tolerances.
     """
     return bool(aims(task) - task.tolerances().keys())
 
 
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
-    """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
+    """Whether states are in the goal set: within the task's tolerances, and at rest if `asks_rest`.
 
-    The set is that of `rans.evaluation.compare.bounds.goal_set`: where `aims` adds velocity or spin, their
-    tolerances are `REST_SPEED` and `REST_SPIN`. States have fields (T + 1, N), goals (N,).
+    The set is that of `rans.evaluation.compare.bounds.goal_set`. Where `aims` adds velocity or spin, their
+    tolerances are `REST_SPEED` and `REST_SPIN`.
+
+    Args:
+        task: task.
+        states: states with fields (T + 1, N).
+        goals: goals with fields (N,).
     """
     inside = task.reached(states, goals)
     added = aims(task) - task.tolerances().keys()

@@ -1,4 +1,4 @@
-"""Inspect a target on a circular orbit: see nearly all points of its surface in sunlight, from a safe distance."""
+"""Inspect a target on a circular orbit: see nearly all points of its surface in sunlight from a safe distance."""
 
 from __future__ import annotations
 
@@ -42,41 +42,42 @@ declare(
 )
 
 WORD = 20
-"""Points that one number of an episode's memory says of, a bit each: single precision holds 24 bits exactly."""
+"""Points per number of an episode's memory, one bit each; single precision represents 24 bits exactly."""
 
 
 @dataclass(frozen=True)
 class Inspect(SingleTask):
-    """See the points of a target's surface in sunlight, from a safe distance.
+    """See the points of a target's surface in sunlight from a safe distance.
 
     >>> rans.load_task("inspect").tolerances()
     {'unseen': 0.05}
 
-    W is the target's Hill frame: x radial outwards, y along the track, z across; the target is at its origin and
-    does not turn in it. Points lie on a sphere around it, evenly as on a Fibonacci lattice. The craft's camera
-    always points at the target. A point has been seen once, at a check, the craft was within the view cone of
-    the point and the sun within its light cone. Both are cones around the point's normal; with the default
-    angles a point is seen where the craft is above its horizon and the sun is.
+    W is the Hill frame of the target: x radially outwards, y along the track, z across it. The target is at its
+    origin and does not rotate in it. Points lie on a sphere around the target, on a Fibonacci lattice. The camera
+    of the craft always points at the target. A point counts as seen after the first check at which the craft is
+    within the view cone of the point and the sun within its light cone. Both are cones around the normal of the
+    point; with the default angles both craft and sun must be above its horizon.
 
-    The sun lies in the orbit's plane and turns at -n in W. Episodes draw its first angle. Won: all but 5 % of the
-    points have been seen. Limit: the craft's centre is never nearer to the target than `keep_out`.
+    The sun lies in the plane of the orbit and rotates at -n in W; episodes draw its initial angle. Success: all
+    but 5 % of the points have been seen. Constraint: the centre of the craft is at least `keep_out` from the
+    target.
 
     Start: 50 to 100 m away in a uniform direction, without rotation, with a velocity in a uniform direction of up
-    to 0.8 of 2 n r. An episode lasts two orbits' worth of 20 s periods, checked every 10 s.
+    to 0.8 of 2 n r at the distance r. An episode lasts two orbits, in periods of 20 s with a check every 10 s.
 
-    The goal is the target's centre. Its ``notes`` are the sun's angle, the number of points seen, and the points,
-    a bit each in numbers of `WORD` bits: a hundred points take five numbers instead of a hundred.
+    The goal is the centre of the target. Its ``notes`` are the angle of the sun, the number of points seen, and
+    one bit per point, packed in numbers of `WORD` bits.
 
-    Observed task data: way to the target and sun's direction (W), share of points not seen, mean direction of
-    these points and of those of them that are lit (W), and the margin of the keep-out ball.
+    Observed task data: vector to the target and direction of the sun (W), share of unseen points, mean normal of
+    the unseen points and of the lit ones among them (W), and margin of the keep-out ball.
 
-    Numbers: Inspection-v0 of the benchmark of the Air Force Research Laboratory (safe-autonomy-sims 6d71f7e):
-    100 points on a sphere of 10 m, sun at -n, starts and speeds, 800 m; crash radius 15 m as its code has it
-    (its page says 10 m); an agent's success there is 95 % of the points' weight. Its control period is 10 s.
+    Source: Inspection-v0 of the benchmark of the Air Force Research Laboratory (safe-autonomy-sims 6d71f7e):
+    100 points on a sphere of 10 m, sun at -n, starts, speeds, and 800 m. The crash radius of 15 m is that of its
+    code (its page has 10 m). Success there is 95 % of the weight of the points, and the control period is 10 s.
     """
 
     mean_motion: float = 0.001027
-    """n of the target's orbit, rad/s."""
+    """Mean motion n of the target's orbit, rad/s."""
     points: int = 100
     """Number of points."""
     surface_distance: float = 10.0
@@ -92,17 +93,17 @@ class Inspect(SingleTask):
     start_speed: tuple[float, float] = (0.0, 0.8)
     """Range of the start's speed as a share of 2 n times the distance."""
     unseen_tolerance: float = 0.05
-    """Share of points not seen at which the mission is won."""
+    """Share of unseen points below which the mission succeeds."""
     unseen_weight: float = 1.0
-    """Reward lost per control period, times the share of points not seen."""
+    """Reward lost per control period times the share of unseen points."""
     impulse_weight: float = 0.05
-    """Reward lost per newton-second of the thrusters."""
+    """Reward lost per newton-second of thruster impulse."""
     done_weight: float = 5.0
     violation_weight: float = 50.0
     fail_distance: float = 800.0
-    """An episode fails farther than this from the target, m."""
+    """Distance from the target beyond which an episode fails, m."""
     thrust_weight: float = 0.0
-    """Reward lost per step and open thruster: impulse is priced instead."""
+    """Reward lost per step and open thruster; zero because impulse has a price."""
 
     symmetric = False
     flag = 11
@@ -118,7 +119,7 @@ class Inspect(SingleTask):
             angle = getattr(self, name)
             if isinstance(angle, int | float) and angle > 90.0:
                 raise ConfigError(
-                    f"{name} must be at most 90 degrees, got {angle:g}: a point sees nothing below its horizon."
+                    f"{name} must be at most 90 degrees, got {angle:g}: a point is not visible below its horizon."
                 )
         if isinstance(self.keep_out, int | float) and self.keep_out <= self.surface_distance:
             raise ConfigError(
@@ -128,12 +129,12 @@ class Inspect(SingleTask):
 
     @property
     def drift(self) -> Drift:
-        """The equations of Clohessy and Wiltshire."""
+        """Clohessy-Wiltshire equations of the target's orbit."""
         return ClohessyWiltshire(self.mean_motion)
 
     @cached_property
     def normals(self) -> tuple[tuple[float, float, float], ...]:
-        """Unit vectors to the points in W: heights in even steps, turned by the golden angle each."""
+        """Unit normals of the points in W: a Fibonacci lattice with even steps in z and the golden angle."""
         golden = math.pi * (3.0 - math.sqrt(5.0))
         found = []
         for k in range(self.points):
@@ -143,7 +144,7 @@ class Inspect(SingleTask):
         return tuple(found)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target, and the sun's angle; nothing has been seen."""
+        """Start around the target, and the goal with the angle of the sun; no point has been seen."""
         distance = random.uniform(*self.spawn_distance)
         speed = distance * random.uniform(*self.start_speed) * (2.0 * self.mean_motion)
         place = random.direction().scale(distance)
@@ -155,12 +156,12 @@ class Inspect(SingleTask):
         return start, replace(goal, notes=(sun, *(sun * 0.0,) * (1 + words)))
 
     def later(self, goal: State, time: Field) -> State:
-        """The sun turns."""
+        """Goal after a time (s), in which the sun rotates."""
         sun, *rest = goal.notes
         return replace(goal, notes=(sun - time * self.mean_motion, *rest))
 
     def remember(self, goal: State, state: State) -> State:
-        """Points that are seen now, and those that were seen before."""
+        """Goal with the points that are visible now added to those seen before."""
         sun, _, *words = goal.notes
         now = self.visible(goal, state)
         counted: Field = 0.0
@@ -175,7 +176,7 @@ class Inspect(SingleTask):
         return replace(goal, notes=(sun, counted, *remembered))
 
     def visible(self, goal: State, state: State) -> list[Field]:
-        """Whether each point is in the craft's view and in light at an instant."""
+        """Whether each point is lit and within the view of the craft, one field per point."""
         radius = self.surface_distance
         p = state.p
         square = p.dot(p) + radius * radius
@@ -199,7 +200,7 @@ class Inspect(SingleTask):
         return (float(self.points) - goal.notes[1]) * (1.0 / self.points)
 
     def _known(self, goal: State) -> list[list[Field]]:
-        """Whether each point has been seen, by the numbers that hold it."""
+        """Whether each point has been seen, unpacked from the numbers in the notes."""
         found: list[list[Field]] = []
         for k, word in enumerate(goal.notes[2:]):
             bits = min(WORD, self.points - k * WORD)
@@ -221,11 +222,11 @@ class Inspect(SingleTask):
         return {"keep-out": self.scenery(goal)[0].gap(state.p)}
 
     def done(self, state: State, goal: State) -> Field:
-        """Enough points have been seen."""
+        """Whether enough points have been seen."""
         return self.reached(state, goal)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Way to the target, the sun, and where points are that have not been seen."""
+        """Vector to the target, direction of the sun, and the unseen points."""
         sun = self.sun(goal)
         unlit, lit = self.directions(goal)
         return (
@@ -238,7 +239,7 @@ class Inspect(SingleTask):
         )
 
     def directions(self, goal: State) -> tuple[Vec3, Vec3]:
-        """Sums of the normals of the points not seen, and of those of them in light, over the number of points."""
+        """Sum of the normals of unseen points, and of unseen lit points, each over the number of points."""
         known = reduce(add, self._known(goal))
         sun = self.sun(goal)
         light = math.cos(math.radians(self.light_degrees))
@@ -257,14 +258,14 @@ class Inspect(SingleTask):
         return {"unseen": self.unseen(goal)}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """What has not been seen costs in every period, and so does thrust."""
+        """Penalties of unseen points and of impulse in every control period."""
         terms = {"unseen": self.unseen(transition.goal) * -self.unseen_weight}
         if is_used(self.impulse_weight):
             terms["impulse"] = transition.impulse * -self.impulse_weight
         return terms | self.prices(transition)
 
     def failed(self, state: State, goal: State) -> Field:
-        """Too far away."""
+        """Whether the craft is too far away."""
         return (state.p - goal.p).norm() > self.fail_distance
 
 

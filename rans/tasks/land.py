@@ -1,4 +1,4 @@
-"""Land softly at a site, under gravity, with engines that cannot be shut and propellant that runs out."""
+"""Land softly at a site under gravity, with engines that cannot be shut and limited propellant."""
 
 from __future__ import annotations
 
@@ -24,62 +24,62 @@ from rans.tasks.rewards import Transition
 from rans.tasks.shapes import GlideSlope
 
 _EMPTY = 1e-3
-"""Propellant that counts as none, kg: single precision tells 400 kg from 0.03 g less."""
+"""Propellant below which the tank counts as empty, kg; single precision resolves 0.03 g at 400 kg."""
 
 
 @dataclass(frozen=True)
 class Land(SingleTask):
-    """Powered descent: land at a site softly, with little propellant, in space with z upwards.
+    """Powered descent: land softly at a site with little propellant, in space with z upwards.
 
     >>> rans.Land().tolerances()
     {'position': 1.0, 'velocity': 0.5}
 
     Start and gravity are those of a Mars landing: B. Acikmese and S. R. Ploen, "Convex programming approach to
-    powered descent guidance for Mars landing", Journal of Guidance, Control, and Dynamics 30(5), 2007, whose start
-    (2000, 0, 1500) m with (80, 30, -75) m/s is one of those that `sample` draws, turned about the vertical. The
-    craft is upright at first, and has a full tank.
+    powered descent guidance for Mars landing", Journal of Guidance, Control, and Dynamics 30(5), 2007. Its start at
+    (2000, 0, 1500) m with (80, 30, -75) m/s is one of those that `sample` draws, up to a rotation about the
+    vertical. The craft starts upright and with a full tank.
 
-    The mission is won within both tolerances of the landing site, which is the origin of W. Below the ground,
-    below the glide slope, or tilted too far it is lost, as it is without propellant.
+    Success: within both tolerances of the landing site, which is the origin of W. Failure: below the ground or the
+    glide slope, tilted too far, or without propellant.
 
-    Observed task data: the way to the site, the vertical, the thrust's acceleration of the guidance law of
-    D'Souza (`rans.tasks.descent.DescentLaw`) and its time to go, and the propellant that is left.
+    Observed task data: vector to the site, vertical, commanded acceleration and time to go of the guidance law of
+    D'Souza (`rans.tasks.descent.DescentLaw`), and the propellant left.
     """
 
     gravity: float = 3.7114
-    """Of Mars at the site, m/s^2 (Acikmese and Ploen)."""
+    """Gravity of Mars at the site, m/s^2 (Acikmese and Ploen)."""
     start_altitude: tuple[float, float] = (1450.0, 1650.0)
     """Range of the start's height, m."""
     start_distance: tuple[float, float] = (1900.0, 2100.0)
-    """Range of its horizontal distance from the site, m."""
+    """Range of the start's horizontal distance from the site, m."""
     start_away: tuple[float, float] = (50.0, 80.0)
-    """Range of its horizontal speed away from the site, m/s."""
+    """Range of the start's horizontal speed away from the site, m/s."""
     start_across: tuple[float, float] = (0.0, 30.0)
-    """Range of its horizontal speed across, to the left, m/s."""
+    """Range of the start's horizontal speed across, to the left, m/s."""
     start_descent: tuple[float, float] = (65.0, 77.0)
-    """Range of its vertical speed downwards, m/s."""
+    """Range of the start's vertical speed downwards, m/s."""
     glide_slope: float = math.radians(4.0)
-    """Least elevation at which the site's rim sees the craft, rad (Acikmese and Ploen)."""
+    """Least elevation of the craft as seen from the edge of the site, rad (Acikmese and Ploen)."""
     tilt_limit: float = math.radians(40.0)
-    """Largest angle between the craft's z axis and the vertical, rad (Acikmese and Ploen's limit of pointing)."""
+    """Largest angle between the craft's z axis and the vertical, rad (pointing limit of Acikmese and Ploen)."""
     position_tolerance: float = 1.0
-    """Distance from the site in which the craft has landed, m; also the radius of the site."""
+    """Distance from the site within which the craft has landed, m; also the radius of the site."""
     velocity_tolerance: float = 0.5
-    """Speed below which it has, m/s."""
+    """Speed below which the craft has landed, m/s."""
     thrust_weight: float = 0.0
-    """Reward lost per step and open thruster: none, because propellant has a price of its own."""
+    """Reward lost per step and open thruster; zero because propellant has a price."""
     propellant_weight: float = 1.0
-    """Reward lost per kg of propellant that is used."""
+    """Reward lost per kg of propellant used."""
     approach_weight: float = 0.9
-    """Reward for every m/s less that the guidance law needs to land."""
+    """Reward per m/s by which the velocity change of the guidance law decreases."""
     missed_weight: float = 1.5
-    """Reward lost, where the mission is lost, for every m/s that the guidance law would still have needed."""
+    """Reward lost at a failure, per m/s of velocity change that the guidance law would still need."""
     haste: float = 2.0
-    """Weight of time in the guidance law, m^2/s^4: a larger one lands sooner."""
+    """Weight of time in the guidance law, m^2/s^4; a larger one lands sooner."""
     done_weight: float = 30.0
-    """Reward for having landed."""
+    """Reward for landing."""
     violation_weight: float = 30.0
-    """Reward lost where the ground, the glide slope or the tilt limit is passed."""
+    """Reward lost at a violation of the ground, the glide slope or the tilt limit."""
 
     symmetric: ClassVar[bool] = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
@@ -89,11 +89,11 @@ class Land(SingleTask):
 
     @property
     def drift(self) -> Drift:
-        """Gravity, the same everywhere, along -z of W."""
+        """Uniform gravity along -z of W."""
         return UniformGravity((0.0, 0.0, -self.gravity))
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start high above and beside the site, moving away from it; the goal is the site."""
+        """Start above and beside the site, moving away from it; the goal is the site."""
         bearing = random.uniform(-math.pi, math.pi)
         altitude = random.within(self.start_altitude)
         distance = random.within(self.start_distance)
@@ -108,11 +108,11 @@ class Land(SingleTask):
         return upright(0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
 
     def guidance(self, state: Any, goal: Any) -> DescentLaw:
-        """Guidance law from this state to the goal."""
+        """Guidance law from a state to the goal."""
         return DescentLaw.of(state.p - goal.p, state.v - goal.v, self.gravity, self.haste)
 
     def constraints(self, state: Any, goal: Any) -> dict[str, Field]:
-        """Height above the ground and gap of the glide slope, m, and the cosine of the tilt above its least."""
+        """Height above the ground, m; margin of the glide slope, m; cosine of the tilt less that of its limit."""
         up = Vec3(0.0, 0.0, 1.0)
         # Within the site the glide slope is below the ground.
         below = self.position_tolerance * math.tan(self.glide_slope)
@@ -128,7 +128,7 @@ class Land(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Way to the site, the vertical, what the guidance law asks for, and the propellant left."""
+        """Vector to the site, vertical, acceleration and time to go of the guidance law, propellant left."""
         law = self.guidance(state, goal)
         zero = state.p.x * 0.0
         return (
@@ -140,11 +140,11 @@ class Land(SingleTask):
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the site and speed."""
+        """Distance from the site, m, and speed, m/s."""
         return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Propellant used, what the guidance law needs less than before, and what it needs where all is lost."""
+        """Price of propellant, progress of the guidance law, and a penalty for what it still needs at a failure."""
         state = transition.state
         goal = transition.goal
         before = transition.before or state
@@ -167,17 +167,17 @@ class Land(SingleTask):
 
 
 def _propellant(state: State) -> Field:
-    """What is left in the tank, kg; 1 of a craft that uses none."""
+    """Propellant left in the tank, kg; 1 for a craft without propellant."""
     return state.stores[0] if state.stores else 1.0
 
 
 def upright(
     bearing: Field, place: tuple[Field, Field], velocity: tuple[Field, Field, Field]
 ) -> SpatialState:
-    """Upright craft that does not turn, seen from the site under a bearing.
+    """State of an upright craft without spin, at a bearing from the site.
 
     Args:
-        bearing: angle of the horizontal way from the site, from x of W, rad.
+        bearing: horizontal direction from the site to the craft, as an angle from x of W, rad.
         place: horizontal distance and height, m.
         velocity: away from the site, across to the left, and upwards, m/s.
     """

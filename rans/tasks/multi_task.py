@@ -29,18 +29,18 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 @dataclass(frozen=True)
 class MultiTask(Task):
-    """Fly whichever task the episode draws, with equal chances (paper: section 3.2, task flag).
+    """One of several tasks in every episode, drawn with equal probability (paper: section 3.2, task flag).
 
-    >>> own = rans.GoToPose(thrust_weight=0.1)
-    >>> list(rans.MultiTask(("go-to-pose", "track-velocity"), go_to_pose=own).parts())
+    >>> pose = rans.GoToPose(thrust_weight=0.1)
+    >>> list(rans.MultiTask(("go-to-pose", "track-velocity"), go_to_pose=pose).parts())
     ['go-to-pose', 'track-velocity']
 
-    Start, goal, reward, failure and observation are those of the drawn task, whose flag tells the policy
-    which one it is; each has its own settings. Agents are judged on each of the `parts` by itself: there an
-    observation is the same.
+    Start, goal, reward, failure and observation are those of the drawn task, which the policy knows by its flag.
+    Each task has its own settings. Agents are evaluated on each of the `parts` separately, with the same
+    observations.
 
     Raises:
-        ConfigError: there is no task to draw, an unknown one or one twice.
+        ConfigError: there is no task to draw from, an unknown one, or one twice.
     """
 
     tasks: tuple[str, ...] = (
@@ -60,10 +60,10 @@ class MultiTask(Task):
     symmetric: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        own = fields(self)[1:]
-        for part in own:
+        parts = fields(self)[1:]
+        for part in parts:
             checked(part.name, getattr(self, part.name), type(default(part)))
-        known = [part.name.replace("_", "-") for part in own]
+        known = [part.name.replace("_", "-") for part in parts]
         if (
             not self.tasks
             or len(set(self.tasks)) < len(self.tasks)
@@ -78,20 +78,20 @@ class MultiTask(Task):
         return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
 
     def task_of(self, goal: State) -> SingleTask:
-        """The task that one goal, of numbers, belongs to."""
+        """Task to which one goal (of numbers) belongs."""
         return next(
             part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal)))
         )
 
     def for_evaluation(self) -> MultiTask:
-        """The task with the starts and goals that agents are judged on."""
+        """The task with the starts and goals of evaluations."""
         judged = {
             name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()
         }
         return replace(self, **judged)
 
     def flag_of(self, goal: State) -> Field:
-        """The drawn task's, which its goal notes."""
+        """Flag of the drawn task, from the notes of its goal."""
         return goal.notes[0]
 
     def sample(self, random: Random) -> tuple[State, State]:
@@ -106,49 +106,53 @@ class MultiTask(Task):
         return start, replace(goal, notes=(flag,))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
+        """Terms of the drawn task: a vector, which all tasks have first, and further columns, zero if unused."""
         flag = self.flag_of(goal)
-        shown = [part.observation_terms(state, goal) for part in self.parts().values()]
-        vectors = self._chosen_row(flag, [first.columns() for first, *_ in shown])
+        terms = [part.observation_terms(state, goal) for part in self.parts().values()]
+        vectors = self._chosen_row(flag, [first.columns() for first, *_ in terms])
         rest = self._chosen_row(
-            flag, [[x for entry in data for x in entry.columns()] for _, *data in shown]
+            flag, [[x for entry in data for x in entry.columns()] for _, *data in terms]
         )
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
         return (
-            (vector, TaskDependent("task data", "-", rest, self._choices(shown, len(rest))))
+            (vector, TaskDependent("task data", "-", rest, self._choices(terms, len(rest))))
             if rest
             else (vector,)
         )
 
     def _choices(
-        self, shown: Sequence[tuple[ObservationTerm, ...]], width: int
+        self, terms: Sequence[tuple[ObservationTerm, ...]], width: int
     ) -> tuple[Choice, ...]:
-        """What `observation_terms`'s second entry is, by the drawn task's flag."""
+        """Blocks of the second term of `observation_terms`, by the flag of the drawn task."""
 
         def blocks(data: Sequence[ObservationTerm]) -> tuple[Block, ...]:
-            own = tuple(entry.block() for entry in data)
-            return (*own, *(Block(Scalar, 1),) * (width - sum(block.width for block in own)))
+            used = tuple(entry.block() for entry in data)
+            return (*used, *(Block(Scalar, 1),) * (width - sum(block.width for block in used)))
 
         return tuple(
             (float(part.flag), blocks(data))
-            for part, (_, *data) in zip(self.parts().values(), shown, strict=True)
+            for part, (_, *data) in zip(self.parts().values(), terms, strict=True)
         )
 
     def tolerances(self) -> dict[str, float]:
-        """Refused (`ConfigError`): there are none that all tasks share."""
+        """Not available, because the tasks have different tolerances.
+
+        Raises:
+            ConfigError: always.
+        """
         raise ConfigError(
-            "a multi-task is judged on each of its tasks by itself, as their tolerances "
+            "a multi-task is judged on each of its tasks separately, as their tolerances "
             "differ: name one of them."
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Those of the drawn task; a quantity it does not name has no error."""
+        """Errors of the drawn task; the error of a quantity that it does not have is zero."""
         return self._chosen_terms(
             goal, [part.errors(state, goal) for part in self.parts().values()]
         )
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """The drawn task's terms; those of the others are zero."""
+        """Reward terms of the drawn task; terms that it does not have are zero."""
         return self._chosen_terms(
             transition.goal, [part.reward(transition) for part in self.parts().values()]
         )
@@ -166,7 +170,7 @@ class MultiTask(Task):
         )
 
     def _chosen(self, flag: Field, values: Sequence[Field]) -> Field:
-        """The drawn task's among the values of all tasks."""
+        """Value of the drawn task among the values of all tasks."""
         result = values[0]
         for part, value in zip(tuple(self.parts().values())[1:], values[1:], strict=True):
             if not (isinstance(value, float) and isinstance(result, float) and value == result):
@@ -174,7 +178,7 @@ class MultiTask(Task):
         return result
 
     def _chosen_row(self, flag: Field, rows: Iterable[Iterable[Field]]) -> tuple[Field, ...]:
-        """The drawn task's row; a shorter one ends in zeros."""
+        """Row of the drawn task; shorter rows are padded with zeros."""
         return tuple(self._chosen(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
 
     def _chosen_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:

@@ -1,4 +1,4 @@
-"""What missions near a target on a circular orbit have in common: a deadline, and the velocity to gain by it."""
+"""Base class of missions near a target on a circular orbit, with a deadline and a planned arrival."""
 
 from __future__ import annotations
 
@@ -25,65 +25,65 @@ from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Shape
 
 PLANS = 24
-"""Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
+"""Number of arrival times that are compared for the plan of an episode, evenly up to its deadline."""
 _PENALTY = 10.0
-"""Price of a plan that breaks a limit, m/s for every unit of its margin."""
+"""Price of a plan that violates a limit, m/s per unit of its margin."""
 _INSTANT = 1e-3
-"""Time left that counts as none, s: what is left of deadlines after many periods in single precision."""
+"""Time left that counts as none, s: rounding of deadlines after many periods in single precision."""
 
 
 @dataclass(frozen=True)
 class OrbitalMission(SingleTask):
-    """A mission to a place near a target on a circular orbit, by a deadline that every episode draws.
+    """Base class of missions to a position near a target on a circular orbit by a deadline.
 
-    W is the target's Hill frame: x radial outwards, y along the track, z across. The craft moves by the
-    equations of Clohessy and Wiltshire. An episode that is not won by its deadline has failed.
+    W is the Hill frame of the target: x radially outwards, y along the track, z across it. The craft follows the
+    Clohessy-Wiltshire equations. Every episode draws a deadline and fails if the mission has not succeeded by it.
 
-    Every episode has a plan, which is a time of arrival: of `PLANS` times up to the deadline the one to which a
-    single impulse from the start is cheapest, those last that break a limit at the start, at the arrival or after
-    a third or two of the way. The velocity to gain is the change of velocity, now, with which the craft coasts to
-    the goal by that time (Battin, "An Introduction to the Mathematics and Methods of
-    Astrodynamics", 1999, chapter 11). The goal's ``notes`` are the time left until the deadline and until the
-    planned arrival, s, and 1 once the mission is won.
+    Every episode has a plan, which is an arrival time: among `PLANS` times up to the deadline, the one that a
+    single impulse at the start reaches at the least velocity change. Plans that violate a limit at the start, at
+    the arrival, or after a third or two thirds of the time have a penalty. The velocity to gain is the velocity
+    change now with which the craft coasts to the goal by the planned arrival (Battin, "An Introduction to the
+    Mathematics and Methods of Astrodynamics", 1999, chapter 11). The ``notes`` of the goal are the time left until
+    the deadline and until the planned arrival, s, and 1 after success.
 
-    The policy observes the way to the goal, the velocity to gain, the velocity of arrival with it, by how much the
-    coast to the planned arrival misses the goal (squashed to ten tolerances), both times, and the margins of every
+    Observed task data: vector to the goal, velocity to gain, velocity at the arrival after gaining it, miss
+    distance of a coast to the planned arrival (saturated at ten tolerances), both times, and the entries of every
     shape in `scenery`.
 
-    Rewards are in velocity that thrust has wasted: every newton-second costs, and what it takes off the
-    velocity to gain is paid back. An impulse to the goal at the start of an episode earns zero.
+    Rewards measure wasted velocity change: impulse has a price, and a decrease of the velocity to gain is
+    rewarded by the same price. An impulse to the goal at the start of an episode therefore earns zero.
 
     Raises:
         ConfigError: the deadline is so late that the velocity to gain has no solution.
     """
 
     mean_motion: float = 0.001027
-    """n of the target's orbit, rad/s."""
+    """Mean motion n of the target's orbit, rad/s."""
     deadline: tuple[float, float] = (600.0, 2000.0)
-    """Range of the time that an episode has, s."""
+    """Range of the deadline, s."""
     position_tolerance: float = 0.5
-    """Distance from the goal at which the mission is won, m."""
+    """Distance from the goal at which the mission succeeds, m."""
     velocity_tolerance: float = 0.2
-    """Speed at which it is won there, m/s."""
+    """Speed at which the mission succeeds, m/s."""
     shortest_aim: float = 10.0
-    """The velocity to gain is at least for so long a time, s, however little is left: a control period."""
+    """Least coasting time of the velocity to gain, s: a control period."""
     impulse_weight: float = 0.1
-    """Reward lost per newton-second of the thrusters."""
+    """Reward lost per newton-second of thruster impulse."""
     gain_weight: float = 1.2
-    """Reward for each m/s by which the velocity to gain falls, summed over the axes: by default the price of
-    1 m/s for 12 kg."""
+    """Reward per m/s by which the velocity to gain decreases, summed over the axes; by default the price of 1 m/s
+    for 12 kg."""
     most_gain: float = 1.0
-    """Velocity to gain from which on more does not count and is not observed, m/s."""
+    """Upper bound of the velocity to gain in rewards and observations, m/s."""
     fail_distance: float = 1000.0
-    """An episode fails farther than this from the goal, m."""
+    """Distance from the goal beyond which an episode fails, m."""
     thrust_weight: float = 0.0
-    """Reward lost per step and open thruster: impulse is priced instead."""
+    """Reward lost per step and open thruster; zero because impulse has a price."""
 
     symmetric = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     optimal_problem = "rendezvous"
     brakes: ClassVar[bool] = False
-    """Whether plans and rewards count the braking at the arrival too, and guidance brakes."""
+    """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,11 +96,11 @@ class OrbitalMission(SingleTask):
 
     @property
     def drift(self) -> Drift:
-        """The equations of Clohessy and Wiltshire."""
+        """Clohessy-Wiltshire equations of the target's orbit."""
         return ClohessyWiltshire(self.mean_motion)
 
     def planned(self, random: Random, start: State, goal: State) -> State:
-        """The goal with a deadline that is drawn, and the plan for this start, in its notes."""
+        """Goal with a drawn deadline and the plan for a start in its notes."""
         deadline = random.uniform(*self.deadline)
         arrival = deadline
         cheapest = self._planned_price(start, goal, arrival)
@@ -113,7 +113,7 @@ class OrbitalMission(SingleTask):
         return replace(goal, notes=(deadline, arrival, deadline * 0.0))
 
     def _planned_price(self, start: Any, goal: Any, time: Field) -> Field:
-        """Velocity that an arrival after this time costs, m/s; more where the coast to it is beyond a limit."""
+        """Velocity change for an arrival after a time, m/s, with a penalty if the coast to it violates a limit."""
         gain = self.velocity_to_gain(start, goal, time)
         begun = start.v + gain
         price = self._price(start, goal, time, gain)
@@ -128,21 +128,21 @@ class OrbitalMission(SingleTask):
         return goal.notes[1]
 
     def later(self, goal: State, time: Field) -> State:
-        """The goal stands still, and its times come nearer."""
+        """Goal after a time (s), with less time left; its position is constant."""
         deadline, arrival, won = goal.notes
         return replace(goal, notes=(deadline - time, arrival - time, won))
 
     def remember(self, goal: State, state: State) -> State:
-        """Whether the mission has been won."""
+        """Goal whose notes record whether the mission has succeeded."""
         deadline, arrival, won = goal.notes
         return replace(goal, notes=(deadline, arrival, where(self.done(state, goal), 1.0, won)))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """Limits of the mission."""
+        """Shapes of the mission's limits."""
         return tuple(self.limits(goal).values())
 
     def limits(self, goal: State) -> dict[str, Shape]:
-        """The shapes whose margins are the mission's constraints, by name: by default none."""
+        """Shapes whose margins are the constraints of the mission, by name; by default none."""
         return {}
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
@@ -152,18 +152,18 @@ class OrbitalMission(SingleTask):
         }
 
     def velocity_to_gain(self, state: Any, goal: Any, left: Field) -> Any:
-        """Change of velocity in W, m/s, with which a coasting craft is at the goal after the time left, s."""
+        """Velocity change in W, m/s, with which the craft coasts to the goal in the time left (s)."""
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Way to go, velocity to gain and of arrival, miss, times left, and what is observed of every limit."""
+        """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
         deadline, arrival, _ = goal.notes
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
-        # Just before an arrival that misses it the velocity to gain has no bound.
+        # The velocity to gain is unbounded just before an arrival that misses the goal.
         nearby = 0.1 / self.position_tolerance
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
@@ -181,14 +181,14 @@ class OrbitalMission(SingleTask):
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance to the goal, and speed against it."""
+        """Distance from the goal, m, and speed relative to it, m/s."""
         return {
             "position": (goal.p - state.p).norm(),
             "velocity": (goal.v - state.v).norm(),
         }
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """The fall of the velocity to gain, less the price of what was thrust for it."""
+        """Decrease of the velocity to gain, less the price of impulse."""
         goal = transition.goal
         _, arrival, won = goal.notes
         terms = {}
@@ -198,17 +198,17 @@ class OrbitalMission(SingleTask):
             before = transition.state if transition.before is None else transition.before
             past = self._counted(before, goal, arrival + transition.period)
             now = self._counted(transition.state, goal, arrival)
-            # Nothing is left to gain once the mission is won, wherever the rest of the period leads.
+            # After success nothing is left to gain, whatever happens in the rest of the period.
             terms["gain"] = (past - where(won > 0.5, 0.0, now)) * self.gain_weight
         return {**terms, **self.prices(transition)}
 
     def _counted(self, state: State, goal: State, left: Field) -> Field:
-        """Velocity to gain as rewards count it, m/s."""
+        """Price of the velocity to gain in rewards, m/s, bounded by `most_gain`."""
         gain = self._price(state, goal, left, self.velocity_to_gain(state, goal, left))
         return where(gain < self.most_gain, gain, self.most_gain)
 
     def _price(self, state: Any, goal: Any, left: Field, gain: Any) -> Field:
-        """Velocity that gaining this now costs, m/s, with that of arrival where it must be braked."""
+        """Velocity change of gaining ``gain`` now, m/s, and of braking at the arrival if the mission brakes."""
         price = _sum_of_sizes(gain)
         if not self.brakes:
             return price
@@ -216,15 +216,15 @@ class OrbitalMission(SingleTask):
         return price + _sum_of_sizes(self.drift.carry(state.p, state.v + gain, time)[1] - goal.v)
 
     def done(self, state: State, goal: State) -> Field:
-        """Within every tolerance, and no later than the deadline."""
+        """Whether the state is within all tolerances before the deadline."""
         return self.reached(state, goal) & (goal.notes[0] > -_INSTANT)
 
     def failed(self, state: State, goal: State) -> Field:
-        """Too far away, or too late."""
+        """Whether the craft is too far away, or the deadline has passed."""
         distance = self.errors(state, goal)["position"]
         return (distance > self.fail_distance) | (goal.notes[0] < _INSTANT)
 
 
 def _sum_of_sizes(v: Vector) -> Field:
-    """Sum of the absolute components, which is what thrusters along the axes pay for."""
+    """Sum of the absolute components: the velocity change of thrusters along the axes."""
     return reduce(add, map(absolute, v.columns()))

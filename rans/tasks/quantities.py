@@ -1,4 +1,4 @@
-"""Quantities that errors of tasks are of: each is declared once, with all that metrics and pages say about it."""
+"""Quantities of errors, each declared once with its units and the bounds that metrics and pages use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rans.errors import ConfigError, brief
 class Quantity:
     """One kind of error, such as the distance from a goal.
 
-    What has a default may be left out: the metrics that need it are then left out too.
+    Metrics that need a field which has its default are left out.
     """
 
     name: str
@@ -22,19 +22,19 @@ class Quantity:
     display_unit: str
     """Unit in tables and figures."""
     display_factor: float = 1.0
-    """Numbers in the display unit over those in SI."""
+    """Factor from SI to the display unit."""
     time_within: tuple[str, tuple[int, ...]] = ("", ())
-    """Short name and bounds, in the display unit, of the share of time within bounds. PT and OT are the original
-    system's (2023), VT10, VT5 and VT2 its VE1, VE05 and VE02 (2024); ST continues them."""
+    """Short name and bounds, in the display unit, of the metrics of time within bounds. PT and OT are those of the
+    original system (2023); VT10, VT5 and VT2 are its VE1, VE05 and VE02 (2024); ST continues them."""
     threshold: float | None = None
-    """The original system's success threshold (2023), SI."""
+    """Success threshold of the original system (2023), SI."""
     threshold_texts: tuple[str, str, str] = ("", "", "")
-    """The threshold, its half and 7.5 times it, with units."""
+    """Texts of the threshold, half of it and 7.5 times it, with units."""
     held: tuple[int, ...] = ()
-    """Bounds of three grades of holding a goal, in the display unit."""
+    """Bounds of three grades of keeping a goal, in the display unit."""
     engine_difference: float = math.inf
-    """Largest difference of median final errors between two engines that counts as the same, SI: a fiftieth of what
-    tasks tolerate; of the share of points that are unseen, a tenth."""
+    """Largest difference of median final errors at which two engines agree, SI: a fiftieth of the tolerances of
+    tasks, or a tenth for the share of unseen points."""
 
     @property
     def display(self) -> tuple[float, str]:
@@ -43,11 +43,11 @@ class Quantity:
 
 
 QUANTITIES: dict[str, Quantity] = {}
-"""All quantities by name, in the order of their declaration."""
+"""Quantities by name, in the order of their declaration."""
 
 
 def declare(quantity: Quantity) -> None:
-    """Make a quantity known, for the errors of a task of your own.
+    """Declare a quantity for the errors of a task of your own.
 
     Raises:
         ConfigError: another quantity has its name.

@@ -20,26 +20,27 @@ class Rendezvous(OrbitalMission):
     >>> rans.load_task("rendezvous").cone_length
     100.0
 
-    Goal: the origin of W, the target's Hill frame. Won: within 1 m at 0.05 m/s or less, at any check. Limit: nearer
-    than 100 m the craft stays inside a cone of 30 degrees half angle that opens towards -x, at every check.
+    Goal: the origin of W, the Hill frame of the target. Success: within 1 m at 0.05 m/s or less, at any check.
+    Constraint: within 100 m the craft is inside a cone of 30 degrees half angle that opens towards -x, at every
+    check.
 
-    Start: at rest in the Hill frame, 0.4 to 1 km away along the cone's axis, within 25 degrees of it.
+    Start: at rest in the Hill frame, 0.4 to 1 km away along the axis of the cone, within 25 degrees of it.
 
-    Numbers: phases 2 and 3 of the benchmark of C. Jewison and R. S. Erwin, "A spacecraft benchmark problem for
+    Source: phases 2 and 3 of the benchmark of C. Jewison and R. S. Erwin, "A spacecraft benchmark problem for
     hybrid control and estimation", IEEE Conference on Decision and Control, 2016, as coded in ARPOD_Benchmark.m
-    of EASEL-UCI: a = 42,164 km, chaser 500 kg with 10 N an axis, phases end at 1 km and 100 m, a line of sight of
-    60 degrees along -x, 5 cm/s. The benchmark's cone is a pyramid, ours the round cone within it; contact at 1 m
-    is ours.
+    of EASEL-UCI: a = 42,164 km, chaser of 500 kg with 10 N per axis, phases that end at 1 km and 100 m, a line of
+    sight of 60 degrees along -x, 5 cm/s. The cone of the benchmark is a pyramid; here it is the round cone within
+    it. Contact at 1 m is our choice.
     """
 
     mean_motion: float = 7.2922e-5
-    """n of a geostationary orbit, rad/s."""
+    """Mean motion n of a geostationary orbit, rad/s."""
     deadline: tuple[float, float] = (4000.0, 10000.0)
-    """Range of the time that an episode has, s."""
+    """Range of the deadline, s."""
     spawn_distance: tuple[float, float] = (400.0, 1000.0)
     """Range of the start's distance from the target along the cone's axis, m."""
     cone_length: float = 100.0
-    """Distance from the target within which the cone counts, m."""
+    """Distance from the target within which the cone applies, m."""
     cone_degrees: float = 30.0
     """Half angle of the cone, degrees."""
     spawn_degrees: float = 25.0
@@ -47,17 +48,17 @@ class Rendezvous(OrbitalMission):
     position_tolerance: float = 1.0
     """Distance from the target that counts as contact, m."""
     velocity_tolerance: float = 0.05
-    """Speed at which contact is docking, m/s."""
+    """Largest speed of docking at contact, m/s."""
     shortest_aim: float = 50.0
-    """The velocity to gain is at least for so long a time, s: a control period."""
+    """Least coasting time of the velocity to gain, s: a control period."""
     fail_distance: float = 5000.0
-    """An episode fails farther than this from the target, m."""
+    """Distance from the target beyond which an episode fails, m."""
     done_weight: float = 1.0
     violation_weight: float = 1.0
     impulse_weight: float = 0.002
-    """Reward lost per newton-second of the thrusters."""
+    """Reward lost per newton-second of thruster impulse."""
     gain_weight: float = 1.0
-    """Reward for each m/s by which the velocity to gain falls: by default the price of 1 m/s for 500 kg."""
+    """Reward per m/s by which the velocity to gain decreases; by default the price of 1 m/s for 500 kg."""
 
     flag = 10
     brakes: ClassVar[bool] = True
@@ -65,17 +66,17 @@ class Rendezvous(OrbitalMission):
     timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, checks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
-        """The line-of-sight cone, whose apex is a contact's distance behind the target."""
+        """The line-of-sight cone, whose apex is behind the target so that it contains the ball of contact."""
         axis = replace(goal.p.scale(0.0), x=-1.0)
         depth = self.position_tolerance / math.sin(math.radians(self.cone_degrees))
         apex = goal.p - axis.scale(depth)
         return {"cone": Cone(apex, axis, math.radians(self.cone_degrees), self.cone_length)}
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start within the cone's directions, target at the origin, a deadline and a plan."""
+        """Start near the axis of the cone, and the target at the origin with a deadline and a plan in its notes."""
         distance = random.uniform(*self.spawn_distance)
         rest = random.at_rest(random.origin(), random.no_rotation())
-        # Across the axis at most as far as the angle allows.
+        # The distance across the axis is bounded by the angle.
         widest = math.tan(math.radians(self.spawn_degrees))
         across = random.direction().scale(distance * random.uniform(0.0, widest))
         place = replace(across, x=distance * -1.0)

@@ -1,4 +1,4 @@
-"""Parts of rewards: nearness to the goal, rest within the tolerances, and prices that every task can charge."""
+"""Parts of rewards: nearness to the goal, rest within the tolerances, and prices of every task."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rans.model.fields import Field, absolute, exp, finite, sqrt, where
 from rans.renamed import renamed
 
 _SQUARINGS = 4
-"""So often numbers up to 256 may be squared in single precision."""
+"""Number of times that numbers up to 256 may be squared in single precision."""
 
 
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     """exp(-error / scale): 1 at the goal, 1/e at the scale (original system, 2023).
 
-    Below an error of ``rest`` nothing is nearer, so that nothing is gained by chattering there; the shape is
-    moved out by so much.
+    Errors below ``rest`` have a nearness of 1, so that chattering there gains nothing; the exponential is shifted
+    by ``rest``.
     """
     if is_used(rest):
         beyond = error - rest
@@ -32,11 +32,11 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
 
 
 def within(*shares: Field, sharpness: int) -> Field:
-    """Smooth step: 1 where every number is below 1, 0.5 where one is 1, 0 where one is above.
+    """Smooth step: near 1 where every number is below 1, 0.5 where one of them is 1, near 0 where one is above 1.
 
-    The sharpness is how many times the numbers are squared.
+    The sharpness is the number of times that the numbers are squared.
     """
-    if sharpness > _SQUARINGS:  # far away they would overflow single precision
+    if sharpness > _SQUARINGS:  # large numbers would overflow single precision
         most = 2.0 ** (120.0 / 2**sharpness)
         shares = tuple(where(share < most, share, most) for share in shares)
     for _ in range(sharpness):
@@ -51,10 +51,10 @@ def speed(spin: tuple[Field, ...]) -> Field:
 
 @dataclass(frozen=True)
 class Transition:
-    """One control period as a reward sees it.
+    """Inputs of a reward: states, goal and commands of one control period.
 
     The fields after ``previous`` may be left out where no reward reads them, as in tests of one term. Engines
-    always give them, and remember only what some reward reads (`rans.episode`).
+    always provide them, and store only what some reward reads (`rans.episode`).
     """
 
     state: State
@@ -73,19 +73,19 @@ class Transition:
     """Full force of each thruster, N."""
 
     def __iter__(self) -> Iterator[Any]:
-        """The first four fields, so that a reward may unpack state, goal, command and previous."""
+        """Iterator over state, goal, command and previous, so that a reward may unpack them."""
         return iter((self.state, self.goal, self.command, self.previous))
 
     @property
     def thrusters(self) -> Sequence[Field]:
-        """Commands of the thrusters alone, without those of reaction wheels; all, if nothing says how many."""
+        """Commands of the thrusters, without those of other effectors; all commands if ``forces`` is empty."""
         return self.command[: len(self.forces)] if self.forces else self.command
 
     @property
     def impulse(self) -> Field:
-        """Impulse that the command asks for, N s: force times time, summed over the thrusters.
+        """Commanded impulse, N s: force times time, summed over the thrusters.
 
-        Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts what they give.
+        Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts the actual impulse.
         """
         return reduce(add, (c * f for c, f in zip(self.thrusters, self.forces, strict=True))) * (
             self.period
@@ -94,23 +94,23 @@ class Transition:
 
 @dataclass(frozen=True)
 class Prices:
-    """Settings that every task has: what a step costs, wherever the goal is.
+    """Prices of thrust, switching, speed and spin, which are settings of every task.
 
-    Thrust, speed and spin are priced linearly, as by the original system of 2023; switching is ours.
-    What has no price is neither computed nor logged.
+    The prices of thrust, speed and spin are linear, as in the original system of 2023; that of switching is an
+    addition. Terms of zero weight are neither computed nor logged.
     """
 
     thrust_weight: float = 0.02
-    """Reward lost per step and open thruster; it also stops the chatter at the goal."""
+    """Reward lost per step and open thruster; it also prevents chattering at the goal."""
     switching_weight: float = 0.0
-    """Reward lost per valve that opens or shuts; all are shut before an episode."""
+    """Reward lost per valve that opens or shuts; all valves are shut before an episode."""
     speed_weight: float = 0.0
     """Reward lost per step and m/s of speed."""
     spin_weight: float = 0.0
     """Reward lost per step and rad/s of angular speed."""
 
     def prices(self, transition: Transition) -> dict[str, Field]:
-        """The terms whose weight is not zero."""
+        """Price terms whose weight is not zero, by name."""
         state = transition.state
         command = transition.command
         previous = transition.previous
@@ -130,45 +130,45 @@ class Prices:
 @renamed(verge_weight="boundary_weight", arrived_squarings="arrived_sharpness")
 @dataclass(frozen=True)
 class Arrived:
-    """Settings of a task whose goal stands still; by default nothing of this is computed or logged."""
+    """Settings of rewards for rest at a fixed goal; by default none of them is computed or logged."""
 
     arrived_weight: float = 0.0
-    """Reward for being at rest within the tolerances, which makes agents arrive early."""
+    """Reward for rest within the tolerances, which makes agents arrive early."""
     arrived_fine_weight: float = 0.0
     """Weight of the narrow rewards of position and attitude while at rest within the tolerances; needs
     `arrived_weight`."""
     arrived_still_weight: float = 0.0
-    """Weight of a narrow reward of low speed while at rest within the tolerances: a slower arrival needs no
-    correction; needs `arrived_weight`."""
+    """Weight of a narrow reward of low speed while at rest within the tolerances, so that no corrections follow;
+    needs `arrived_weight`."""
     arrived_still_scale: float = 0.003
-    """Speed at which it has fallen to 1/e, m/s."""
+    """Speed at which the reward of low speed has fallen to 1/e, m/s."""
     arrived_thrust_weight: float = 0.0
-    """Reward lost per open thruster while at rest within the tolerances, which saves propellant there but not on
-    the way; needs `arrived_weight`."""
+    """Reward lost per open thruster while at rest within the tolerances, which saves propellant there without
+    slowing the approach; needs `arrived_weight`."""
     arrived_within: float = 1.0
     """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
     boundary_weight: float = 0.0
-    """Reward lost outside of the tolerances, but within twice as much: a flight to the goal passes through in a
-    step or two, and one that has arrived should not leave."""
+    """Reward lost between the tolerances and twice the tolerances. An approach passes this region in a step or two,
+    and an agent that has arrived should not return to it."""
     departed_weight: float = 0.0
-    """Reward lost in a control period that begins at rest within the tolerances and does not end so: who has
-    arrived should stay, and correct itself with pulses that leave it at rest."""
+    """Reward lost in a control period that begins at rest within the tolerances and does not end so: an agent that
+    has arrived should stay, and correct itself with pulses that leave it at rest."""
     arrived_speed: float = 0.05
     """Speed below which a craft counts as at rest, m/s."""
     arrived_spin: float = math.radians(5.0)
     """Angular speed below which a craft counts as at rest, rad/s."""
     arrived_sharpness: int = 2
-    """Sharpness of the edges: how many times errors over their bounds are squared."""
+    """Sharpness of the edges: number of times that errors over their bounds are squared."""
 
     def arrived(
         self, transition: Transition, closest: tuple[Field, ...], *shares: Field
     ) -> dict[str, Field]:
-        """Terms whose weight is not zero, by name.
+        """Reward terms for rest at the goal whose weight is not zero, by name.
 
         Args:
-            transition: control period.
+            transition: states and commands of the control period.
             closest: narrow rewards of each error.
-            shares: errors over the task's tolerances.
+            shares: errors divided by the task's tolerances.
         """
         state = transition.state
         inside = partial(within, sharpness=self.arrived_sharpness)
@@ -217,15 +217,15 @@ class Arrived:
 
 
 def is_used(setting: Any) -> bool:
-    """Whether this setting matters; one that a curriculum moves does, whatever it is now."""
+    """Whether a setting has an effect: it is not zero, or a curriculum changes it."""
     return not isinstance(setting, int | float) or setting != 0
 
 
 def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
-    """Rewards by name, and their sum: zeros where an episode failed and left no number.
+    """Reward terms by name and their sum, with zeros where an episode has failed and the sum is not finite.
 
-    A state that is lost has no reward, and a trainer could make nothing of NaN. In an episode that goes on
-    NaN stays: there the task's reward is wrong, which a training tells.
+    The reward of a lost state is not defined, and trainers cannot use NaN. In an episode that continues NaN is
+    kept, because there the reward of the task is wrong, which trainers report.
     """
     total = sum(terms.values())
     known = finite(total) | ~terminated

@@ -1,4 +1,4 @@
-"""A task's settings: what they may be, and one function that replaces numbers in them."""
+"""Settings of tasks: checks of their values, and a function that replaces numbers in them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Tree = TypeVar("Tree")
 
 
 def check_settings(task: Any) -> None:
-    """Refuse settings no task can work with, by the kind their name tells; a truth value may be either.
+    """Reject impossible settings, with bounds that follow from their names; booleans are not checked.
 
     Raises:
-        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is negative, a
-            range's bounds are in the wrong order, or episodes fail where they start.
+        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is negative, the
+            bounds of a range are not in ascending order, or episodes would fail at their start.
     """
     for field in dataclasses.fields(task):
         name = field.name
@@ -31,7 +31,7 @@ def check_settings(task: Any) -> None:
             x
             for x in (value if isinstance(value, tuple) else (value,))
             if isinstance(x, int | float) or getattr(x, "shape", None) != ()
-        ]  # curricula check theirs
+        ]  # curricula check the numbers that they change
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
         if name.endswith("_sharpness") and not (isinstance(value, int) and 1 <= value <= 8):
@@ -50,19 +50,22 @@ def check_settings(task: Any) -> None:
     if isinstance(spawn, tuple) and fails <= spawn[1]:
         raise ConfigError(
             f"fail_distance must exceed the farthest start, {spawn[1]} m, got {fails}: "
-            "episodes would fail as they begin."
+            "episodes would fail at their start."
         )
 
 
 def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = False) -> Tree:
-    """The first of some tasks of one class with other numbers in its settings.
+    """The first of several tasks of one class with other numbers in its settings.
 
-    The function is given a setting's name and the number that each task has there, and returns what to put
-    in its place. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1", those of a task
-    within a multi-task "go_to_pose.thrust_weight". A number may be an array.
+    Args:
+        function: called with the name of a setting and the number of each task there, which may be an array;
+            returns the new number. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1",
+            and that of a task within a multi-task is "go_to_pose.thrust_weight".
+        tasks: tasks of one class.
+        checked: whether the result must pass the checks of its classes, which need plain numbers.
 
     Raises:
-        ConfigError: the result must pass the checks of its classes, which want plain numbers, and does not.
+        ConfigError: the result is checked and does not pass.
     """
     return _mapped(function, "", tasks, checked)
 

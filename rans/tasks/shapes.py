@@ -1,9 +1,9 @@
 """Shapes around a goal: keep-out balls, approach cones, speed limits and glide slopes.
 
-One object is everything that a shape is: its `Shape.gap` is the margin of a constraint, its
-`Shape.entries` are what a policy observes, optimal control and safety filters ask the same functions of
-their own fields, and pages draw it (`rans.tasks.base.Task.scenery`). Shapes are frozen dataclasses of
-fields (`rans.model.fields`), so that an episode may keep them in its goal's ``notes``.
+One object serves every use of a shape: `Shape.gap` is the margin of a constraint, `Shape.entries` are observation
+terms, optimal control and safety filters evaluate the same functions, and pages draw the shape
+(`rans.tasks.base.Task.scenery`). Shapes are frozen dataclasses of fields (`rans.model.fields`), so that an episode
+can store them in the ``notes`` of its goal.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from rans.model.fields import Field, Vector, cos, map_leaves, sin, sqrt, where
 from rans.tasks.observation_terms import Information, InformationInW, ObservationTerm
 
 _SOFTENING = 1e-18
-"""Added to squared lengths, m^2 or m^2/s^2: at zero a length is 1e-9 and its gradient 0, in every library."""
+"""Added to squared lengths, m^2 or m^2/s^2, so that at zero a length is 1e-9 and its gradient 0."""
 
 
 @dataclass(frozen=True)
 class Shape(ABC):
-    """A region of positions, or of positions and velocities, where a spacecraft is allowed to be."""
+    """Base class of shapes: a region of allowed positions, or of positions and velocities."""
 
     @abstractmethod
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
-        """Margin of a point, in SI units: not negative where the point is allowed.
+        """Margin of a point, in SI units; it is negative where the point is not allowed.
 
         Args:
             position: position in W, m.
-            velocity: velocity in W, m/s, which speed limits need.
+            velocity: velocity in W, m/s, for speed limits.
         """
 
     def later(self, time: Field) -> Self:
-        """The shape after a time, s: by default it stands still."""
+        """The shape after a time (s); by default it does not move."""
         return self
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
-        """What a policy observes of the shape: by default its margin."""
+        """Observation terms of the shape; by default its margin."""
         return (Information(f"{name} gap", "m", self.gap(state.p, state.v)),)
 
 
@@ -56,18 +56,18 @@ class Ball(Shape):
     v: Vector
     """Velocity of the centre in W, m/s."""
     radius: Field
-    """Radius, m. It includes the spacecraft's own where the whole craft must stay outside."""
+    """Radius, m; it includes that of the spacecraft if the whole craft must stay outside."""
 
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
-        """Distance from the ball's surface, m: negative inside."""
+        """Distance from the surface of the ball, m; negative inside."""
         return _length(position - self.centre) - self.radius
 
     def later(self, time: Field) -> Ball:
-        """The ball after a time, s."""
+        """The ball after a time (s)."""
         return replace(self, centre=self.centre + self.v.scale(time))
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
-        """Way to the centre and relative velocity, both in W, and the distance from the surface."""
+        """Vector to the centre and relative velocity, both in W, and distance from the surface."""
         return (
             InformationInW(f"{name} d", "m", self.centre - state.p),
             InformationInW(f"{name} dv_", "m/s", self.v - state.v),
@@ -77,10 +77,7 @@ class Ball(Shape):
 
 @dataclass(frozen=True)
 class Cone(Shape):
-    """An approach cone: nearer to its apex than its length, a point must be inside.
-
-    Farther away everything is allowed.
-    """
+    """An approach cone: points within its length of the apex must be inside the cone; others are allowed."""
 
     apex: Vector
     """Apex in W, m: the port, or a point behind it."""
@@ -89,7 +86,7 @@ class Cone(Shape):
     half_angle: Field
     """Angle between the axis and the surface, rad, below pi / 2."""
     length: Field
-    """Distance from the apex beyond which the cone does not matter, m."""
+    """Distance from the apex beyond which the cone does not apply, m."""
 
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
         """The larger of two signed distances, m: from the cone's surface and from the ball around it."""
@@ -101,17 +98,17 @@ class Cone(Shape):
 
 @dataclass(frozen=True)
 class SpeedLimit(Shape):
-    """A limit of the speed that grows with the distance from a point: nearby one must be slow."""
+    """A speed limit that increases with the distance from a point."""
 
     at: Vector
     """The point in W, m."""
     base: Field
-    """Speed that is allowed at the point, m/s."""
+    """Speed limit at the point, m/s."""
     slope: Field
-    """Speed more that is allowed per metre away from it, 1/s."""
+    """Increase of the limit per metre of distance, 1/s."""
 
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
-        """Speed below the limit, m/s: negative above it.
+        """Limit less speed, m/s; negative above the limit.
 
         Raises:
             ValueError: there is no velocity.
@@ -121,13 +118,13 @@ class SpeedLimit(Shape):
         return self.base + self.slope * _length(position - self.at) - _length(velocity)
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
-        """The margin, m/s."""
+        """The margin of the limit, m/s."""
         return (Information(f"{name} gap", "m/s", self.gap(state.p, state.v)),)
 
 
 @dataclass(frozen=True)
 class GlideSlope(Shape):
-    """A descent corridor: the landing point must be seen at least at an angle above the horizon's plane.
+    """A glide slope: seen from the landing point, the craft must be above a least elevation.
 
     It is an infinite cone around the vertical of the landing point.
     """
@@ -135,20 +132,20 @@ class GlideSlope(Shape):
     apex: Vector
     """Landing point in W, m."""
     up: Vector
-    """Unit vector in W against gravity."""
+    """Unit vector in W opposite to gravity."""
     angle: Field
     """Least elevation as seen from the landing point, rad, below pi / 2."""
 
     def gap(self, position: Vector, velocity: Vector | None = None) -> Field:
-        """Signed distance from the corridor's surface, m: negative outside."""
+        """Signed distance from the surface of the cone, m; negative outside."""
         cosine, sine = _cosine_and_sine(self.angle)
         return _inside_cone(position - self.apex, self.up, sine, cosine)
 
 
 def nearest_first(shapes: Sequence[AnyShape], position: Vector) -> list[AnyShape]:
-    """Shapes of one kind, those with the smallest margin first, so that a policy sees no arbitrary order.
+    """Shapes of one class sorted by margin, the smallest first, so that observations have a unique order.
 
-    A bubble sort, which never branches; where two are equally near, their order stays.
+    It is a stable bubble sort, which needs no branches.
     """
     result: list[Any] = [(shape.gap(position), shape) for shape in shapes]
     for last in range(len(result) - 1, 0, -1):
@@ -162,7 +159,7 @@ def nearest_first(shapes: Sequence[AnyShape], position: Vector) -> list[AnyShape
 
 
 def _chosen(condition: Field, one: AnyShape, other: AnyShape) -> AnyShape:
-    """One shape where the condition holds, elsewhere the other; a number that both share stays a number."""
+    """One shape where the condition is true, else the other; a number that both share stays a number."""
 
     def choose(a: Field, b: Field) -> Field:
         same = a is b or (isinstance(a, int | float) and isinstance(b, int | float) and a == b)
@@ -177,7 +174,7 @@ def _length(v: Vector) -> Field:
 
 
 def _cosine_and_sine(angle: Field) -> tuple[Field, Field]:
-    """Plain numbers of a plain number: NumPy's own would make float64 of float32 arrays."""
+    """Cosine and sine that are Python floats for a Python float; NumPy scalars turn float32 arrays into float64."""
     if isinstance(angle, int | float):
         return math.cos(angle), math.sin(angle)
     return cos(angle), sin(angle)
@@ -186,13 +183,14 @@ def _cosine_and_sine(angle: Field) -> tuple[Field, Field]:
 def _inside_cone(offset: Vector, axis: Vector, cosine: Field, sine: Field) -> Field:
     """Signed distance from the surface of an infinite cone, m; positive inside.
 
-    Outside, behind the apex, it is that from the nearest generating line prolonged, which is not farther away.
+    Behind the apex it is the distance from the extended generating line, which is not larger than that from the
+    cone.
 
     Args:
-        offset: way from the apex, m.
-        axis: unit vector.
-        cosine: of the angle between axis and surface.
-        sine: of the same angle.
+        offset: vector from the apex, m.
+        axis: unit vector along the axis.
+        cosine: cosine of the angle between axis and surface.
+        sine: sine of the same angle.
     """
     along = offset.dot(axis)
     across = _length(offset - axis.scale(along))

@@ -1,4 +1,4 @@
-"""Deprecated names of `rans.tasks.observation_terms`, for one version."""
+"""Deprecated names of `rans.tasks.observation_terms`, kept for one version."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def __getattr__(name: str) -> Any:
     if name.startswith("__") or not hasattr(observation_terms, new):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     warnings.warn(
-        f"rans.tasks.sight.{name} is deprecated and goes with the next version: import {new} from "
+        f"rans.tasks.sight.{name} is deprecated and will be removed in the next version: import {new} from "
         "rans.tasks.observation_terms.",
         DeprecationWarning,
         stacklevel=2,

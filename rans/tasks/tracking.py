@@ -1,4 +1,4 @@
-"""Reach velocities and hold them: TrackVelocity, TrackTwist and TrackVelocityHeading."""
+"""Reach and hold velocities: TrackVelocity, TrackTwist and TrackVelocityHeading."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from rans.tasks.observation_terms import (
 from rans.tasks.rewards import Transition, is_used, nearness, speed, within
 
 _SQUARINGS = 3
-"""How sharp the edge is of what is paid within the tolerances: 1.1 times one leaves 0.32."""
+"""Sharpness of the edge of the reward within the tolerances: at 1.1 times a tolerance 0.32 of it is left."""
 
 
 @dataclass(frozen=True)
 class Tracking(SingleTask):
-    """What tasks with moving goals have in common."""
+    """Base class of tasks that track a velocity."""
 
     within_weight: float = 0.0
-    """Weight of being within all tolerances: for agents that should not leave them to gain elsewhere."""
+    """Weight of a reward for being within all tolerances."""
     fail_spin: float = 6.0
-    """An episode fails beyond this rate, rad/s."""
+    """Angular rate beyond which an episode fails, rad/s."""
 
     def within(self, errors: dict[str, Field]) -> dict[str, Field]:
-        """The term of it, if it has a weight."""
+        """Reward term for being within all tolerances, if it has a weight."""
         if not is_used(self.within_weight):
             return {}
         shares = (errors[name] / bound for name, bound in self.tolerances().items())
         return {"within": within(*shares, sharpness=_SQUARINGS) * self.within_weight}
 
     def failed(self, state: State, goal: State) -> Field:
-        """Spinning too fast; there is no place to leave."""
+        """Whether the craft spins too fast."""
         return speed(state.spin()) > self.fail_spin
 
 
@@ -49,13 +49,13 @@ class TrackVelocity(Tracking):
     >>> rans.TrackVelocity(target_speed=(0.0, 0.3)).tolerances()
     {'velocity': 0.05}
 
-    Goal: any direction, up to the highest speed. Start: at rest at the origin, any attitude.
+    Goal: a velocity in any direction, with a speed in a range. Start: at rest at the origin, any attitude.
 
     Observed task data: v_goal - v in W (2 or 3 columns, m/s).
 
-    The floating platform, open in pairs that do not turn it for one period of 0.2 s, reaches a square
-    lattice of velocities 0.053 m/s apart only, whose nearest point is 0.020 m/s away on average (0.38 of
-    the spacing). Agents come closer: between two pulses they turn a little, and the lattice with them.
+    With pairs of thrusters that do not rotate it, open for one period of 0.2 s, the floating platform reaches only
+    a square lattice of velocities 0.053 m/s apart, whose nearest point is 0.020 m/s away on average (0.38 of
+    the spacing). Agents come closer, because they rotate the lattice a little between two pulses.
     """
 
     target_speed: tuple[float, float] = (0.0, 0.75)
@@ -65,10 +65,10 @@ class TrackVelocity(Tracking):
     fine_weight: float = 1.0
     """Weight of a narrower copy of the velocity reward."""
     fine_scale: float = 0.02
-    """Error at which that copy has fallen to 1/e, m/s."""
+    """Error at which the narrower velocity reward has fallen to 1/e, m/s."""
     stillness_weight: float = 0.5
-    """Weight of the reward for not spinning: with half of it some agents spin for good and open half of
-    their thrusters, as that way they hit every velocity."""
+    """Weight of the reward for low spin. With half of it some agents spin permanently with half of their thrusters
+    open, because they can then reach every velocity."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
     velocity_tolerance: float = 0.05
@@ -78,21 +78,21 @@ class TrackVelocity(Tracking):
     symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """At rest at the origin; the goal moves."""
+        """Start at rest at the origin, and a goal that moves."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """The velocity still to gain."""
+        """Velocity of the goal relative to the craft."""
         return (VectorInW("dv_", "m/s", goal.v - state.v),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Velocity error, and angular speed."""
+        """Velocity error, m/s, and angular speed, rad/s."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
+        """Terms: exp(-error / scale) of the original system, a narrower copy, low spin, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
         return {
@@ -111,20 +111,20 @@ class TrackTwist(Tracking):
     >>> rans.TrackTwist(target_spin=0.2).tolerances()
     {'velocity': 0.1, 'spin': 0.35}
 
-    Goal: a velocity in any direction; in the plane a rate of either sign, in space a rate about any
+    Goal: a velocity in any direction, and an angular velocity: in the plane of either sign, in space about any
     axis of the body. Start: at rest at the origin, any attitude.
 
     Observed task data: v_goal - v in W (2 or 3 columns, m/s), then w_goal - w (plane: 1 column; space:
     3 columns in B; rad/s).
 
-    On/off thrusters reach a lattice of spins only: one nozzle of the floating platform that is open for
-    one period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s, as
-    one of the free flyer does about one of three axes. So the nearest spin within reach of a craft that
-    started at rest is off by up to q / 2 = 0.152 rad/s in the plane and sqrt(3) / 2 q = 0.263 rad/s in
-    space; over the targets below, by 0.081 and 0.127 rad/s on average. No mean error can be smaller:
-    changing between two spins of the lattice meets a target in the mean, but is farther off in absolute
-    value. A higher control rate makes q smaller, and thrust that its open thrusters share, since then k of
-    them turn the craft by q / k each: agents hold both velocities within 0.02 (docs/agents.md).
+    On/off thrusters reach only a lattice of spins. One nozzle of the floating platform that is open for one
+    period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s, and one of the free
+    flyer does so about one of three axes. The nearest reachable spin from rest thus has an error of up to
+    q / 2 = 0.152 rad/s in the plane and sqrt(3) / 2 q = 0.263 rad/s in space; over the goals of this task the
+    mean is 0.081 and 0.127 rad/s. No mean absolute error can be smaller: alternating between two spins of the
+    lattice has the right mean but a larger mean absolute error. A higher control rate reduces q. A shared supply
+    does too, because k open thrusters then change the spin by q / k each: agents keep both velocities within 0.02
+    (docs/agents.md).
     """
 
     target_speed: tuple[float, float] = (0.0, 0.5)
@@ -138,39 +138,39 @@ class TrackTwist(Tracking):
     fine_weight: float = 0.5
     """Weight of a narrower copy of the velocity reward."""
     fine_scale: float = 0.05
-    """Error at which that copy has fallen to 1/e, m/s."""
+    """Error at which the narrower velocity reward has fallen to 1/e, m/s."""
     fine_spin_weight: float = 0.0
-    """Weight of a narrower copy of the rotation reward; without shared thrust no spin is that near."""
+    """Weight of a narrower copy of the rotation reward; without a shared supply no reachable spin is that near."""
     fine_spin_scale: float = 0.02
-    """Error at which that copy has fallen to 1/e, rad/s."""
+    """Error at which the narrower rotation reward has fallen to 1/e, rad/s."""
     velocity_tolerance: float = 0.1
     """Velocity error that counts as reached, m/s."""
     spin_tolerance: float = 0.35
-    """Spin error that counts as reached, rad/s: more than q, so that a single pulse may correct the
-    velocity (original system's evaluations: 0.3)."""
+    """Spin error that counts as reached, rad/s: above q, so that a single pulse may correct the velocity (0.3 in
+    evaluations of the original system)."""
 
     flag = 3
     symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """At rest at the origin; the goal moves and turns."""
+        """Start at rest at the origin, and a goal that moves and rotates."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """The velocities still to gain."""
+        """Velocity and angular velocity of the goal relative to the craft."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
             AngularVelocity("dw", "rad/s", spin_difference(state, goal)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Lengths of both differences."""
+        """Velocity error, m/s, and spin error, rad/s."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-error / scale) of both velocities; narrower copies."""
+        """Terms exp(-error / scale) of both velocities, narrower copies, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
         return {
@@ -209,14 +209,14 @@ class TrackVelocityHeading(Tracking):
     fine_weight: float = 0.5
     """Weight of a narrower copy of the velocity reward."""
     fine_scale: float = 0.05
-    """Error at which that copy has fallen to 1/e, m/s."""
+    """Error at which the narrower velocity reward has fallen to 1/e, m/s."""
     turn_weight: float = 0.5
-    """Weight of a wider copy of the attitude reward, felt with any attitude."""
+    """Weight of a wider copy of the attitude reward, for large errors."""
     turn_scale: float = 1.0
-    """Error at which that copy has fallen to 1/e, rad."""
+    """Error at which the wider attitude reward has fallen to 1/e, rad."""
     thrust_weight: float = 0.05
-    """Reward lost per step and fully open thruster; at 0.02 agents never rest: they chase the last
-    centimetre per second with pulses that turn them by more than 5 degrees now and then."""
+    """Reward lost per step and fully open thruster. At 0.02 agents never come to rest: they correct the last
+    centimetre per second with pulses that sometimes rotate them by more than 5 degrees."""
     velocity_tolerance: float = 0.1
     """Velocity error that counts as reached, m/s."""
     attitude_tolerance: float = math.radians(5.0)
@@ -225,25 +225,25 @@ class TrackVelocityHeading(Tracking):
     flag = 4
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """At rest at the origin; the goal moves and does not turn."""
+        """Start at rest at the origin, and a goal that moves and does not rotate."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """The velocity still to gain and the rotation still to make."""
+        """Velocity and attitude of the goal relative to the craft."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Velocity error, and angle to the goal's attitude."""
+        """Velocity error, m/s, and attitude error, rad."""
         angle = state.attitude.to(goal.attitude).magnitude()
         return {"velocity": (goal.v - state.v).norm(), "attitude": angle}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
+        """Terms: exp(-error / scale) of both as in the original system, a narrower and a wider copy, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, angle = errors.values()
         return {
@@ -257,5 +257,5 @@ class TrackVelocityHeading(Tracking):
 
 
 def spin_difference(state: State, goal: State) -> tuple[Field, ...]:
-    """Goal's less own angular velocity, rad/s: about z in the plane, in B in space."""
+    """Angular velocity of the goal less that of the craft, rad/s: about z in the plane, in B in space."""
     return tuple(wanted - w for wanted, w in zip(goal.spin(), state.spin(), strict=True))

@@ -256,7 +256,7 @@ def test_actions_may_be_lists_truth_values_and_tensors() -> None:
         ({"task": "go-to-pose"}, "task must be a rans.GoToPose, got 'go-to-pose'"),
         (
             {"task": {"thrust_weight": 0.1}},
-            r"task takes an object, no dict: rans\.GoToPose\(thrust_weight=0\.1\)\.",
+            r"task takes an object, not a dict: rans\.GoToPose\(thrust_weight=0\.1\)\.",
         ),
     ],
 )
