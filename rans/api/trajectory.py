@@ -204,7 +204,15 @@ class CertifiedBound(Bound, ControlHistory):
             return fly(self.craft, self.task, open_loop, self.scenario, timing)
         (one,) = each(self.scenario)
         path = Trajectory(
-            label, "", True, self.upper, None, commands, self.control_period, 0, self.seconds
+            objective=label,
+            status="",
+            solved=True,
+            cost=self.upper,
+            states=None,
+            commands=commands,
+            control_period=self.control_period,
+            iterations=0,
+            seconds=self.seconds,
         )
         return episode(self.craft, self.task, timing, one, path)
 

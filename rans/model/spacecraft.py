@@ -238,9 +238,19 @@ class Spacecraft(NotebookRepr):
         Propellant has an entry only if the craft has `propellant`.
         """
         tank = self.propellant
-        left = () if tank is None else (Store("propellant", "kg", tank.mass, 0.0, tank.mass),)
+        left = (
+            ()
+            if tank is None
+            else (Store(name="propellant", unit="kg", initial=tank.mass, low=0.0, high=tank.mass),)
+        )
         wheels = (
-            Store(f"momentum of wheel {i}", "N m s", 0.0, -wheel.max_momentum, wheel.max_momentum)
+            Store(
+                name=f"momentum of wheel {i}",
+                unit="N m s",
+                initial=0.0,
+                low=-wheel.max_momentum,
+                high=wheel.max_momentum,
+            )
             for i, wheel in enumerate(self.wheels)
         )
         further = (store for one in self.further_effectors for store in one.stores)

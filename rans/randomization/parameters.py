@@ -205,7 +205,12 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodePa
     conditions.check_valves(craft)
     numbers = np.arange(1024, dtype=np.int32)
     return draw(
-        conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64)
+        conditions,
+        craft,
+        Body.of(craft),
+        steps,
+        numbers,
+        Draws(low=0, high=0, first=numbers, stride=0, dtype=np.float64),
     )
 
 

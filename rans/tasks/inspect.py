@@ -29,15 +29,15 @@ from rans.tasks.shapes import Ball, Shape
 
 declare(
     Quantity(
-        "unseen",
-        "-",
-        "%",
-        100.0,
-        ("UT", (50, 20, 10, 5)),
-        0.05,
-        ("5 %", "2.5 %", "38 %"),
-        (20, 10, 5),
-        0.005,
+        name="unseen",
+        unit="-",
+        display_unit="%",
+        display_factor=100.0,
+        time_within=("UT", (50, 20, 10, 5)),
+        threshold=0.05,
+        threshold_texts=("5 %", "2.5 %", "38 %"),
+        held=(20, 10, 5),
+        engine_difference=0.005,
     )
 )
 

@@ -64,53 +64,53 @@ _DEGREES = math.degrees(1.0)
 
 declare(
     Quantity(
-        "position",
-        "m",
-        "cm",
-        100.0,
-        ("PT", (10, 5, 2, 1)),
-        0.02,
-        ("2 cm", "1 cm", "15 cm"),
-        (5, 2, 1),
-        1e-3,
+        name="position",
+        unit="m",
+        display_unit="cm",
+        display_factor=100.0,
+        time_within=("PT", (10, 5, 2, 1)),
+        threshold=0.02,
+        threshold_texts=("2 cm", "1 cm", "15 cm"),
+        held=(5, 2, 1),
+        engine_difference=1e-3,
     )
 )
 declare(
     Quantity(
-        "attitude",
-        "rad",
-        "deg",
-        _DEGREES,
-        ("OT", (5, 2, 1)),
-        0.087,
-        ("5 deg", "2.5 deg", "37 deg"),
-        (3, 2, 1),
-        math.radians(0.1),
+        name="attitude",
+        unit="rad",
+        display_unit="deg",
+        display_factor=_DEGREES,
+        time_within=("OT", (5, 2, 1)),
+        threshold=0.087,
+        threshold_texts=("5 deg", "2.5 deg", "37 deg"),
+        held=(3, 2, 1),
+        engine_difference=math.radians(0.1),
     )
 )
 declare(
     Quantity(
-        "velocity",
-        "m/s",
-        "cm/s",
-        100.0,
-        ("VT", (10, 5, 2, 1)),
-        0.15,
-        ("15 cm/s", "7.5 cm/s", "113 cm/s"),
-        (10, 5, 2),
-        1e-3,
+        name="velocity",
+        unit="m/s",
+        display_unit="cm/s",
+        display_factor=100.0,
+        time_within=("VT", (10, 5, 2, 1)),
+        threshold=0.15,
+        threshold_texts=("15 cm/s", "7.5 cm/s", "113 cm/s"),
+        held=(10, 5, 2),
+        engine_difference=1e-3,
     )
 )
 declare(
     Quantity(
-        "spin",
-        "rad/s",
-        "deg/s",
-        _DEGREES,
-        ("ST", (20, 10, 5, 2, 1)),
-        0.3,
-        ("0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
-        (20, 10, 5),
-        math.radians(0.1),
+        name="spin",
+        unit="rad/s",
+        display_unit="deg/s",
+        display_factor=_DEGREES,
+        time_within=("ST", (20, 10, 5, 2, 1)),
+        threshold=0.3,
+        threshold_texts=("0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
+        held=(20, 10, 5),
+        engine_difference=math.radians(0.1),
     )
 )

@@ -130,7 +130,9 @@ class Chances:
         """Uniform numbers that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
         noted = _Noted()
         number = np.zeros(1, dtype=np.int32)
-        draws = Chosen(0, 0, number, 0, np.float64, noted, np.ones(1))
+        draws = Chosen(
+            low=0, high=0, first=number, stride=0, dtype=np.float64, given=noted, size=np.ones(1)
+        )
         world = World(Setup(setup.craft, setup.task, setup.timing, setup.conditions))
         world.begin(*world.scenario(number, draws), number, draws)
         return cls(setup, tuple(sorted(noted)))
@@ -153,17 +155,23 @@ class Chances:
         units = np.minimum(units, 1.0 - 2.0**-24)
         if backend is None:
             return Chosen(
-                0, 0, number, 0, np.float64, dict(zip(self.places, units, strict=True)), size
+                low=0,
+                high=0,
+                first=number,
+                stride=0,
+                dtype=np.float64,
+                given=dict(zip(self.places, units, strict=True)),
+                size=size,
             )
         rows = [backend.put(row, torch.float32) for row in units]
         return Chosen(
-            0,
-            0,
-            backend.put(number, torch.int32),
-            0,
-            backend.fields,
-            dict(zip(self.places, rows, strict=True)),
-            None if size is None else backend.put(size, torch.float32),
+            low=0,
+            high=0,
+            first=backend.put(number, torch.int32),
+            stride=0,
+            dtype=backend.fields,
+            given=dict(zip(self.places, rows, strict=True)),
+            size=None if size is None else backend.put(size, torch.float32),
         )
 
     def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:

@@ -302,7 +302,17 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
         )
         period = float(arrays["control_period"][k])
         label = f"{objective}, start {k}"
-        path = Trajectory(label, "", True, math.nan, None, commands, period, 0, 0.0)
+        path = Trajectory(
+            objective=label,
+            status="",
+            solved=True,
+            cost=math.nan,
+            states=None,
+            commands=commands,
+            control_period=period,
+            iterations=0,
+            seconds=0.0,
+        )
         found.append((k, episode(craft, task, _AS_PLANNED, one, path)))
     return found
 

@@ -84,21 +84,47 @@ def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditio
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
     yield Effect(
-        "Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency")
+        group="Valves",
+        name="latency",
+        unit="s",
+        nominal=0.0,
+        sizes=(0.025, 0.05, 0.1, 0.2, 0.3),
+        make=_only("thrusters", "latency"),
     )
-    yield Effect("Valves", "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
+    yield Effect(
+        group="Valves",
+        name="rise",
+        unit="s",
+        nominal=0.0,
+        sizes=(0.05, 0.1, 0.2, 0.4),
+        make=_only("thrusters", "rise"),
+    )
     if not craft.actuators.is_continuous:
         periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
         yield Effect(
-            "Valves",
-            "least on-time",
-            "s",
-            timing.control_period,
-            periods,
-            _only("thrusters", "least_on"),
+            group="Valves",
+            name="least on-time",
+            unit="s",
+            nominal=timing.control_period,
+            sizes=periods,
+            make=_only("thrusters", "least_on"),
         )
-    yield Effect("Valves", "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
-    yield Effect("Valves", "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
+    yield Effect(
+        group="Valves",
+        name="thrust of each off by",
+        unit="%",
+        nominal=0.0,
+        sizes=(10.0, 25.0, 50.0, 75.0),
+        make=_uneven,
+    )
+    yield Effect(
+        group="Valves",
+        name="one thruster weaker by",
+        unit="%",
+        nominal=0.0,
+        sizes=(25.0, 50.0, 75.0, 100.0),
+        make=_weak,
+    )
 
 
 def _uneven(percent: float) -> Conditions:
@@ -118,9 +144,23 @@ def _of_body() -> Iterator[Effect]:
     less = (0.8, 0.65, 0.5, 0.35)
     for quantity in ("mass", "inertia"):
         for name, factors in ((f"more {quantity}", more), (f"less {quantity}", less)):
-            yield Effect("Body", name, "times", 1.0, factors, _only("body", quantity))
+            yield Effect(
+                group="Body",
+                name=name,
+                unit="times",
+                nominal=1.0,
+                sizes=factors,
+                make=_only("body", quantity),
+            )
     centre = _only("body", "centre", 0.01)
-    yield Effect("Body", "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
+    yield Effect(
+        group="Body",
+        name="centre of mass",
+        unit="cm",
+        nominal=0.0,
+        sizes=(1.0, 2.0, 3.0, 5.0, 8.0),
+        make=centre,
+    )
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
@@ -134,12 +174,24 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
         sizes = tuple(
             float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0
         )
-        yield Effect("Disturbances", name, unit, 0.0, sizes, _only("disturbances", name))
+        yield Effect(
+            group="Disturbances",
+            name=name,
+            unit=unit,
+            nominal=0.0,
+            sizes=sizes,
+            make=_only("disturbances", name),
+        )
 
 
 def _readings() -> Iterator[Effect]:
     yield Effect(
-        "Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _only("sensors", "delay")
+        group="Readings",
+        name="readings late by",
+        unit="periods",
+        nominal=0.0,
+        sizes=(1.0, 2.0, 3.0),
+        make=_only("sensors", "delay"),
     )
     sizes = (1.0, 2.0, 3.0, 5.0)
     for quantity, unit, factor in (
@@ -149,19 +201,29 @@ def _readings() -> Iterator[Effect]:
         ("spin", "degrees/s", radians(1.0)),
     ):
         yield Effect(
-            "Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor)
+            group="Readings",
+            name=f"noise of {quantity}",
+            unit=unit,
+            nominal=0.0,
+            sizes=sizes,
+            make=partial(_noisy, quantity, factor),
         )
     for quantity in ("position", "attitude", "velocity", "spin", "all"):
         yield Effect(
-            "Readings",
-            f"missed readings of {quantity}",
-            "%",
-            0.0,
-            (3.0, 10.0, 30.0, 50.0),
-            partial(_missed, quantity),
+            group="Readings",
+            name=f"missed readings of {quantity}",
+            unit="%",
+            nominal=0.0,
+            sizes=(3.0, 10.0, 30.0, 50.0),
+            make=partial(_missed, quantity),
         )
     yield Effect(
-        "Readings", "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors", "outage")
+        group="Readings",
+        name="outages every 5 s of",
+        unit="s",
+        nominal=0.0,
+        sizes=(0.4, 1.0, 2.0),
+        make=_only("sensors", "outage"),
     )
 
 

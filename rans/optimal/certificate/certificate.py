@@ -176,7 +176,7 @@ def least_time(
     """
     _check_steps(most_steps)
     if bounder.contains(problem):
-        return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
+        return Certificate(lower=0.0, upper=0.0, commands=None, dual=0.0, nodes=0, seconds=0.0)
     began = time.monotonic()
     found = bounder.least_time(problem, most_steps, effort)
     upper = math.inf if found.commands is None else len(found.commands) * bounder.period
@@ -210,7 +210,14 @@ def _certificate(found: Found, upper: float, began: float) -> Certificate:
     """Certificate of commands that need this much fuel or time; commands without any pulse are left out."""
     commands = found.commands if upper > 0.0 else None
     seconds = time.monotonic() - began
-    return Certificate(found.lower, upper, commands, found.dual, found.nodes, seconds)
+    return Certificate(
+        lower=found.lower,
+        upper=upper,
+        commands=commands,
+        dual=found.dual,
+        nodes=found.nodes,
+        seconds=seconds,
+    )
 
 
 def _check_steps(steps: int) -> None:

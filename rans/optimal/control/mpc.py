@@ -42,7 +42,7 @@ from rans.optimal.control.regulator import (
     goal_ahead,
 )
 from rans.optimal.trajectory.allocation import Allocation, rounding
-from rans.optimal.trajectory.arrival import LEAST_MARGIN, path_margins
+from rans.optimal.trajectory.arrival import path_margins
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
@@ -70,8 +70,12 @@ class Settings:
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
 _SETTINGS = Settings()
-_VIOLATION = 1e3
-"""Cost of a margin that is negative by 1 (SI units) after one period; full thrust along an axis costs 1."""
+_VIOLATION = 1e4
+"""Cost of a margin that lacks 1 (SI units) after one period; full thrust along an axis costs 1."""
+_RESERVE = 0.01
+"""Margin that plans keep after every period, in SI units: between two periods it may be less."""
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
+"""Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
 _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
@@ -89,9 +93,9 @@ class MPC(ModelBased):
     along it; and a quadratic program (PIQP) gives the next plan. Deviations cost what they cost the LQR,
     whose cost-to-go ends the horizon. The motion is that of the task's drift, and errors are those from where
     the goal will be; thrust costs by how much it differs from what holds the craft at its goal. Margins of the
-    task's constraints are linearised too, and kept from being negative after every period of the plan unless
-    nothing can: what is missing costs `_VIOLATION` per unit (exact penalty). Where a plan turns the craft much,
-    linearising misses them by a little: by 4 cm/s of a speed limit on the floating platform.
+    task's constraints are linearised too, and kept above 0.01 m or m/s after every period of the plan unless
+    nothing can: what is missing costs `_VIOLATION` per unit (exact penalty). As margins bend, the plan goes only
+    part of the way to the program's solution: the part after which it costs least as it is flown.
 
     Raises:
         ConfigError: the thrusters cannot push the spacecraft in every direction, or cannot turn it as the task
@@ -234,6 +238,7 @@ class _Program:
 
         # Constraints have a slack each, after commands and errors.
         self._margins = None if margins is None else self._margin_rows(margins)
+        self._missing = None if margins is None else self._lacking(margins)
         self._slacks = 0 if self._margins is None else self._margins.size1_out(0)
         if self._margins is not None:
             limits = ca.diagcat(limits, ca.Sparsity(0, self._slacks))
@@ -283,7 +288,24 @@ class _Program:
         if not self._solver.stats()["success"]:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
-        return np.clip(commands, 0.0, 1.0)  # the interior point method leaves bounds a little
+        better = np.clip(commands, 0.0, 1.0)  # the interior point method leaves bounds a little
+        if self._missing is None:
+            return better
+        # Margins bend: of the way to the new plan that part is gone after which the flown plan costs least.
+        tried = [plan + share * (better - plan) for share in _SHARES]
+        return min(tried, key=lambda one: self._cost(one, error, goals, slope[: plan.size]))
+
+    def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
+        """What a plan costs as it is flown, with what its margins lack."""
+        assert self._missing is not None
+        flown, _ = self._linearised(error, plan, goals)
+        variables = ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
+        size = variables.size1()
+        curvature = self._fixed["h"][:size, :size]
+        missing = self._missing(flown, goals)
+        commands = plan.ravel(order="F")
+        cost = 0.5 * ca.bilin(curvature, variables, variables) + _VIOLATION * missing
+        return float(cost) + float(slope @ commands)
 
     def _linearisation(self, step: ca.Function) -> ca.Function:
         """(first error, plan, goals) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
@@ -316,7 +338,7 @@ class _Program:
         e, g = (ca.SX.sym(n, margins.size1_in(i)) for i, n in enumerate("eg"))
         value = margins(e, g)
         slope = ca.jacobian(value, e)
-        one = ca.Function("one", [e, g], [LEAST_MARGIN - value + slope @ e, slope])
+        one = ca.Function("one", [e, g], [_RESERVE - value + slope @ e, slope])
         least, slopes = one.map(self._count)(flown, goals[:, 1:])
         by_errors = ca.diagcat(*ca.horzsplit(slopes, self._size))
         matrix = ca.horzcat(
@@ -325,6 +347,15 @@ class _Program:
             ca.MX.eye(by_errors.size1()),
         )
         return ca.Function("margins", [flown, goals], [ca.vec(least), matrix])
+
+    def _lacking(self, margins: ca.Function) -> ca.Function:
+        """(errors along the plan, goals) to the sum of what margins lack."""
+        flown = ca.MX.sym("flown", self._size, self._count)
+        goals = ca.MX.sym("goals", margins.size1_in(1), self._count + 1)
+        value = margins.map(self._count)(flown, goals[:, 1:])
+        return ca.Function(
+            "lacking", [flown, goals], [ca.sum1(ca.fmax(_RESERVE - ca.vec(value), 0.0))]
+        )
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
         """Full thrust along an axis costs 1, as it does for the regulator."""

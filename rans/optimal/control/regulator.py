@@ -19,6 +19,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.trajectory.allocation import Allocation, check_attitude, inertia
+from rans.scenario import scenarios
 from rans.tasks import Task, load_task
 from rans.tasks.base import goal_after
 from rans.tasks.settings import check_settings
@@ -38,7 +39,7 @@ class Weights:
     """
 
     position: float = 0.6
-    """m; a sixth of 3.6 m."""
+    """m; a sixth of 3.6 m. In tasks whose starts are farther away it grows in proportion: see `distance_scale`."""
     attitude: float = math.radians(30.0)
     """rad; a sixth of half a turn."""
     velocity: float = 0.02
@@ -56,6 +57,23 @@ class Weights:
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+
+_NEAR = 3.6
+"""Distance of starts for which the default weight of positions is meant, m."""
+_STARTS = 64
+"""Starts whose distance is asked."""
+
+
+def distance_scale(task: Task, craft: Spacecraft) -> float:
+    """How many times farther the starts of a task's episodes are than 3.6 m (median), at least 1.
+
+    Deviations that cost as much as full thrust are in proportion to those that a task begins with, as Bryson's rule
+    has it: with 0.6 m, craft that start 250 m away accelerate at full thrust until they must brake.
+    """
+    starts = scenarios(task.for_evaluation(), craft, seed=0, count=_STARTS)
+    way = starts.start.p - starts.goal.p
+    return max(1.0, float(np.median(way.norm())) / _NEAR)
 
 
 @dataclass(frozen=True)
@@ -307,7 +325,7 @@ class Regulator:
         period = timing.control_period
         motion = LinearMotion.of(task.drift, craft.dimension, period)
         axis = (
-            Axis.held(period, push, weights.position)
+            Axis.held(period, push, weights.position * distance_scale(task, craft))
             if "position" in held
             else Axis.free(period, push, weights.velocity)
         )

@@ -170,16 +170,16 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
     """A trajectory of NaN, for a problem whose solver never answered."""
     nothing = np.full((objective.intervals + 1, len(craft.commands)), np.nan)
     return Trajectory(
-        objective.name,
-        status,
-        False,
-        math.nan,
-        map_leaves(lambda _: nothing[:, 0], start),
-        nothing[1:],
-        math.nan,
-        0,
-        0.0,
-        0,
+        objective=objective.name,
+        status=status,
+        solved=False,
+        cost=math.nan,
+        states=map_leaves(lambda _: nothing[:, 0], start),
+        commands=nothing[1:],
+        control_period=math.nan,
+        iterations=0,
+        seconds=0.0,
+        attempts=0,
     )
 
 
@@ -353,15 +353,15 @@ class Transcription:
         solved = statistics["success"]
         cost = float(self._cost(variables, leaves(start), leaves(goal))) if solved else math.nan
         return Trajectory(
-            self._objective.name,
-            statistics["return_status"],
-            solved,
-            cost,
-            states,
-            commands,
-            float(variables[-1]),
-            statistics["iter_count"],
-            seconds,
+            objective=self._objective.name,
+            status=statistics["return_status"],
+            solved=solved,
+            cost=cost,
+            states=states,
+            commands=commands,
+            control_period=float(variables[-1]),
+            iterations=statistics["iter_count"],
+            seconds=seconds,
         )
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:

@@ -181,13 +181,15 @@ class Playground:
             self._clicks[name] = 0
         if self.flight.moves:
             for name in _AXES[: craft_.dimension]:
-                self._slider(name, -_REACH, _REACH, 0.05, 0.0)
+                self._slider(name=name, low=-_REACH, high=_REACH, step=0.05, value=0.0)
             if craft_.dimension == 2:
-                self._slider(_HEADING, -180.0, 180.0, 5.0, 0.0)
-        self._slider(_THRUSTER, 0.0, max(len(craft_.thrusters) - 1.0, 1.0), 1.0, 0.0)
-        self._slider(_DELAY, 0.0, 5.0, 1.0, 0.0)
-        self._slider(_NOISE, 0.0, 100.0, 5.0, 0.0)
-        self._slider(_SPEED, 0.25, 4.0, 0.25, 1.0)
+                self._slider(name=_HEADING, low=-180.0, high=180.0, step=5.0, value=0.0)
+        self._slider(
+            name=_THRUSTER, low=0.0, high=max(len(craft_.thrusters) - 1.0, 1.0), step=1.0, value=0.0
+        )
+        self._slider(name=_DELAY, low=0.0, high=5.0, step=1.0, value=0.0)
+        self._slider(name=_NOISE, low=0.0, high=100.0, step=5.0, value=0.0)
+        self._slider(name=_SPEED, low=0.25, high=4.0, step=0.25, value=1.0)
 
     def _slider(self, name: str, low: float, high: float, step: float, value: float) -> None:
         self._meshcat.AddSlider(name, low, high, step, value)
