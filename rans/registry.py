@@ -102,10 +102,10 @@ class Registry(Mapping[str, T]):
                 f"the {self._kind} {brief(name)} exists already, or is not a valid name; choose another one."
             )
 
-        def keep(found: T) -> T:
-            self._own[name] = self._checked(found)
+        def keep(result: T) -> T:
+            self._own[name] = self._checked(result)
             self.announce(name)
-            return found
+            return result
 
         return keep
 
@@ -143,10 +143,10 @@ class Registry(Mapping[str, T]):
 
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
-        found: dict[str, list[EntryPoint]] = {}
+        result: dict[str, list[EntryPoint]] = {}
         for entry in sorted(entry_points(group=self._group)):
-            found.setdefault(entry.name, []).append(entry)
-        return found
+            result.setdefault(entry.name, []).append(entry)
+        return result
 
     def _load(self, name: str) -> T:
         package = self.package(name)
@@ -208,15 +208,15 @@ def resolve(reference: str) -> Any:
     try:
         if name.endswith(".toml"):
             return (resources.files(module) / name).read_text("utf-8")
-        found: Any = importlib.import_module(module)
+        result: Any = importlib.import_module(module)
         for part in name.split("."):
-            found = getattr(found, part)
-            if isinstance(found, ModuleType):
+            result = getattr(result, part)
+            if isinstance(result, ModuleType):
                 raise ConfigError(
                     f"{brief(part)} is a module there; name its objects by its own name, "
                     "as in PACKAGE.MODULE:NAME."
                 )
-        return found
+        return result
     except ConfigError:
         raise
     except Exception as error:  # the top level of a module may raise anything

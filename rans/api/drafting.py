@@ -63,8 +63,8 @@ class Draft:
 
         if len(self.spacecraft.thrusters) < 2:
             return ()
-        found = fault_sets(self.spacecraft, 1, "dead")
-        return tuple(one.thrusters[0] for one in found if one.recoverable)
+        result = fault_sets(self.spacecraft, 1, "dead")
+        return tuple(one.thrusters[0] for one in result if one.recoverable)
 
     def write(
         self, file: str | Path, picture: str | Path | None = None, *, overwrite: bool = False

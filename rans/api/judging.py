@@ -167,11 +167,11 @@ def compare(
         trust,
         guard,
     )
-    found = Comparison(contest)
+    result = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
     with watched() as stage:
-        found.fly(entrants, beside, certified, stages=stage, workers=workers)
-    return found
+        result.fly(entrants, beside, certified, stages=stage, workers=workers)
+    return result
 
 
 def _conditions(first: object, conditions: ConditionsLike | None) -> ConditionsLike | None:
@@ -395,12 +395,12 @@ class Faults:
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Fault, recoverable sets, least margin, and the sets that cannot be recovered from."""
         numbers = {1: "one", 2: "two"}
-        found = []
+        results = []
         for (kind, count), sets in self.sets.items():
             good = [one.margin for one in sets if one.recoverable]
             lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
             least = f"{min(good):.1%}" if good else ""
-            found.append(
+            results.append(
                 (
                     f"{numbers[count]} {kind}",
                     f"{len(good)} of {len(sets)}",
@@ -408,7 +408,7 @@ class Faults:
                     ", ".join(lost) or "none",
                 )
             )
-        return found
+        return results
 
 
 def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
@@ -439,11 +439,11 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
                 if failed >= count:
                     continue
                 step = stage(f"{failed} {kind}", math.comb(count, failed))
-                found: list[FaultSet] = []
+                results: list[FaultSet] = []
                 for one in fault_sets(craft, failed, kind):
-                    found.append(one)
+                    results.append(one)
                     step(1)
-                sets[kind, failed] = found
+                sets[kind, failed] = results
     return Faults(craft, sets)
 
 
@@ -538,10 +538,10 @@ def benchmark(
     device = chosen_device(device, quick)
     several = isinstance(spacecraft, Sequence) and not isinstance(spacecraft, str)
     crafts: Any = spacecraft if several else [spacecraft]
-    found: list[Measurement] = []
+    results: list[Measurement] = []
     with watched() as stage:
         step = stage("measuring", None)
         for one in measured(map(load_spacecraft, crafts), task, num_envs, device, quick):
-            found.append(one)
+            results.append(one)
             step(1)
-    return Speed(device, found, list(bounds(found)))
+    return Speed(device, results, list(bounds(results)))

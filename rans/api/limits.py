@@ -71,13 +71,13 @@ def state(
 def _numbers(what: str, given: Any, count: int | None = None) -> list[float]:
     """So many finite numbers; `ConfigError` where they are not."""
     try:
-        found = [float(x) for x in given]
+        results = [float(x) for x in given]
     except (TypeError, ValueError) as error:
         raise ConfigError(f"the {what} must be numbers, got {brief(given)}.") from error
-    if not np.isfinite(found).all() or (count is not None and len(found) != count):
+    if not np.isfinite(results).all() or (count is not None and len(results) != count):
         many = "finite numbers" if count is None else f"{count} finite numbers"
         raise ConfigError(f"the {what} must be {many}, got {brief(given)}.")
-    return found
+    return results
 
 
 def optimal_trajectory(

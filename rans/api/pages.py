@@ -157,12 +157,12 @@ def flyers(
     from rans.evaluation.fly.agent import run_of
     from rans.evaluation.fly.contestants import contestant, text_of
 
-    found: list[LoadedRun] = []
+    results: list[LoadedRun] = []
     for one in contestants:
-        setup = found[0].judged if found else None
+        setup = results[0].judged if results else None
         run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
-        found.append(run.under(conditions).guarded(guard))
-    return found
+        results.append(run.under(conditions).guarded(guard))
+    return results
 
 
 def title_of(flights: list[Flight], conditions: str | None) -> str:

@@ -30,11 +30,11 @@ def chosen_device(device: str | None, quick: bool) -> str:
 
     from rans.fast.learn.trainer import check_device
 
-    found = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    check_device(found)
-    if not (found.startswith("cuda") or quick):
+    result = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    check_device(result)
+    if not (result.startswith("cuda") or quick):
         _check_compiler()
-    return found
+    return result
 
 
 def measured(

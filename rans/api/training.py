@@ -222,12 +222,12 @@ def sweep(
     folder = named if output is None else Path(output)
     if folder.exists():
         raise ConfigError(f"{folder} exists already; choose another folder.")
-    found = Sweep(configs, folder, "rans.sweep")
+    result = Sweep(configs, folder, "rans.sweep")
     with watched() as stage:
         step = stage(f"{len(configs)} trainings", None)
-        found.train(lambda _: step(1))
-    save_sweep(found, folder, log)
-    return found
+        result.train(lambda _: step(1))
+    save_sweep(result, folder, log)
+    return result
 
 
 def tune(
@@ -288,12 +288,12 @@ def tune(
     count = whole("candidates", candidates)
     with watched() as stage:
         step = stage(f"tuning {controller}", count)
-        found = search(
+        result = search(
             controller, setup, count, whole("starts", starts), price, "rans.tune", step, seconds
         )
-    if known is None or not known.outlasts(found):
-        found.write(file)
-    return found
+    if known is None or not known.outlasts(result):
+        result.write(file)
+    return result
 
 
 def _config(

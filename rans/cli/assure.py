@@ -151,8 +151,8 @@ def _show(assurance: Assurance, file: Path) -> None:
     from rans.show.pages.assure_counts import counts, verdict
     from rans.show.pages.assure_page import findings, page
 
-    found = assurance.to_json()
-    write_json(file, found)
+    result = assurance.to_json()
+    write_json(file, result)
     worst = ""
     if assurance.searched and assurance.searched.breaking and has_drake():
         from rans.show.scene.view import View
@@ -164,10 +164,10 @@ def _show(assurance: Assurance, file: Path) -> None:
     page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)
     campaign = assurance.campaign
-    table = counts(found)
+    table = counts(result)
     words = [
         "any failure",
-        *(name.lower().replace("_", " ") for name in found["bounds"] if name != "any"),
+        *(name.lower().replace("_", " ") for name in result["bounds"] if name != "any"),
     ]
     console.show(
         f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
@@ -176,7 +176,7 @@ def _show(assurance: Assurance, file: Path) -> None:
         [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
         "A wider terminal says what each of them means, as the page does.",
     )
-    console.say(verdict(found))
+    console.say(verdict(result))
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:

@@ -69,17 +69,17 @@ class Benchmark:
             self._compare(console, device, peers)
         return 0
 
-    def _measure(self, console: Terminal, device: str, found: list[Measurement]) -> None:
+    def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
         from rans.api.speed import measured
 
         crafts = [load_spacecraft(name) for name in self.spacecraft]
         with console.status("measuring ...") as status:
             for one in measured(crafts, self.task, self.num_envs, device, self.quick):
-                found.append(one)
+                result.append(one)
                 status.update(f"measured {one.name}")
 
     def _compare(
-        self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]
+        self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]
     ) -> None:
         """Peers, and ratios over them."""
         from benchmarks.peers.runner import default_folder
@@ -98,7 +98,7 @@ class Benchmark:
                     f"measuring {name}, and ours; it may have to be installed ..."
                 ),
             ):
-                found.append((peer, ratios))
+                result.append((peer, ratios))
 
     def _show(
         self,

@@ -34,12 +34,12 @@ class Faults:
             from rans.drawing import check_picture
 
             check_picture(self.picture)
-        found = faults(craft)
+        result = faults(craft)
         Terminal().print(
             table(
                 f"{craft.name}: recoverable faults",
                 FAULT_COLUMNS,
-                found.rows(),
+                result.rows(),
                 "Margin: how far the others stay from always shut and always open while they hold still.",
             )
         )
@@ -47,7 +47,7 @@ class Faults:
             from rans.drawing import save_picture
             from rans.show.figures.faults_figure import faults_figure
 
-            save_picture(faults_figure(craft, found.sets), self.picture)
+            save_picture(faults_figure(craft, result.sets), self.picture)
             Terminal().say(f"Picture: {self.picture}")
         Terminal().suggest(
             shlex.join(

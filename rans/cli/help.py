@@ -218,13 +218,13 @@ def _tyro_options(name: str, hint: Any) -> list[Any]:
     if get_origin(hint) is Annotated:
         plain, *own = get_args(hint)
     has_metavar = any(getattr(one, "metavar", None) for one in own)
-    found: list[Any] = [arg(help_behavior_hint=_default)]
+    results: list[Any] = [arg(help_behavior_hint=_default)]
     metavar = None if has_metavar else _metavar(name, plain)
     if metavar:
-        found.append(arg(metavar=metavar))
+        results.append(arg(metavar=metavar))
     if plain is bool:
-        found.append(FlagCreatePairsOff)
-    return found
+        results.append(FlagCreatePairsOff)
+    return results
 
 
 def _default(shown: str) -> str:

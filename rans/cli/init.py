@@ -221,16 +221,16 @@ def ask(question: str, read: Callable[[str], Answer], default: str | None = None
 
 def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Answer, ...]:
     """One answer a line until an empty one."""
-    found: list[Answer] = []
+    results: list[Answer] = []
     while True:
-        text = input(f"{noun} {len(found)} (empty: no more): ").strip()
-        if not text and len(found) >= least:
-            return tuple(found)
+        text = input(f"{noun} {len(results)} (empty: no more): ").strip()
+        if not text and len(results) >= least:
+            return tuple(results)
         if not text:
             print(f"It needs at least {least}.")
             continue
         try:
-            found.append(read(text))
+            results.append(read(text))
         except ConfigError as error:
             print(error)
 

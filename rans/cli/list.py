@@ -129,14 +129,14 @@ def _kind_of_file(file: Path) -> str:
 def _kind_of_object(reference: str) -> str:
     """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
     try:
-        found = resolve_typed(reference)
+        result = resolve_typed(reference)
     except ConfigError as error:
         raise ConfigError(f"{reference} cannot be shown: {error}") from error
-    if isinstance(found, Conditions):
+    if isinstance(result, Conditions):
         return "conditions"
-    if isinstance(found, type) and issubclass(found, Task):
+    if isinstance(result, type) and issubclass(result, Task):
         return "task"
-    return "controller" if hasattr(found, "act") else "spacecraft"
+    return "controller" if hasattr(result, "act") else "spacecraft"
 
 
 def _everything(_: str) -> Iterable[str | Listing]:

@@ -35,8 +35,8 @@ class Replay:
                 f"{self.bag} is flown again by the agent.py beside it, which is code: add --trust if the flight is "
                 "yours."
             )
-        found = replay(self.bag, self.agent)
-        Terminal().say(f"{found.equal} of {found.decisions} commands come out the same.")
-        if found.first_difference is not None:
-            Terminal().say(f"The first that does not is command {found.first_difference}.")
-        return 0 if found.equal == found.decisions else 1
+        result = replay(self.bag, self.agent)
+        Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
+        if result.first_difference is not None:
+            Terminal().say(f"The first that does not is command {result.first_difference}.")
+        return 0 if result.equal == result.decisions else 1

@@ -73,7 +73,7 @@ class Tune:
         )  # what is damaged is told before
         with progress() as bars:
             step = stages(bars)(f"tuning {self.controller}", self.candidates)
-            found = tune(
+            result = tune(
                 self.controller,
                 setup,
                 self.candidates,
@@ -83,20 +83,20 @@ class Tune:
                 step,
                 self.seconds,
             )
-        staying = known if known and known.outlasts(found) else None
+        staying = known if known and known.outlasts(result) else None
         if staying is None:
-            found.write(file)
+            result.write(file)
         before = defaults(CONTROLLERS[self.controller], within)
         Terminal().print(
             table(
-                f"{self.controller}, {self.task}, {craft.name}: {found.budget()}",
+                f"{self.controller}, {self.task}, {craft.name}: {result.budget()}",
                 ("setting", "default", "tuned"),
                 [
                     *(
                         (key, f"{before[key]:.3g}", f"{value:.3g}")
-                        for key, value in found.settings.items()
+                        for key, value in result.settings.items()
                     ),
-                    ("cost, s", *(f"{value:.3f}" for value in found.costs.values())),
+                    ("cost, s", *(f"{value:.3f}" for value in result.costs.values())),
                 ],
             )
         )
@@ -106,7 +106,7 @@ class Tune:
             else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
             "cost no more on the same; --output FILE writes these all the same."
         )
-        if found.candidates < self.candidates and found.seconds < self.seconds:
+        if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt
         where = f"{self.task}-{craft.dimension}d@{self.spacecraft}"
         Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))

@@ -145,13 +145,13 @@ class View:
             trust_files()
         last = self.episode + self.episodes
         every = flights(folder)
-        found = [flight for start, flight in every if self.episode <= start < last]
-        if not found:
+        results = [flight for start, flight in every if self.episode <= start < last]
+        if not results:
             known = ", ".join(str(start) for start, _ in every) or "none"
             raise ConfigError(
                 f"{folder} has no trajectory of start {self.episode}; it has those of: {known}."
             )
-        return found
+        return results
 
     def _show(self, flights: list[Flight]) -> None:
         from rans.api.pages import title_of

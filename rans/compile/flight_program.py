@@ -94,14 +94,14 @@ class FlightProgram:
 
 def trace_flight(
     world: World,
-    given: Architecture,
+    architecture: Architecture,
     tables: Mapping[str, np.ndarray] | None = None,
 ) -> FlightProgram:
     """Run a flight on symbols.
 
     Args:
         world: in which the policy flies.
-        given: the policy's architecture.
+        architecture: the policy's architecture.
         tables: the policy's parameters (`rans.policy.traced.parameters`), to be written into the program. Without,
             those that no layer has are inputs, such as "mean_0", and what each side of the craft has in another
             place is a `Lookup`.
@@ -135,7 +135,7 @@ def trace_flight(
         for symbol, old, new in zip(begins, leaves(begun), after, strict=True)
         if isinstance(symbol, Symbol)
     )
-    policy = _policy_in_flight(given, world.observe(now, draws), commands, tables)
+    policy = _policy_in_flight(architecture, world.observe(now, draws), commands, tables)
     return FlightProgram(
         (*carried, *policy.carried),
         policy,
@@ -156,19 +156,19 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
 
 
 def _policy_in_flight(
-    given: Architecture,
+    architecture: Architecture,
     observation: Sequence[Field],
     commands: Sequence[Symbol],
     tables: Mapping[str, np.ndarray] | None,
 ) -> PolicyInFlight:
     """A policy that observes these fields; its commands have these names afterwards."""
-    program = policy_program(given)
+    program = policy_program(architecture)
     lookups = list[Lookup]()
 
     def looked_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
-        found = inputs(f"{name}_of", table.shape[1])
-        lookups.append(Lookup(f"places_{len(lookups)}", tuple(found), tuple(source), table))
-        return found
+        rows = inputs(f"{name}_of", table.shape[1])
+        lookups.append(Lookup(f"places_{len(lookups)}", tuple(rows), tuple(source), table))
+        return rows
 
     gather = looked_up if tables is None else None
     known: dict[str, Sequence[Any]] = {"observation": observation}
@@ -176,9 +176,9 @@ def _policy_in_flight(
         if tables is not None and name in program.parameters:
             known[name] = tables[name].tolist()
     sizes = (
-        {"memory": given.units}
-        if given.units
-        else {"history": given.rows, "filters": given.filtering}
+        {"memory": architecture.units}
+        if architecture.units
+        else {"history": architecture.rows, "filters": architecture.filtering}
     )
     memory = {name: inputs(name, size) for name, size in sizes.items() if size}
     known |= memory
@@ -186,7 +186,7 @@ def _policy_in_flight(
     # What it answers.
     asked = [name for name in ("command", "view") if program.has(name)]
     after = ["memory_out"] if memory else []
-    found, stages = symbols(program, known, asked + (after if given.units else []), gather)
+    rows, stages = symbols(program, known, asked + (after if architecture.units else []), gather)
     # A history of one row is looked up too: as a row by itself, below.
     answers = stages[-1].outputs
     of_commands = tuple(
@@ -194,32 +194,32 @@ def _policy_in_flight(
     )
 
     # What it remembers of that; a recurrent core has said so already.
-    if not given.units:
-        newest = ["newest"] if given.recalled else []
+    if not architecture.units:
+        newest = ["newest"] if architecture.recalled else []
         answered = known | {"command": commands}
-        found |= symbols(program, answered, after + newest, gather)[0]
+        rows |= symbols(program, answered, after + newest, gather)[0]
     names = [symbol for part in memory.values() for symbol in part]
     remembered = tuple(
         Carried(symbol, Symbol.constant(0.0), new)
-        for symbol, new in zip(names, found.get("memory_out", ()), strict=True)
+        for symbol, new in zip(names, rows.get("memory_out", ()), strict=True)
     )
 
     # One row of the history by itself.
     row = None
-    if given.recalled and gather is not None:
-        one = policy_program(replace(given, history=1, averages=()))
-        then = inputs("then", given.row)
+    if architecture.recalled and gather is not None:
+        one = policy_program(replace(architecture, history=1, averages=()))
+        then = inputs("then", architecture.row)
         known_lookups = len(lookups)
         recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
         own = tuple(lookups[known_lookups:])
         row = RecalledRow(tuple(then), tuple(recalled["recalled"]), own)
     return PolicyInFlight(
-        remembered[given.rows :],
-        remembered[: given.rows],
+        remembered[architecture.rows :],
+        remembered[: architecture.rows],
         stages,
-        tuple(found["command"]),
+        tuple(rows["command"]),
         of_commands,
         row,
-        tuple(found.get("newest", ())),
-        found["view"][0] if "view" in found else Symbol.constant(0),
+        tuple(rows.get("newest", ())),
+        rows["view"][0] if "view" in rows else Symbol.constant(0),
     )

@@ -39,42 +39,57 @@ _REALS = {torch.float32: "float", torch.float64: "double"}
 
 
 def compiled_preprocessor(
-    given: Architecture, views: Symmetries | None, like: Tensor
+    architecture: Architecture, views: Symmetries | None, like: Tensor
 ) -> ColumnExecutor:
     """Preprocessor of a network with tensors like this one: programs where they are faster.
 
     In double precision on a CPU, which is for comparisons, that is nowhere.
     """
-    plain = TorchPreprocessor(given, views)
+    plain = TorchPreprocessor(architecture, views)
     if like.is_cuda:
-        return CudaPreprocessor(given, plain, like.device, like.dtype)
-    return CpuPreprocessor(given, plain) if like.is_cpu and like.dtype == torch.float32 else plain
+        return CudaPreprocessor(architecture, plain, like.device, like.dtype)
+    return (
+        CpuPreprocessor(architecture, plain)
+        if like.is_cpu and like.dtype == torch.float32
+        else plain
+    )
 
 
-def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
+def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
     """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
-    policy = policy_program(given)
+    policy = policy_program(architecture)
     views = ["view"] if policy.has("view") else []
 
     def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        found, _ = symbols(policy, {"observation": columns}, ["body"])
-        return found["body"], Symbol.constant(0)
+        outputs, _ = symbols(policy, {"observation": columns}, ["body"])
+        return outputs["body"], Symbol.constant(0)
 
     def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        known = {"body": columns[: given.seen], "filters": columns[given.seen :]}
-        found, _ = symbols(policy, known, ["seen", *views])
-        return found["seen"], found["view"][0] if views else Symbol.constant(0)
+        known = {
+            "body": columns[: architecture.column_count],
+            "filters": columns[architecture.column_count :],
+        }
+        outputs, _ = symbols(policy, known, ["seen", *views])
+        return outputs["seen"], outputs["view"][0] if views else Symbol.constant(0)
 
     def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        parts = {"body": given.seen, "filters": given.filtering, "command": given.thrusters}
+        parts = {
+            "body": architecture.column_count,
+            "filters": architecture.filtering,
+            "command": architecture.thrusters,
+        }
         rest = iter(row)
         known = {name: list(islice(rest, width)) for name, width in parts.items()}
-        found, _ = symbols(policy, known, ["filters_after"])
-        return found["filters_after"], Symbol.constant(0)
+        outputs, _ = symbols(policy, known, ["filters_after"])
+        return outputs["filters_after"], Symbol.constant(0)
 
-    width = given.seen + given.filtering
-    programs = [(turned, given.layout.width), (seen, width)]
-    return [*programs, (expected, width + given.thrusters)] if given.filters else programs
+    width = architecture.column_count + architecture.filtering
+    programs = [(turned, architecture.layout.width), (seen, width)]
+    return (
+        [*programs, (expected, width + architecture.thrusters)]
+        if architecture.filters
+        else programs
+    )
 
 
 class CpuPreprocessor(ColumnExecutor):
@@ -83,14 +98,14 @@ class CpuPreprocessor(ColumnExecutor):
     _MOST = 4096
     """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
 
-    def __init__(self, given: Architecture, plain: TorchPreprocessor) -> None:
-        self._given = given
+    def __init__(self, architecture: Architecture, plain: TorchPreprocessor) -> None:
+        self._architecture = architecture
         self._plain = plain
         self._answers: tuple[Tensor, CpuActorCritic | None] | None = None
 
     def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
         """A copy has memory of its own."""
-        return CpuPreprocessor, (self._given, self._plain)
+        return CpuPreprocessor, (self._architecture, self._plain)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
@@ -100,9 +115,9 @@ class CpuPreprocessor(ColumnExecutor):
             else self._plain.in_body(observation)
         )
 
-    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`."""
-        return self._rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+        return self._rows(1, rows) if self._works(rows) else self._plain.viewed(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
@@ -122,10 +137,10 @@ class CpuPreprocessor(ColumnExecutor):
     def _answering(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
         from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
 
-        given = self._given
+        architecture = self._architecture
         with contextlib.suppress(*UNTRACEABLE):
-            if not CpuActorCritic.capabilities.missing(given):
-                return CpuActorCritic(given, tensors)
+            if not CpuActorCritic.capabilities.missing(architecture):
+                return CpuActorCritic(architecture, tensors)
         return None
 
     def _works(self, rows: Tensor) -> bool:
@@ -137,10 +152,10 @@ class CpuPreprocessor(ColumnExecutor):
 
         made = []
         with contextlib.suppress(*UNTRACEABLE):
-            for program, width in row_programs(self._given):
+            for program, width in row_programs(self._architecture):
                 columns = [Symbol.input(f"column_{i}") for i in range(width)]
-                found, which = program(columns)
-                made.append(CompiledProgram(columns, [*found, which]))
+                outputs, which = program(columns)
+                made.append(CompiledProgram(columns, [*outputs, which]))
             return made
         return None
 
@@ -153,9 +168,9 @@ class CpuPreprocessor(ColumnExecutor):
         if (memory := self._memory.get((number, len(rows)))) is None:
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
         memory.give(rows.numpy().T)
-        *found, which = memory.run(0)
+        *outputs, which = memory.run(0)
         side = torch.from_numpy(np.broadcast_to(which, len(rows)).astype(np.int64))
-        return torch.from_numpy(np.stack(found)).T, side
+        return torch.from_numpy(np.stack(outputs)).T, side
 
 
 class CudaPreprocessor(ColumnExecutor):
@@ -166,16 +181,18 @@ class CudaPreprocessor(ColumnExecutor):
 
     def __init__(
         self,
-        given: Architecture,
+        architecture: Architecture,
         plain: TorchPreprocessor,
         device: torch.device,
         dtype: torch.dtype,
     ) -> None:
-        self._given = given
+        self._architecture = architecture
         self._plain = plain
         self._device = device
         self._real = _REALS[dtype]
-        self._opaque = opaque(self) if given.filters and self._functions is not None else None
+        self._opaque = (
+            opaque(self) if architecture.filters and self._functions is not None else None
+        )
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
@@ -185,11 +202,11 @@ class CudaPreprocessor(ColumnExecutor):
             else self._plain.in_body(observation)
         )
 
-    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`."""
         if self._opaque is not None:
             return self._opaque(1, rows)
-        return self.rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+        return self.rows(1, rows) if self._works(rows) else self._plain.viewed(rows)
 
     def expected(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
@@ -210,21 +227,29 @@ class CudaPreprocessor(ColumnExecutor):
 
     def sources(self) -> list[str]:
         """CUDA C++ of the programs."""
-        return [source(program, width, self._real) for program, width in row_programs(self._given)]
+        return [
+            source(program, width, self._real)
+            for program, width in row_programs(self._architecture)
+        ]
 
     def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         """For what the program of this number finds of rows."""
-        given = self._given
-        found = rows.new_empty(len(rows), (given.seen, given.shown, given.filtering)[number])
-        return found, rows.new_empty(len(rows), dtype=torch.int64)
+        architecture = self._architecture
+        result = rows.new_empty(
+            len(rows),
+            (architecture.column_count, architecture.preprocessed_width, architecture.filtering)[
+                number
+            ],
+        )
+        return result, rows.new_empty(len(rows), dtype=torch.int64)
 
     def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         """What it finds: numbers, row by row, and a whole number of each."""
-        found, which = self.room(number, rows)
+        outputs, which = self.room(number, rows)
         self._launch(
-            number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()]
+            number, [x.data_ptr() for x in (rows, outputs, which)], [len(rows), *rows.stride()]
         )
-        return found, which
+        return outputs, which
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
         assert self._functions is not None
@@ -241,20 +266,21 @@ def source(program: RowProgram, width: int, real: str) -> str:
     Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
     and how far it is in memory to the next row and to the next column.
     """
-    given = [Symbol.input(f"column_{i}") for i in range(width)]
+    columns = [Symbol.input(f"column_{i}") for i in range(width)]
     lines = Lines()
-    found, which = program(given)
+    outputs, which = program(columns)
     text = [
         "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
         "if (i >= count) return;",
         *(
             f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"
-            for k, s in enumerate(given)
+            for k, s in enumerate(columns)
         ),
     ]
-    text += lines.values([*found, which])
+    text += lines.values([*outputs, which])
     text += [
-        f"found[size_t(i) * {len(found)} + {k}] = {lines.operand(s)};" for k, s in enumerate(found)
+        f"found[size_t(i) * {len(outputs)} + {k}] = {lines.operand(s)};"
+        for k, s in enumerate(outputs)
     ]
     return "\n".join(
         (

@@ -191,18 +191,18 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
         )
         for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True))
     )
-    symbols = iter(given.symbol for given in memory)
+    symbols = iter(stored.symbol for stored in memory)
     return memory, map_leaves(lambda x: x if isinstance(x, int | float) else next(symbols), episode)
 
 
-def _with_symbols(settings: Any, found: list[Input]) -> Any:
+def _with_symbols(settings: Any, result: list[Input]) -> Any:
     """A task with symbols for its numbers in memory, which are added to those found."""
 
     def symbol(_: str, value: Any) -> Any:
         if isinstance(value, int | float):
             return value
-        found.append(Input(Symbol.input(f"setting_{len(found)}"), "real", value))
-        return found[-1].symbol
+        result.append(Input(Symbol.input(f"setting_{len(result)}"), "real", value))
+        return result[-1].symbol
 
     return map_settings(symbol, settings)
 

@@ -100,7 +100,7 @@ class _Value(NamedTuple):
 def write_c(
     folder: Path,
     program: Program,
-    given: Architecture,
+    architecture: Architecture,
     title: str,
     contract: str = "",
     pairs: Mapping[str, Any] | None = None,
@@ -113,17 +113,17 @@ def write_c(
     about = json.loads(contract) if contract else {}
     columns = about.get("observation", [])
     commands = about.get("command", {}).get("ranges", [])
-    printer = _Printer(program, given)
+    printer = _Printer(program, architecture)
     body = printer.lines()
     patience = 0
     if about:
         patience = int(about["readings"]["oldest"] / about["control_period"] + 1e-6)
     names = {
         "TITLE": _words(title),
-        "WIDTH": given.layout.width,
-        "COMMANDS": given.thrusters,
-        "MEMORY": given.memory,
-        "KEPT": max(given.memory, 1),
+        "WIDTH": architecture.layout.width,
+        "COMMANDS": architecture.thrusters,
+        "MEMORY": architecture.memory,
+        "KEPT": max(architecture.memory, 1),
         "PATIENCE": patience,
         "PERIOD": f"{about.get('control_period', 0.0):g}",
         "COLUMNS": "\n".join(
@@ -137,15 +137,15 @@ def write_c(
             for at, one in enumerate(commands)
         )
         or " * (see contract.json)",
-        "RANGES": _ranges(columns, given.layout.width),
+        "RANGES": _ranges(columns, architecture.layout.width),
         "TABLES": "\n".join(printer.tables()),
         "STEPS": "\n".join("    " + line for line in body),
-        "FORGET": _FORGET if given.memory else "    (void)agent;",
-        "KEEP": _KEEP if given.memory else "",
-        "REMEMBERED": "agent->memory" if given.memory else "NULL",
-        "AFTER": "after" if given.memory else "NULL",
-        "SCRATCH": f"    float after[{given.memory}];\n" if given.memory else "",
-        "UNUSED": "" if given.memory else "    (void)memory;\n    (void)after;\n",
+        "FORGET": _FORGET if architecture.memory else "    (void)agent;",
+        "KEEP": _KEEP if architecture.memory else "",
+        "REMEMBERED": "agent->memory" if architecture.memory else "NULL",
+        "AFTER": "after" if architecture.memory else "NULL",
+        "SCRATCH": f"    float after[{architecture.memory}];\n" if architecture.memory else "",
+        "UNUSED": "" if architecture.memory else "    (void)memory;\n    (void)after;\n",
     }
     write_text(folder / "agent.h", _filled(_HEADER, names))
     write_text(folder / "agent.c", _filled(_SOURCE, names))
@@ -226,23 +226,23 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
 class _Printer:
     """The steps of a program as lines of one C function."""
 
-    def __init__(self, program: Program, given: Architecture) -> None:
+    def __init__(self, program: Program, architecture: Architecture) -> None:
         self._program = program
         self._known: dict[str, _Value] = {
-            "observation": _Value("observation", (1, given.layout.width)),
-            "memory": _Value("memory", (1, given.memory)),
+            "observation": _Value("observation", (1, architecture.layout.width)),
+            "memory": _Value("memory", (1, architecture.memory)),
         }
         self._used: dict[str, None] = {}
-        self._given = given
+        self._architecture = architecture
         self._lines: list[str] = []
 
     def lines(self) -> list[str]:
         """Everything from the observation and the memory to the command and the memory after."""
         for step in self._program.steps:
             self._print(step)
-        self._copy("command", "command", self._given.thrusters)
-        if self._given.memory:
-            self._copy("memory_out", "after", self._given.memory)
+        self._copy("command", "command", self._architecture.thrusters)
+        if self._architecture.memory:
+            self._copy("memory_out", "after", self._architecture.memory)
         return self._lines
 
     def tables(self) -> list[str]:

@@ -42,7 +42,7 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
             state.attitude.columns()
         ),
     }
-    found = [
+    results = [
         *_named(state.attitude.columns(), own),
         *_named(state.v.columns(), own),
         *_named(state.spin(), own),
@@ -51,12 +51,12 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
     for entry in task.observation_terms(state, goal):
         columns = entry.columns()
         if isinstance(entry, TradeOff):
-            found += ["trade-off input, 0 to 1"]
+            results += ["trade-off input, 0 to 1"]
         else:
-            found += _named(columns, known)
+            results += _named(columns, known)
     dimension = 3 if isinstance(state.w, Vec3) else 2
-    missing = observation_width(task, dimension) - len(found)
-    return [*found, *["unused"] * missing]
+    missing = observation_width(task, dimension) - len(results)
+    return [*results, *["unused"] * missing]
 
 
 def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:

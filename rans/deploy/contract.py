@@ -245,7 +245,7 @@ def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, A
 
 def changed_settings(value: Any) -> dict[str, Any]:
     """What a dataclass has that is not its default, as JSON."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for one in fields(value):
         own = getattr(value, one.name)
         if own == default(one):
@@ -254,8 +254,8 @@ def changed_settings(value: Any) -> dict[str, Any]:
             own = changed_settings(own)
         elif isinstance(own, tuple) and own and is_dataclass(own[0]):
             own = [changed_settings(each) for each in own]
-        found[one.name] = own
-    return found
+        result[one.name] = own
+    return result
 
 
 def _conditions_text(conditions: Conditions) -> str:
@@ -317,7 +317,7 @@ def _meanings(task: Task, craft: Spacecraft) -> list[str]:
 def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]:
     """Flag and columns of every task that the agent flies."""
     parts: dict[str, Task] = {"": task} if is_one_task(task) else dict(task.parts())
-    found = []
+    results = []
     for name, part in parts.items():
         state, goal = _example_states(part, craft, WIRED)
         flag = float(np.atleast_1d(part.flag_of(goal))[0])
@@ -326,8 +326,8 @@ def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]
             {"column": at, **row._asdict(), "meaning": meaning}
             for at, (row, meaning) in enumerate(rows)
         ]
-        found.append({"task": name or called, "flag": flag, "columns": columns})
-    return found
+        results.append({"task": name or called, "flag": flag, "columns": columns})
+    return results
 
 
 def is_one_task(task: Task) -> bool:

@@ -214,14 +214,14 @@ def _card(run: RunFolder) -> dict[str, Any]:
 
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
     """By the task's name, "" unless there are several: value, 95 % interval and unit of every metric."""
-    found = {}
+    result = {}
     for one in judged_separately(spec):
         run = contestant(one, protocol)
         rows = measure(fly_episodes(run.controller, run.judged, seed, episodes).flight).rows
-        found[one.removeprefix(spec).removeprefix("#")] = {
+        result[one.removeprefix(spec).removeprefix("#")] = {
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
         }
-    return found
+    return result
 
 
 def _training(run: RunFolder) -> dict[str, Any]:

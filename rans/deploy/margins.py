@@ -63,7 +63,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
         here = np.isclose(met, _signature(world), rtol=0.0, atol=1e-6).all(axis=1)
         shares.append(float(held[here].mean()) if here.any() else float("nan"))
     by_level = dict(zip(((one.effect, one.size) for one in levels), shares[1:], strict=True))
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "flights": flights,
         "seed": SEED,
         "wanted_share": WANTED,
@@ -76,7 +76,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
             if not share >= WANTED:
                 break
             borne = size
-        found[one.name] = {
+        result[one.name] = {
             "unit": one.unit,
             "holds_to": borne,
             "held": {
@@ -84,7 +84,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
                 for size, share in zip(one.sizes, of_sizes, strict=True)
             },
         }
-    return found
+    return result
 
 
 def _signature(world: Conditions) -> list[float]:

@@ -64,16 +64,16 @@ _LINE = 110
 """Longest operation that is written within another, and longest line; characters."""
 
 
-def write_numpy(folder: Path, program: Program, given: Architecture, title: str) -> None:
+def write_numpy(folder: Path, program: Program, architecture: Architecture, title: str) -> None:
     """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
     # The title has names that strangers may have given, and this is code.
     places = {
         "TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE],
-        "WIDTH": given.layout.width,
-        "MEMORY": given.memory,
-        "AFTER": "memory_out" if given.memory else "memory",
+        "WIDTH": architecture.layout.width,
+        "MEMORY": architecture.memory,
+        "AFTER": "memory_out" if architecture.memory else "memory",
         "STEPS": "\n".join(map(_broken, lines)).lstrip(),
     }
     write_text(

@@ -17,7 +17,9 @@ FORMAT = 8
 """Of ONNX 1.12 of 2022: runtimes on robots are old, and nothing here is newer."""
 
 
-def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping[str, str]) -> None:
+def write_onnx(
+    file: Path, program: Program, architecture: Architecture, about: Mapping[str, str]
+) -> None:
     """Write the program with inputs and outputs of any number of rows, and texts about it as metadata.
 
     ConfigError where the package onnx is missing, or the disk refuses.
@@ -38,11 +40,11 @@ def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping
         numpy_helper.from_array(np.asarray(value), name)
         for name, value in program.constants.items()
     ]
-    takes = [rows("observation", given.layout.width)]
-    gives = [rows("command", given.thrusters)]
-    if given.memory:
-        takes.append(rows("memory", given.memory))
-        gives.append(rows("memory_out", given.memory))
+    takes = [rows("observation", architecture.layout.width)]
+    gives = [rows("command", architecture.thrusters)]
+    if architecture.memory:
+        takes.append(rows("memory", architecture.memory))
+        gives.append(rows("memory_out", architecture.memory))
     graph = helper.make_graph(
         nodes, "agent", takes, gives, tables, doc_string=about.get("what", "")
     )

@@ -31,10 +31,10 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
     Raises:
         ConfigError: the policy, or the layout of its observation, has what no file can have.
     """
-    given = network.architecture
+    architecture = network.architecture
     ranges = () if craft is None or is_identity(craft) else craft.commands
     try:
-        program = policy_program(given, "output" if ranges else "command")
+        program = policy_program(architecture, "output" if ranges else "command")
     except UNTRACEABLE as error:
         raise ConfigError(f"the agent can only be exported as rans or sb3: {error}") from error
     if program.lacks:
@@ -43,7 +43,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
         )
     if ranges:
         _commanded(program, "output", ranges)
-    wanted = ["command", *(["memory_out"] if given.memory else [])]
+    wanted = ["command", *(["memory_out"] if architecture.memory else [])]
     program = _opened(program.pruned(wanted))
     tables = parameters(network)
     program.constants |= {name: tables[name] for name in program.parameters}

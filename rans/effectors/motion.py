@@ -111,17 +111,17 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
 
     Their commands, concatenated, are `rans.model.spacecraft.Spacecraft.commands`, and their states its ``stores``.
     """
-    found: list[Effector] = [Thrusters(craft)]
+    results: list[Effector] = [Thrusters(craft)]
     if craft.propellant is not None:
-        found.append(PropellantTank(craft.propellant, craft.stores[0]))
+        results.append(PropellantTank(craft.propellant, craft.stores[0]))
     if craft.wheels:
         first = len(craft.thrusters)
         ranges = craft.commands[first : first + len(craft.wheels)]
         tanks = int(craft.propellant is not None)
         momenta = craft.stores[tanks : tanks + len(craft.wheels)]
-        found.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
+        results.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
     further: tuple[Any, ...] = craft.further_effectors
-    return (*found, *further)
+    return (*results, *further)
 
 
 def begin(

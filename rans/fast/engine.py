@@ -323,11 +323,11 @@ def _check_actions(
     """
     if not isinstance(action, Tensor):
         checked("actions", action, Tensor)
-    given = tuple(action.shape)
-    if given != (count, len(craft.commands)):
+    shape = tuple(action.shape)
+    if shape != (count, len(craft.commands)):
         raise ConfigError(
             f"actions must have the shape {(count, len(craft.commands))} (environments, "
-            f"commands), got {given}."
+            f"commands), got {shape}."
         )
     if with_range:
         _check_range(action.numpy(), craft, is_usual)

@@ -85,11 +85,11 @@ class Flights:
             return None
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
-        given = self._network.architecture
+        architecture = self._network.architecture
         try:
-            lacking = CpuLayers.capabilities.missing(given)
+            lacking = CpuLayers.capabilities.missing(architecture)
             tables = parameters(self._network)
-            program = None if lacking else trace_flight(self.world, given, tables)
+            program = None if lacking else trace_flight(self.world, architecture, tables)
             with one_thread():
                 return program and CpuFlights(self.world, program, tables)
         except UNTRACEABLE:  # a task that does more than arithmetic on fields
@@ -103,12 +103,12 @@ class Flights:
         Raises:
             ConfigError: see `parts`.
         """
-        found = FlightStatistics.none(self.world.timing.episode_steps, self.listed)
+        result = FlightStatistics.none(self.world.timing.episode_steps, self.listed)
         with closing(self.parts(first, count, seed)) as parts:
             for part in parts:
-                found += part
+                result += part
                 progress(part.flights)
-        return found
+        return result
 
     def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
         """Statistics of consecutive scenarios part by part, in the order of their numbers, as they are flown.
@@ -139,14 +139,14 @@ class Flights:
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[FlightStatistics]:
         """Fly by one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
-        given = self._network, self._setup, "cpu", self.listed
-        yield from Workers(Flights, given, _processors(), "flew").ordered(Flights.fly, jobs)
+        state = self._network, self._setup, "cpu", self.listed
+        yield from Workers(Flights, state, _processors(), "flew").ordered(Flights.fly, jobs)
 
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
         """Statistics of one batch that is flown step by step."""
         verdict = self.judged(self.draws(seed, numbers), effort=True)
-        found = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
-        arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
+        values = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
+        arrays = [torch.as_tensor(x).cpu().numpy() for x in values]
         return FlightStatistics.of(
             self.world,
             numbers,

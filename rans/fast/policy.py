@@ -95,14 +95,14 @@ def network_of(policy: ActorCriticPolicy) -> Network:
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` of an `AgentPolicy` with this architecture, and Adam in one kernel."""
-    given = {
+    extractor = {
         field.name: getattr(architecture, field.name)
         for field in fields(Architecture)
         if field.name != "bounds"
     }  # which the file has as its spaces
     return {
         "features_extractor_class": NormalisedMlp,
-        "features_extractor_kwargs": given,
+        "features_extractor_kwargs": extractor,
         "net_arch": [],
         "optimizer_kwargs": {"fused": True, "eps": EPSILON},
     }
@@ -125,9 +125,11 @@ def predict(
         ConfigError: the observations have another width than those that the network was trained on.
     """
     network.architecture.check_width("the policy", observation)
-    given = network.architecture
+    architecture = network.architecture
     device = next(iter(network.tensors.values())).device
-    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
+    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(
+        -1, architecture.layout.width
+    )
     memory = network.initial_state(len(rows))
     if memory is not None and state is not None:
         memory = torch.as_tensor(state[0]).to(memory)
@@ -138,7 +140,7 @@ def predict(
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
     memory = network.next_state(columns, memory, command, output)
-    said = command.cpu().numpy().astype(np.float32 if given.continuous else np.int64)
+    said = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
     said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
     return said, None if memory is None else (memory.cpu().numpy(),)
 

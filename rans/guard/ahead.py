@@ -24,11 +24,11 @@ class Arrival(NamedTuple):
     @property
     def least(self) -> Field:
         """The least margin of all, (N,)."""
-        found = None
+        result = None
         for margins in self.margins:
             for margin in margins.values():
-                found = margin if found is None else where(margin < found, margin, found)
-        return found
+                result = margin if result is None else where(margin < result, margin, result)
+        return result
 
 
 @dataclass(frozen=True)

@@ -63,10 +63,10 @@ class FlownBackup:
     ) -> tuple[Command, Field]:
         """See `rans.episode.Guard`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
-        given, changed = self._filtered(world, state, goal, command)
+        admitted, changed = self._filtered(world, state, goal, command)
         if single:
-            return tuple(float(x[0]) for x in given), bool(changed[0])
-        return given, changed
+            return tuple(float(x[0]) for x in admitted), bool(changed[0])
+        return admitted, changed
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """(N,) whether states of arrays or tensors (N,) are safe: whether the filter holds from there on."""
@@ -83,14 +83,14 @@ class FlownBackup:
         changed = truths(state, size)
         if not len(refused):
             return command, changed
-        given = tuple(copied(x) for x in command)
+        admitted = tuple(copied(x) for x in command)
         instead = search.instead(
             taken(state, refused), taken(goal, refused), taken(command, refused)
         )
-        for x, new in zip(given, instead, strict=True):
+        for x, new in zip(admitted, instead, strict=True):
             changed[refused] |= x[refused] != new
             x[refused] = new
-        return given, changed
+        return admitted, changed
 
 
 class _Arrival(NamedTuple):
@@ -134,24 +134,24 @@ class _Search:
 
     def safe(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
         """Whether it may coast from these states, or leave them by one of some manoeuvres."""
-        found = self.coasting.safe(state, goal)
-        left = where_true(~found)
+        safe = self.coasting.safe(state, goal)
+        left = where_true(~safe)
         if len(left):
-            found[left] = self._escapes(taken(state, left), taken(goal, left), ways)
-        return found
+            safe[left] = self._escapes(taken(state, left), taken(goal, left), ways)
+        return safe
 
     def _escapes(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
         """Whether one of some manoeuvres brings these states to where it may coast."""
         size = count(state)
-        found = truths(state, size)
+        escaped = truths(state, size)
         left = numbers(state, size)
         # Most are brought out of danger by the first manoeuvre; for the rest all others are flown at once.
         for some in (ways[:1], ways[1:]):
             if some and len(left):
                 free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
-                found[left[free]] = True
+                escaped[left[free]] = True
                 left = left[~free]
-        return found
+        return escaped
 
     def leaves_by(self, ways: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
         """(manoeuvres, N) whether a manoeuvre brings these states to where they may coast."""
@@ -160,17 +160,17 @@ class _Search:
         again = stacked([numbers(state, size)] * len(ways))
         state = taken(state, again)
         goal = taken(goal, again)
-        found = truths(state, len(again))
+        escaped = truths(state, len(again))
         rows = numbers(state, len(again))
         for _ in range(self.periods):
             arrival = self._manoeuvred(way, state, goal)
-            found[rows[arrival.free]] = True
+            escaped[rows[arrival.free]] = True
             going = where_true(arrival.kept & ~arrival.free)
             if not len(going):
                 break
             rows = rows[going]
             way, state, goal = taken((way, arrival.state, arrival.goal), going)
-        return found.reshape(len(ways), size)
+        return escaped.reshape(len(ways), size)
 
     def command(self, way: Manoeuvre, state: Any, goal: Any) -> Command:
         """What a manoeuvre commands now."""
@@ -190,39 +190,41 @@ class _Search:
     def passes(self, state: Any, goal: Any, command: Command, ways: tuple[Manoeuvre, ...]) -> Field:
         """Whether commands keep every margin for a period, and lead to safe states."""
         arrival = self.held(state, goal, command)
-        found = arrival.free
+        passed = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
         if len(left):
-            found[left] = self._escapes(taken(arrival.state, left), taken(arrival.goal, left), ways)
-        return found
+            passed[left] = self._escapes(
+                taken(arrival.state, left), taken(arrival.goal, left), ways
+            )
+        return passed
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:
         """Commands in place of those that do not pass."""
         size = count(state)
         first = self.command(self.ways[0], state, goal)
-        given = [copied(x) for x in first]
+        admitted = [copied(x) for x in first]
         open_ = numbers(state, size)
 
         # Commands near the wanted one, all at once; the first that passes.
         near = self._near(command, first)
         if near:
             again = stacked([open_] * len(near))
-            told = tuple(stacked(list(column)) for column in zip(*near, strict=True))
-            good = self.passes(taken(state, again), taken(goal, again), told, self.ways[:_FEW])
+            tried = tuple(stacked(list(column)) for column in zip(*near, strict=True))
+            good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
             good = good.reshape(len(near), size)
-            found = truths(state, size)
+            replaced = truths(state, size)
             for one, passed in zip(near, good, strict=True):
-                new = where_true(passed & ~found)
-                for x, y in zip(given, one, strict=True):
+                new = where_true(passed & ~replaced)
+                for x, y in zip(admitted, one, strict=True):
                     x[new] = y[new]
-                found = found | passed
-            open_ = open_[~found]
+                replaced = replaced | passed
+            open_ = open_[~replaced]
 
         # All shut, then manoeuvres.
         if len(open_):
             here, there = taken(state, open_), taken(goal, open_)
             coasts = self.coasting.safe(here, there)
-            for x in given:
+            for x in admitted:
                 x[open_[coasts]] = 0.0
             open_ = open_[~coasts]
         if len(open_):
@@ -233,10 +235,10 @@ class _Search:
                 rows = where_true(work & ~done)
                 done = done | work
                 if len(rows):
-                    told = self.command(way, taken(here, rows), taken(there, rows))
-                    for x, y in zip(given, told, strict=True):
+                    tried = self.command(way, taken(here, rows), taken(there, rows))
+                    for x, y in zip(admitted, tried, strict=True):
                         x[open_[rows]] = y
-        return tuple(given)
+        return tuple(admitted)
 
     def _near(self, command: Command, first: Command) -> list[Command]:
         """Commands near the wanted ones."""

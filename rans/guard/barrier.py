@@ -76,16 +76,16 @@ class BarrierProgram:
         kept = search.kept(state, goal, command, now, 1.0)
         refused = where_true(~kept)
         changed = truths(state, size)
-        given = tuple(copied(x) for x in command)
+        admitted = tuple(copied(x) for x in command)
         if len(refused):
             here = taken((state, goal, command), refused)
             instead = search.instead(here[0], here[1], here[2], [x[refused] for x in now])
-            for x, new in zip(given, instead, strict=True):
+            for x, new in zip(admitted, instead, strict=True):
                 changed[refused] |= x[refused] != new
                 x[refused] = new
         if single:
-            return tuple(float(x[0]) for x in given), bool(changed[0])
-        return given, changed
+            return tuple(float(x[0]) for x in admitted), bool(changed[0])
+        return admitted, changed
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """(N,) whether braking keeps every margin from these states on."""
@@ -117,8 +117,8 @@ class _Search:
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
         """Every margin at every check of the command's period, then the least of each while it brakes."""
         arrival = self.ahead.fly(state, goal, command)
-        found = [margin for margins in arrival.margins for margin in margins.values()]
-        return found + self.braking(arrival.state, arrival.goal)
+        margins = [margin for margins in arrival.margins for margin in margins.values()]
+        return margins + self.braking(arrival.state, arrival.goal)
 
     def braking(self, state: Any, goal: Any) -> list[Any]:
         """The least of each margin while the craft brakes, and what its speed is below rest then.
@@ -156,10 +156,10 @@ class _Search:
     def kept(self, state: Any, goal: Any, command: Command, now: list[Any], share: float) -> Field:
         """Whether commands keep margins, but for a share of the slack."""
         missing = self.guard.slack * (1.0 - share)
-        found = truths(state, count((state, command))) | True
+        kept = truths(state, count((state, command))) | True
         for margin, aim in zip(self.margins(state, goal, command), self.aims(now), strict=True):
-            found = found & (margin >= aim - missing)
-        return found
+            kept = kept & (margin >= aim - missing)
+        return kept
 
     def instead(self, state: Any, goal: Any, command: Command, now: list[Any]) -> Command:
         """The nearest commands that keep the margins."""
@@ -169,30 +169,30 @@ class _Search:
         low = columns([like(command, 1, one.low) for one in ranges])[0]
         high = columns([like(command, 1, one.high) for one in ranges])[0]
         aims = columns(self.aims(now))
-        found = tuple(
+        replacement = tuple(
             where(x < one.low, one.low, where(x > one.high, one.high, x))
             for x, one in zip(command, ranges, strict=True)
         )
         open_ = where_true(truths(state, size) | True)
         for _ in range(_ROUNDS):
-            here, there, around = taken((state, goal, found), open_)
+            here, there, around = taken((state, goal, replacement), open_)
             margins = columns(self.margins(here, there, around))
             slopes = self._slopes(here, there, around, margins)
             linear = aims[open_] - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
             solved = nearest(wanted[open_], slopes, linear, low, high)
             tried = tuple(solved[:, k] for k in range(len(ranges)))
-            for x, new in zip(found, tried, strict=True):
+            for x, new in zip(replacement, tried, strict=True):
                 x[open_] = new
             open_ = open_[~self.kept(here, there, tried, [x[open_] for x in now], _ROOM)]
             if not len(open_):
-                return found
+                return replacement
 
         # What the programs could not keep is mixed with braking.
         brake = braking_command(self.world, *taken((state, goal), open_))
-        tried = taken(found, open_)
+        tried = taken(replacement, open_)
         for share in (*_BLENDS, 1.0):
             mixed = tuple(x + (y - x) * share for x, y in zip(tried, brake, strict=True))
-            for x, new in zip(found, mixed, strict=True):
+            for x, new in zip(replacement, mixed, strict=True):
                 x[open_] = new
             here, there = taken((state, goal), open_)
             bad = where_true(~self.kept(here, there, mixed, [x[open_] for x in now], _ROOM))
@@ -200,7 +200,7 @@ class _Search:
                 break
             open_ = open_[bad]
             brake, tried = taken((brake, tried), bad)
-        return found
+        return replacement
 
     def _slopes(self, state: Any, goal: Any, command: Command, margins: Any) -> Any:
         """(N, rows, commands) change of every margin with every command, by differences towards the middle."""
@@ -236,13 +236,13 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
         for row in inertia
     ]
     wrench = (*force.columns(), *torque)
-    found = []
+    results = []
     for one, row in zip(craft.commands, shares.matrix, strict=False):
         share = sum((x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0)
         share = where(share < one.low, share * 0.0 + one.low, share)
-        found.append(where(share > one.high, share * 0.0 + one.high, share))
-    zero = found[0] * 0.0
-    return (*found, *(zero for _ in craft.wheels))
+        results.append(where(share > one.high, share * 0.0 + one.high, share))
+    zero = results[0] * 0.0
+    return (*results, *(zero for _ in craft.wheels))
 
 
 def _speed(state: Any, goal: Any) -> Field:

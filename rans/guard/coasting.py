@@ -37,11 +37,11 @@ class Coasting:
         """(N,) bool of states and goals of arrays or tensors (N,)."""
         balls = self._balls(goal)
         if balls is not None:
-            found = None
+            result = None
             for ball in balls:
                 clear = _closest(ball, state) >= self.slack
-                found = clear if found is None else found & clear
-            return found
+                result = clear if result is None else result & clear
+            return result
         return self._sampled(state, goal)
 
     def _balls(self, goal: Any) -> tuple[Ball, ...] | None:
@@ -59,7 +59,7 @@ class Coasting:
         period = self.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)
-        found = like(state, size) >= 0.0
+        result = like(state, size) >= 0.0
         # Consecutive parts share two instants, so that every instant has a second difference.
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
@@ -73,12 +73,12 @@ class Coasting:
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
                 # The ends have their neighbours' second difference.
-                found = found & (margin[1:-1] - sag >= self.slack).all(0)
-                found = found & (margin[:-2] - sag >= self.slack).all(0)
-                found = found & (margin[2:] - sag >= self.slack).all(0)
+                result = result & (margin[1:-1] - sag >= self.slack).all(0)
+                result = result & (margin[:-2] - sag >= self.slack).all(0)
+                result = result & (margin[2:] - sag >= self.slack).all(0)
             if last == self.horizon:
                 break
-        return found
+        return result
 
 
 def _closest(ball: Ball, state: Any) -> Field:

@@ -116,10 +116,10 @@ def slope_of_least(world: World, state: Any, goal: Any) -> Any:
     task = world.task
 
     def least(p: Vector) -> Field:
-        found = None
+        result = None
         for margin in task.constraints(replace(state, p=p), goal).values():
-            found = margin if found is None else where(margin < found, margin, found)
-        return found
+            result = margin if result is None else where(margin < result, margin, result)
+        return result
 
     columns = state.p.columns()
     slopes = []

@@ -29,15 +29,15 @@ def numbers(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
     words = text.replace(",", " ").split()
     wanted = " or ".join(map(str, counts))
     try:
-        found = tuple(map(float, words))
+        result = tuple(map(float, words))
     except ValueError:
-        found = ()
-    if len(found) not in counts or not all(abs(x) <= _MOST for x in found):
+        result = ()
+    if len(result) not in counts or not all(abs(x) <= _MOST for x in result):
         raise ConfigError(
             f"{what} must be {wanted} {'number' if wanted == '1' else 'numbers'}, such as "
             f"{', '.join(['0.1'] * counts[0])}, got {brief(text)}."
         )
-    return found
+    return result
 
 
 def thruster_of(text: str, dimension: int) -> Thruster:

@@ -41,23 +41,23 @@ class Response(NamedTuple):
     @classmethod
     def unpacked(cls, memory: Columns) -> Response:
         """Of what `packed` gave."""
-        more, late, xx, xy, yy, *told = memory
-        half = len(told) // 2
-        return cls(more, late, (xx, xy, yy), told[:half], told[half:])
+        more, late, xx, xy, yy, *rest = memory
+        half = len(rest) // 2
+        return cls(more, late, (xx, xy, yy), rest[:half], rest[half:])
 
     def packed(self) -> list[Field]:
         """Numbers to remember."""
         return [self.more, self.late, *self.spread, *self.now, *self.then]
 
-    def given(self, told: Columns) -> list[Field]:
+    def given(self, command: Columns) -> list[Field]:
         """What comes in a period that begins with a command which is designed to give this."""
-        return scaled_sum(1.0 + self.more, told, self.late, self.now)
+        return scaled_sum(1.0 + self.more, command, self.late, self.now)
 
-    def after(self, told: Columns, half: Columns) -> Response:
+    def after(self, command: Columns, half: Columns) -> Response:
         """A period later, in a B that has turned by twice this since; without it, one that has not."""
         now, then = (
             turned(scaled_sum(1.0, x, 1.0, cross(half, x)), half) if half else x
-            for x in (told, self.now)
+            for x in (command, self.now)
         )
         xx, xy, yy = self.spread
         return self._replace(now=now, then=then, spread=(xx + _WANDER, xy, yy + _WANDER))
@@ -90,13 +90,13 @@ class Response(NamedTuple):
 
     def begun(self, first: Field, spread: float) -> Response:
         """This, or where an episode's first reading is all there is, what is known before any other."""
-        more, late, *told = (
+        more, late, *rest = (
             where(first, before, x)
             for before, x in zip(
                 (0.0, 0.0, spread, 0.0, spread), (self.more, self.late, *self.spread), strict=True
             )
         )
-        xx, xy, yy = told
+        xx, xy, yy = rest
         return self._replace(more=more, late=late, spread=(xx, xy, yy))
 
 

@@ -80,11 +80,11 @@ class Architecture:
     def check_width(self, who: str, observation: np.ndarray) -> None:
         """Refuse (`ConfigError`) observations (..., width) of another width than the network's."""
         width = self.layout.width
-        given = np.shape(observation)
-        if given[-1:] != (width,):
-            shown = given[-1] if given else "one"
+        shape = np.shape(observation)
+        if shape[-1:] != (width,):
+            trained = shape[-1] if shape else "one"
             raise ConfigError(
-                f"{who} observes {width} numbers, but was shown {shown}: it was trained "
+                f"{who} observes {width} numbers, but was shown {trained}: it was trained "
                 "for another task or for the other dimension."
             )
 
@@ -108,7 +108,7 @@ class Architecture:
         return self.last.continuous
 
     @property
-    def seen(self) -> int:
+    def column_count(self) -> int:
         """Columns that the preprocessor makes of an observation."""
         return self.columns.width
 
@@ -138,7 +138,7 @@ class Architecture:
     @property
     def answered(self) -> int:
         """Columns in a row of a history, before the command that answered them."""
-        return 0 if self.commands_only else self.seen
+        return 0 if self.commands_only else self.column_count
 
     @property
     def row(self) -> int:
@@ -161,19 +161,23 @@ class Architecture:
         return self.filters.each if self.filters else ()
 
     @property
-    def told(self) -> tuple[int, ...]:
+    def extra_columns(self) -> tuple[int, ...]:
         """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
-        return 0, *(one.told for one in self._bank)
+        return 0, *(one.extra_columns for one in self._bank)
 
     @property
-    def shown(self) -> int:
+    def preprocessed_width(self) -> int:
         """Columns and numbers told that are seen at once."""
-        return len(self.told) * self.seen + sum(self.told)
+        return len(self.extra_columns) * self.column_count + sum(self.extra_columns)
 
     @property
     def inputs(self) -> int:
         """Numbers that the trunk is given."""
-        return len(self.told) * self.seen * (2 if self.zoom else 1) + sum(self.told) + self.rows
+        return (
+            len(self.extra_columns) * self.column_count * (2 if self.zoom else 1)
+            + sum(self.extra_columns)
+            + self.rows
+        )
 
     @property
     def recalled(self) -> int:
@@ -192,13 +196,13 @@ class Architecture:
             row: columns of a reading in B, then what filters remember.
         """
         body = self.columns
-        read = row[: self.seen]
-        memory = row[self.seen :]
+        read = row[: self.column_count]
+        memory = row[self.column_count :]
         screened = self._screened(read, memory).columns
         return [
             (body, screened),
             *(
-                (one.shown(body), one.estimate(body, screened, mine))
+                (one.layout(body), one.estimate(body, screened, mine))
                 for one, mine in self._remembering(memory)
             ),
         ]
@@ -211,18 +215,19 @@ class Architecture:
         """
         body = self.columns
         read, memory, command = (
-            row[a:b] for a, b in pairwise((0, self.seen, self.seen + self.filtering, None))
+            row[a:b]
+            for a, b in pairwise((0, self.column_count, self.column_count + self.filtering, None))
         )
-        found = self._screened(read, memory)
+        result = self._screened(read, memory)
         remembered = list(self._remembering(memory))
         after = [
-            x for one, mine in remembered for x in one.expected(body, found.columns, mine, command)
+            x for one, mine in remembered for x in one.expected(body, result.columns, mine, command)
         ]
         if not self._gated:
             return after
         one, mine = remembered[-1]
-        next_one = one.moved_on(body, found.columns, mine, command, found.noisy)
-        return after + self._screen(memory).after(read, found, next_one, command)
+        next_one = one.moved_on(body, result.columns, mine, command, result.noisy)
+        return after + self._screen(memory).after(read, result, next_one, command)
 
     def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
         """Each filter with what it remembers."""
@@ -266,8 +271,8 @@ class Architecture:
     def statistics(self) -> dict[str, Tensor]:
         """Those of observations before any was made."""
         return {
-            "mean": torch.zeros(self.seen),
-            "variance": torch.ones(self.seen),
+            "mean": torch.zeros(self.column_count),
+            "variance": torch.ones(self.column_count),
             "count": torch.zeros(()),
         }
 
@@ -283,10 +288,10 @@ class Architecture:
     def shapes(self) -> dict[str, torch.Size]:
         """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
         with torch.device("meta"):
-            found = {"log_std": torch.Size((self.thrusters,))} if self.last.spread else {}
+            result = {"log_std": torch.Size((self.thrusters,))} if self.last.spread else {}
             for prefix, part in self.parts().items():
-                found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
-            return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
+                result |= {prefix + name: value.shape for name, value in part.state_dict().items()}
+            return result | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
 
     def initial(
         self, seed: int, duty: float, log_std: float = 0.0

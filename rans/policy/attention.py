@@ -34,13 +34,13 @@ class EffectorAttention(Backbone):
     has_tokens = True
     is_traced = True
 
-    def rows(self, given: Architecture) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """See `Backbone`: of one effector."""
-        return given.last.weights
+        return architecture.last.weights
 
-    def modules(self, given: Architecture) -> dict[str, nn.Module]:
+    def modules(self, architecture: Architecture) -> dict[str, nn.Module]:
         """See `Backbone`."""
-        width = given.features
+        width = architecture.features
         return {
             "token": nn.Linear(_TOKEN, width),
             "query": nn.Linear(width, width),
@@ -51,8 +51,8 @@ class EffectorAttention(Backbone):
 
     def outputs(self, network: Network, features: Tensor) -> Tensor:
         """See `Backbone`."""
-        given = network.architecture
-        tokens = features.new_tensor(given.tokens)
+        architecture = network.architecture
+        tokens = features.new_tensor(architecture.tokens)
         count = len(tokens)
         width = features.shape[-1]
 
@@ -69,16 +69,16 @@ class EffectorAttention(Backbone):
         share = torch.softmax(query @ key.mT / math.sqrt(width), dim=-1)
         state = state + network.activation(each(network.own("mixed"), share @ value))
         # The same last layer for every effector; outputs of one meaning stand together.
-        weight, bias = given.last.folded(*network.layer("action_net"))
+        weight, bias = architecture.last.folded(*network.layer("action_net"))
         outputs = product(state.flatten(-3, -2), weight, bias).unflatten(-2, (-1, count))
         return outputs.mT.flatten(-2)
 
-    def traced(self, program: Program, given: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """See `Backbone`."""
-        width = given.features
-        count = len(given.tokens)
-        formula = ACTIVATIONS[given.activation].formula
-        tokens = program.constant(given.tokens, "tokens")
+        width = architecture.features
+        count = len(architecture.tokens)
+        formula = ACTIVATIONS[architecture.activation].formula
+        tokens = program.constant(architecture.tokens, "tokens")
         embedded = program.dense(tokens, "token", width, _TOKEN)
         state = program.each(
             lambda x, token: formula(x + token), program.shaped(features, 1, width), embedded
@@ -96,9 +96,9 @@ class EffectorAttention(Backbone):
         total = program.apply("ReduceSum", odds, last, keepdims=1)
         share = program.apply("Div", odds, total)
         mixed = program.apply("MatMul", share, value)
-        mixed = program.dense(mixed, "mixed", width, width, given.activation, rows=count)
+        mixed = program.dense(mixed, "mixed", width, width, architecture.activation, rows=count)
         state = program.apply("Add", state, mixed)
         # The same last layer for every effector; outputs of one meaning stand together.
-        outputs = program.dense(state, "head", given.last.outputs, width, rows=count)
+        outputs = program.dense(state, "head", architecture.last.outputs, width, rows=count)
         turned = program.apply("Transpose", outputs, perm=(0, 2, 1))
-        return program.shaped(turned, given.outputs)
+        return program.shaped(turned, architecture.outputs)

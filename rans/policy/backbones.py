@@ -33,10 +33,10 @@ class Backbone(ABC):
     """Whether `traced` writes it down; without, torch alone computes it."""
 
     @abstractmethod
-    def rows(self, given: Architecture) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """Rows of the last layer, whose weights are ``action_net``."""
 
-    def modules(self, given: Architecture) -> dict[str, nn.Module]:
+    def modules(self, architecture: Architecture) -> dict[str, nn.Module]:
         """What is learnt beside the trunk, the last layer and the critic, with torch's initial weights."""
         return {}
 
@@ -44,7 +44,7 @@ class Backbone(ABC):
     def outputs(self, network: Network, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
-    def traced(self, program: Program, given: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
 
         The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`. A backbone without
@@ -61,18 +61,18 @@ class Dense(Backbone):
 
     is_traced = True
 
-    def rows(self, given: Architecture) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """See `Backbone`."""
-        return given.last.weights * given.thrusters
+        return architecture.last.weights * architecture.thrusters
 
     def outputs(self, network: Network, features: Tensor) -> Tensor:
         """See `Backbone`."""
         weight, bias = network.architecture.last.folded(*network.layer("action_net"))
         return product(features, weight, bias)
 
-    def traced(self, program: Program, given: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """See `Backbone`."""
-        return program.dense(features, "head", given.outputs, given.features)
+        return program.dense(features, "head", architecture.outputs, architecture.features)
 
 
 def effector_tokens(craft: Spacecraft) -> tuple[tuple[float, ...], ...]:

@@ -22,20 +22,20 @@ class Capabilities(NamedTuple):
     privileged_critic: bool = True
     """Executors of commands alone need no critic."""
 
-    def missing(self, given: Architecture) -> str:
+    def missing(self, architecture: Architecture) -> str:
         """What a policy has that the executor has not, in words; "" where it can compute it."""
-        return " and ".join(self._missing(given))
+        return " and ".join(self._missing(architecture))
 
-    def _missing(self, given: Architecture) -> Iterator[str]:
-        if given.backbone not in self.backbones:
-            yield f"the backbone {given.backbone!r}"
-        if self.heads is not None and given.head not in self.heads:
-            yield f"the head {given.head!r}"
-        if self.activations is not None and given.activation not in self.activations:
-            yield f"the activation {given.activation!r}"
-        if given.units and not self.recurrent:
+    def _missing(self, architecture: Architecture) -> Iterator[str]:
+        if architecture.backbone not in self.backbones:
+            yield f"the backbone {architecture.backbone!r}"
+        if self.heads is not None and architecture.head not in self.heads:
+            yield f"the head {architecture.head!r}"
+        if self.activations is not None and architecture.activation not in self.activations:
+            yield f"the activation {architecture.activation!r}"
+        if architecture.units and not self.recurrent:
             yield "a recurrent memory"
-        if given.memory and not given.units and not self.memory:
+        if architecture.memory and not architecture.units and not self.memory:
             yield "a memory"
-        if given.privileged and not self.privileged_critic:
+        if architecture.privileged and not self.privileged_critic:
             yield "a critic that is given privileged observations"

@@ -76,8 +76,8 @@ class Filters(NamedTuple):
     def each(self) -> tuple[Filter, ...]:
         """The filters."""
         return tuple(
-            Filter(drift, found, answer, self.period, self.push, self.twist, self.share)
-            for drift, found, answer in zip_longest(
+            Filter(drift, values, answer, self.period, self.push, self.twist, self.share)
+            for drift, values, answer in zip_longest(
                 self.drift, self.steady, self.response, fillvalue=0.0
             )
         )
@@ -87,7 +87,7 @@ class Filters(NamedTuple):
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         count = len(self.drift)
-        told = (
+        consistent = (
             count > 0
             and np.shape(self.drift) == (count,)
             and np.shape(self.steady) in ((0,), (count,))
@@ -95,4 +95,4 @@ class Filters(NamedTuple):
         )
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
         numbers = numbers and (self.gate == 0.0 or 1e-6 <= self.gate <= 1e6)
-        return told and numbers and tuple(map(np.shape, self[2:5])) == sizes
+        return consistent and numbers and tuple(map(np.shape, self[2:5])) == sizes

@@ -71,7 +71,7 @@ class Filter(NamedTuple):
         return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
 
     @property
-    def told(self) -> int:
+    def extra_columns(self) -> int:
         """Numbers that it tells beside columns: steady accelerations and responses."""
         return self.axes + (4 if self.response else 0)
 
@@ -91,14 +91,14 @@ class Filter(NamedTuple):
     def _known(self, layout: Layout) -> int:
         return layout.width + self.axes + (6 if self.steady else 3)
 
-    def shown(self, layout: Layout) -> Layout:
+    def layout(self, layout: Layout) -> Layout:
         """The layout of an estimate: columns of this one, then steady accelerations and responses."""
-        told = (
+        extra = (
             (Block(VectorInW, len(self.push[0])), Block(AngularVelocity, len(self.twist[0])))
             if self.steady
             else ()
         )
-        return Layout((*layout.blocks, *told, *(Block(Scalar, 4),) * bool(self.response)))
+        return Layout((*layout.blocks, *extra, *(Block(Scalar, 4),) * bool(self.response)))
 
     def estimate(self, layout: Layout, read: Columns, memory: Columns) -> list[Field]:
         """What it makes of columns as they were read, see `shown`.
@@ -137,12 +137,12 @@ class Filter(NamedTuple):
         """
         one = self._corrected(layout, read, self._unpacked(layout, memory))
         designed = [_dot(command, gains) for gains in (self.push, self.twist)]
-        found = [
+        applied = [
             response.given(mine) for response, mine in zip(one.responses, designed, strict=False)
         ]
         changes = [
             [where(noisy > 0.0, b, _lesser(a, b)) for a, b in zip(*pair, strict=True)]
-            for pair in zip(designed, found, strict=False)
+            for pair in zip(designed, applied, strict=False)
         ] or designed
         return self._carried(layout, read, *changes)[0]
 
@@ -216,12 +216,12 @@ class Filter(NamedTuple):
         # it is read.
         half = scaled_sum(0.5 * pose[0], tilt, 0.5 * pose[1], off_spin)
         gains = pose, velocity[::-1], velocity[::-1]
-        found: list[Field] = []
+        corrected: list[Field] = []
         for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
             for k in changing(share):
                 other = (off_velocity, off_place, tilt)[k]
                 error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
-            found += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
+            corrected += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
         gained = (
             *scaled_sum(steady[0], off_place, steady[1], off_velocity),
             *scaled_sum(steady[0], tilt, steady[1], off_spin),
@@ -234,7 +234,7 @@ class Filter(NamedTuple):
         fresh = (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
         columns, pushed, left = (
             [where(first, a, b) for a, b in zip(*pair, strict=True)]
-            for pair in ((read, found), ((0.0,) * len(pushed), pushed), (fresh, left))
+            for pair in ((read, corrected), ((0.0,) * len(pushed), pushed), (fresh, left))
         )
         responses = self._learnt(expected, (off_velocity, off_spin))
         return _Known(columns, pushed, cast(_Covariance, tuple(left)), responses)
@@ -261,22 +261,24 @@ class Filter(NamedTuple):
         """
         axes = len(self.push[0])
         period = self.period
-        told = [_dot(command, gains) for gains in (self.push, self.twist)]
+        commanded = [_dot(command, gains) for gains in (self.push, self.twist)]
         responses = known.responses
-        given = (
-            told
+        applied = (
+            commanded
             if not responses
-            else [response.given(mine) for response, mine in zip(responses, told, strict=True)]
+            else [response.given(mine) for response, mine in zip(responses, commanded, strict=True)]
         )
         push, twist = (
             scaled_sum(1.0, mine, period, pushed)
-            for mine, pushed in zip(given, (known.steady[:axes], known.steady[axes:]), strict=True)
+            for mine, pushed in zip(
+                applied, (known.steady[:axes], known.steady[axes:]), strict=True
+            )
         )
         found, half = self._carried(layout, known.columns, push, twist)
         steady = *turned(known.steady[:axes], half), *known.steady[axes:]
         after = tuple(
             response.after(mine, turn)
-            for response, mine, turn in zip(responses, told, (half, ()), strict=False)
+            for response, mine, turn in zip(responses, commanded, (half, ()), strict=False)
         )  # torques are constant in B
         aged = _aged(known.covariance, period, self.drift, self.drift if self.steady else 0.0)
         return _Known(found, steady, aged, after)
@@ -294,12 +296,12 @@ class Filter(NamedTuple):
         half = [x * (1.0 + sum(y * y for y in half) * (1.0 / 3.0)) for x in half]
         gained = [x + turn for x, turn in zip(push, cross(half, push), strict=True)]
         way = [(v + 0.5 * more) * period for v, more in zip(velocity, push, strict=True)]
-        found: list[Field] = []
+        results: list[Field] = []
         for (block, mine), share in zip(blocks, self.share, strict=True):
             for k in changing(share):
                 mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
-            found += seen_turned(block, mine, half)
-        return found, half
+            results += seen_turned(block, mine, half)
+        return results, half
 
 
 def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:

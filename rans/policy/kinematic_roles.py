@@ -54,7 +54,7 @@ def _nudged(state: State, name: str) -> State:
 def _share(entry: ObservationTerm, others: Sequence[ObservationTerm]) -> Share:
     """Of one block: what its first column gains by one unit of each, if it is linear in only one of them."""
     first, *rest = (np.asarray(x, float) for x in entry.columns())
-    found = [
+    results = [
         float(np.round(np.asarray(one.columns()[0], float) - first, 9).reshape(-1)[0])
         for one in others
     ]
@@ -64,20 +64,20 @@ def _share(entry: ObservationTerm, others: Sequence[ObservationTerm]) -> Share:
         for a, b in zip(rest, one.columns()[1:], strict=True)
     )
     fits = (
-        found[:2]
+        results[:2]
         if isinstance(entry, VectorInW)
-        else found[2:]
+        else results[2:]
         if isinstance(entry, AngularVelocity)
         else []
     )
-    known = still and len(changing(found)) <= 1 and any(found) == any(fits)
+    known = still and len(changing(results)) <= 1 and any(results) == any(fits)
     if isinstance(entry, TaskDependent) or not known:
         raise ConfigError(
             f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
             "velocity nor an angular velocity, but changes with them. Train without "
             "filters, or let the task show it otherwise."
         )
-    return found[0], found[1], found[2]
+    return results[0], results[1], results[2]
 
 
 def changing(share: Sequence[float]) -> list[int]:

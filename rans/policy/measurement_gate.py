@@ -147,8 +147,8 @@ def _evidence(layout: Layout, read: Columns, memory: Memory) -> Field:
     """
     now, before = (_columns_of(AngularVelocity, layout, x) for x in (read, memory.last))
     fewer = at_least(memory.noisy - 1.0, 0.0)
-    found = fewer + _changed(now, before) * (_EVIDENCE - fewer)
-    return where(memory.idle > _IDLE, found, memory.noisy)
+    result = fewer + _changed(now, before) * (_EVIDENCE - fewer)
+    return where(memory.idle > _IDLE, result, memory.noisy)
 
 
 def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float) -> Field:

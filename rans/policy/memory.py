@@ -55,13 +55,13 @@ class Remembering:
 
     def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
         """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
-        given = self.architecture
-        if given.filters is None:
+        architecture = self.architecture
+        if architecture.filters is None:
             return memory, None
         if memory is None:
-            memory = self._like.new_zeros(count, given.memory)
-        history, filters = memory.tensor_split([given.rows], dim=1)
-        return history if given.recalled else None, filters
+            memory = self._like.new_zeros(count, architecture.memory)
+        history, filters = memory.tensor_split([architecture.rows], dim=1)
+        return history if architecture.recalled else None, filters
 
     def next_state(
         self, columns: Tensor, memory: PolicyState, command: Tensor, output: Output
@@ -95,12 +95,12 @@ def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which:
     The layout is of the columns in a row; commands alone have none.
     """
     each = which.repeat_interleave(rows)
-    told = history.reshape(len(each), -1)
-    then, told = told.tensor_split([told.shape[1] - views.place.shape[1]], dim=1)
+    commands = history.reshape(len(each), -1)
+    then, commands = commands.tensor_split([commands.shape[1] - views.place.shape[1]], dim=1)
     if then.shape[1]:
         then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
-    told = torch.empty_like(told).scatter(1, views.place[each], told)
-    return torch.cat((then, told), dim=1).reshape(len(history), -1)
+    commands = torch.empty_like(commands).scatter(1, views.place[each], commands)
+    return torch.cat((then, commands), dim=1).reshape(len(history), -1)
 
 
 def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:

@@ -135,8 +135,8 @@ class Network(Remembering):
                 OnOff(whole[0]), *whole[::-1]
             ), observation  # nothing of which is remembered
         columns = self.in_body(observation)
-        seen, recalled, place = self.look(columns, memory)
-        output = self.evaluate_seen(seen, recalled, privileged)
+        preprocessed, recalled, place = self.look(columns, memory)
+        output = self.evaluate_seen(preprocessed, recalled, privileged)
         return output if place is None else output._replace(
             policy=output.policy.placed(place)
         ), columns
@@ -163,21 +163,25 @@ class Network(Remembering):
         without the filters'. Also where each thruster is in that view, (N, thrusters), without symmetry None.
         They do not depend on weights, so one look serves an update.
         """
-        given = self.architecture
+        architecture = self.architecture
         views = self._views
         history, filters = self._parted(memory, len(columns))
         rows = columns if filters is None else torch.cat((columns, filters), dim=1)
-        if views is None or given.ahead(tuple(range(given.seen))) is None:
-            return rows if filters is None else self._preprocessor.seen(rows)[0], history, None
-        seen, which = self._preprocessor.seen(rows)
+        if views is None or architecture.ahead(tuple(range(architecture.column_count))) is None:
+            return rows if filters is None else self._preprocessor.viewed(rows)[0], history, None
+        preprocessed, which = self._preprocessor.viewed(rows)
         place = views.place[which]
-        if history is None or not given.recalled:
-            return seen, history, place
-        return seen, viewed(history, given.recalled, given.columns, views, which), place
+        if history is None or not architecture.recalled:
+            return preprocessed, history, place
+        return (
+            preprocessed,
+            viewed(history, architecture.recalled, architecture.columns, views, which),
+            place,
+        )
 
     def evaluate_seen(
         self,
-        seen: Tensor,
+        preprocessed: Tensor,
         memory: Tensor | None = None,
         privileged: Tensor | None = None,
         going_on: Tensor | None = None,
@@ -187,47 +191,53 @@ class Network(Remembering):
         A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
         sees T steps one after the other; of its memories those of the first step count.
         """
-        return self._heads(*self.features(seen, memory, privileged, going_on))
+        return self._heads(*self.features(preprocessed, memory, privileged, going_on))
 
     def features(
         self,
-        seen: Tensor,
+        preprocessed: Tensor,
         memory: Tensor | None = None,
         privileged: Tensor | None = None,
         going_on: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
-        given = self.architecture
-        x = self.inputs(seen, memory)
+        architecture = self.architecture
+        x = self.inputs(preprocessed, memory)
         features = self._through(self._trunk, x)
-        if given.units and memory is not None:
+        if architecture.units and memory is not None:
             features = self._core(features, memory, going_on)
-        if not given.privileged:
+        if not architecture.privileged:
             return features, features
-        known = self._nominal.expand(len(seen), -1) if privileged is None else privileged
+        known = self._nominal.expand(len(preprocessed), -1) if privileged is None else privileged
         return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
 
-    def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
+    def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
-        given = self.architecture
-        rows = self._rows(seen)
+        architecture = self.architecture
+        rows = self._rows(preprocessed)
         looks = (
-            rows.split([given.seen + told for told in given.told], dim=-1) if given.filters else ()
+            rows.split(
+                [architecture.column_count + extra for extra in architecture.extra_columns], dim=-1
+            )
+            if architecture.filters
+            else ()
         )
         x = torch.cat([*map(self._filtered, looks)], dim=-1) if looks else self._looks(rows)
-        if not given.recalled or memory is None:
+        if not architecture.recalled or memory is None:
             return x
-        return torch.cat((x, by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
+        return torch.cat(
+            (x, by_row(self._recalled, self._rows(memory), architecture.recalled)), dim=-1
+        )
 
     def _filtered(self, rows: Tensor) -> Tensor:
-        columns, told = rows.tensor_split([self.architecture.seen], dim=-1)
+        columns, extra = rows.tensor_split([self.architecture.column_count], dim=-1)
         x = self._looks(columns)
         clip = self.architecture.clip
-        return torch.cat((x, told.clamp(-clip, clip)), dim=-1) if told.shape[-1] else x
+        return torch.cat((x, extra.clamp(-clip, clip)), dim=-1) if extra.shape[-1] else x
 
     def _recalled(self, rows: Tensor) -> Tensor:
-        then, told = rows.tensor_split([self.architecture.answered], dim=-1)
-        return torch.cat((self._normalised(then), told), dim=-1) if then.shape[-1] else told
+        then, extra = rows.tensor_split([self.architecture.answered], dim=-1)
+        return torch.cat((self._normalised(then), extra), dim=-1) if then.shape[-1] else extra
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""
@@ -247,14 +257,14 @@ class Network(Remembering):
         clip = self.architecture.clip
         return normalised(x, self._statistic(self._mean), self._scale(), clip)
 
-    def _looks(self, seen: Tensor) -> Tensor:
+    def _looks(self, preprocessed: Tensor) -> Tensor:
         """What the trunk is given of columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
 
         The second look is steepest at zero: there is the goal of every column that is no cosine.
         """
-        x = self._normalised(seen)
+        x = self._normalised(preprocessed)
         zoom = self.architecture.zoom
-        return torch.cat((x, magnified(seen, self._scale() * zoom)), dim=-1) if zoom else x
+        return torch.cat((x, magnified(preprocessed, self._scale() * zoom)), dim=-1) if zoom else x
 
     def _through(self, layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
         dtype = x.dtype
@@ -266,25 +276,25 @@ class Network(Remembering):
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
         """What the recurrent core makes of features (..., T n, i): (..., T n, units)."""
-        given, kept = (
+        of_inputs, of_memory = (
             [self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
             for of in ("ih", "hh")
         )
         begins = None if going_on is None else [self._rows(row)[..., None] for row in going_on]
         steps = (1 if begins is None else len(begins), -1)
         inputs, state = (
-            rows.unflatten(-2, steps) for rows in (product(x, *given), self._rows(memory))
+            rows.unflatten(-2, steps) for rows in (product(x, *of_inputs), self._rows(memory))
         )
-        return recurrent(inputs, state.select(-3, 0), begins, lambda x: product(x, *kept)).flatten(
-            -3, -2
-        )
+        return recurrent(
+            inputs, state.select(-3, 0), begins, lambda x: product(x, *of_memory)
+        ).flatten(-3, -2)
 
     def _heads(self, features: Tensor, critic: Tensor) -> Output:
         """Actor and critic, in one product where they share features."""
-        given = self.architecture
-        head = given.last
+        architecture = self.architecture
+        head = architecture.last
         worth, constant = self.layer("value_net")
-        if critic is features and given.backbone == "dense":
+        if critic is features and architecture.backbone == "dense":
             weight, bias = head.folded(*self.layer("action_net"))
             out = product(
                 features, torch.cat((weight, worth), dim=-2), torch.cat((bias, constant), dim=-1)
@@ -292,7 +302,7 @@ class Network(Remembering):
             action = self._flat(out[..., :-1])
             value = self._flat(out[..., -1])
         else:
-            action = self._flat(BACKBONES[given.backbone].outputs(self, features))
+            action = self._flat(BACKBONES[architecture.backbone].outputs(self, features))
             value = self._flat(product(critic, worth, constant)[..., 0])
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
@@ -301,7 +311,7 @@ class Network(Remembering):
 
     @torch.no_grad()
     def update_statistics(
-        self, seen: Tensor, pooled: Pooled = _of_this_process, processes: int = 1
+        self, preprocessed: Tensor, pooled: Pooled = _of_this_process, processes: int = 1
     ) -> None:
         """Merge mean and variance of columns (T, N, k) into the running ones, per member.
 
@@ -310,10 +320,10 @@ class Network(Remembering):
 
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for sample variances", 1979.
         """
-        rows = seen[..., : self.architecture.seen].unflatten(1, (self.members, -1))
+        rows = preprocessed[..., : self.architecture.column_count].unflatten(1, (self.members, -1))
         count = rows.shape[0] * rows.shape[2] * processes
-        found = torch.var_mean(rows, dim=(0, 2), correction=0)
-        variance, mean = pooled(*(x.view_as(self._mean) for x in found))
+        moments = torch.var_mean(rows, dim=(0, 2), correction=0)
+        variance, mean = pooled(*(x.view_as(self._mean) for x in moments))
         share = self._statistic(count / (self._count + count))
         shift = mean - self._mean
         self._mean += shift * share

@@ -87,7 +87,7 @@ class ColumnExecutor(ABC):
         """The columns (N, k) of observations (N, width) in the body frame."""
 
     @abstractmethod
-    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Columns from the side that has the goal ahead, and which side that is, (N,) int64.
 
         Rows are columns (N, k) and what filters remember; what these make of the columns stands beside them.
@@ -112,27 +112,27 @@ class TorchPreprocessor(ColumnExecutor):
     """By torch's operations."""
 
     def __init__(
-        self, given: Architecture, views: Symmetries | None, like: Tensor | None = None
+        self, architecture: Architecture, views: Symmetries | None, like: Tensor | None = None
     ) -> None:
-        self._given = given
+        self._architecture = architecture
         self._views = views
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return torch.stack(self._given.preprocessed(observation.unbind(dim=1)), dim=1)
+        return torch.stack(self._architecture.preprocessed(observation.unbind(dim=1)), dim=1)
 
-    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
-        blocks = self._given.filtered(rows.unbind(dim=1))
-        way = self._given.ahead(blocks[0][1])
+        blocks = self._architecture.filtered(rows.unbind(dim=1))
+        way = self._architecture.ahead(blocks[0][1])
         views = self._views
         if views is None or way is None:
-            seen = torch.stack([x for _, block in blocks for x in block], dim=1)
-            return seen, torch.zeros_like(rows[:, 0], dtype=torch.int64)
+            columns = torch.stack([x for _, block in blocks for x in block], dim=1)
+            return columns, torch.zeros_like(rows[:, 0], dtype=torch.int64)
         which = views.which(way)
-        seen = [x for layout, block in blocks for x in views.viewed(layout, block, which)]
-        return torch.stack(seen, dim=1), which
+        columns = [x for layout, block in blocks for x in views.viewed(layout, block, which)]
+        return torch.stack(columns, dim=1), which
 
     def expected(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return torch.stack(self._given.expected(rows.unbind(dim=1)), dim=1)
+        return torch.stack(self._architecture.expected(rows.unbind(dim=1)), dim=1)

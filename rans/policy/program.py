@@ -144,15 +144,15 @@ class Program:
         result = Symbol.constant(formula(*symbols))
         return self.lowered([result], dict(zip(symbols, rows, strict=True)))[0]
 
-    def lowered(self, results: Sequence[Field], given: Mapping[Symbol, str]) -> list[str]:
+    def lowered(self, results: Sequence[Field], names: Mapping[Symbol, str]) -> list[str]:
         """The rows that these symbols are, of inputs that are rows.
 
         Raises:
             Untraceable: one of them is made by an operation that ONNX does not have.
         """
         roots = [Symbol.constant(result) for result in results]
-        values = dict(given)
-        for symbol in ordered(roots, given):
+        values = dict(names)
+        for symbol in ordered(roots, names):
             if symbol.operation == "constant":
                 values[symbol] = self.constant(symbol.value)
                 continue
@@ -173,12 +173,12 @@ class Program:
 
     def pruned(self, wanted: Iterable[str]) -> Program:
         """The same with the steps alone that these values need, and the tables that they read."""
-        found = Program()
-        found.steps = self.needed(wanted)
-        used = {name for step in found.steps for name in step.inputs}
-        found.constants = {name: x for name, x in self.constants.items() if name in used}
-        found.parameters = {name: x for name, x in self.parameters.items() if name in used}
-        return found
+        result = Program()
+        result.steps = self.needed(wanted)
+        used = {name for step in result.steps for name in step.inputs}
+        result.constants = {name: x for name, x in self.constants.items() if name in used}
+        result.parameters = {name: x for name, x in self.parameters.items() if name in used}
+        return result
 
     def has(self, name: str) -> bool:
         """Whether one of its steps makes this value."""
@@ -209,8 +209,8 @@ def _clipped(symbol: Symbol) -> tuple[Symbol, ...] | None:
     inner = symbol.args[0]
     if (symbol.operation, inner.operation) != ("minimum", "maximum"):
         return None
-    found = *inner.args, symbol.args[1]
-    return found if all(x.operation == "constant" for x in found[1:]) else None
+    result = *inner.args, symbol.args[1]
+    return result if all(x.operation == "constant" for x in result[1:]) else None
 
 
 def inputs(name: str, count: int) -> list[Symbol]:

@@ -129,7 +129,7 @@ def fields(
         gather: chooses commands, where that is better done otherwise.
     """
     values: dict[str, Any] = {
-        name: _row(given, program.parameters.get(name)) for name, given in known.items()
+        name: _row(row, program.parameters.get(name)) for name, row in known.items()
     }
     for step in program.needed(wanted, known):
         arguments = [
@@ -138,12 +138,12 @@ def fields(
         result = _result(step, arguments, dense, gather)
         pieces = result if step.operation == "Split" else [result]
         values |= dict(zip(step.outputs, pieces, strict=True))
-    found = {name: values[name] for name in wanted}
+    rows = {name: values[name] for name in wanted}
     return {
         name: [value.of(range(len(value.conditions) + 1))]
         if isinstance(value, _Choice)
         else [*value.flat]
-        for name, value in found.items()
+        for name, value in rows.items()
     }
 
 
@@ -166,8 +166,8 @@ def symbols(
         for name, shape in program.parameters.items()
         if name in read
     }
-    found = fields(program, parameters | dict(known), wanted, stages.through, gather)
-    return {name: [*map(Symbol.constant, row)] for name, row in found.items()}, tuple(
+    result = fields(program, parameters | dict(known), wanted, stages.through, gather)
+    return {name: [*map(Symbol.constant, row)] for name, row in result.items()}, tuple(
         stages.found.values()
     )
 
@@ -197,50 +197,50 @@ class _Stages:
 
 def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
     """An array whose entries are these fields, whatever they are."""
-    given = list(values)
-    row = np.empty(len(given), object)
-    for k, value in enumerate(given):
+    entries = list(values)
+    row = np.empty(len(entries), object)
+    for k, value in enumerate(entries):
         row[k] = value
     return row if shape is None else row.reshape(shape)
 
 
-def _result(step: Step, given: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
+def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
     """The value of a step, or the values of a split."""
     operation = step.operation
     if operation in _EACH:
-        return _each(_EACH[operation], [np.asarray(x, object) for x in given])
+        return _each(_EACH[operation], [np.asarray(x, object) for x in arguments])
     axis = int(step.attributes.get("axis", -1))
     match operation:
-        case "Dense" if given[0].ndim == 1:
-            return _row(dense(step, [*given[0].flat]))
+        case "Dense" if arguments[0].ndim == 1:
+            return _row(dense(step, [*arguments[0].flat]))
         case "Split":
-            return np.split(given[0], np.cumsum(given[1])[:-1], axis=-1)
+            return np.split(arguments[0], np.cumsum(arguments[1])[:-1], axis=-1)
         case "Concat":
-            return np.concatenate(given, axis=axis)
-        case "Reshape" if isinstance(given[0], _Index):
-            table, choice = given[0]
-            return _Index(table.reshape(len(table), *given[1][1:]), choice)
-        case "Reshape" if given[0].size == np.prod(given[1][1:]):
-            return given[0].reshape(given[1][1:])
-        case "MatMul" if given[0].ndim == 1 and given[1].dtype.kind == "f":
-            row, table = given
+            return np.concatenate(arguments, axis=axis)
+        case "Reshape" if isinstance(arguments[0], _Index):
+            table, choice = arguments[0]
+            return _Index(table.reshape(len(table), *arguments[1][1:]), choice)
+        case "Reshape" if arguments[0].size == np.prod(arguments[1][1:]):
+            return arguments[0].reshape(arguments[1][1:])
+        case "MatMul" if arguments[0].ndim == 1 and arguments[1].dtype.kind == "f":
+            row, table = arguments
             return _row(
                 sum((x * float(c) for x, c in zip(row, column, strict=True)), start=0.0)
                 for column in table.T
             )
         case "ArgMax":
-            return _largest(given[0])
+            return _largest(arguments[0])
         case "Gather":
-            table, choice = given
+            table, choice = arguments
             if table.dtype.kind == "i":
                 return _Index(table, choice)
             return _row(choice.of([*map(float, column)]) for column in table.T)
         case "GatherElements":
-            row, (table, choice) = given
+            row, (table, choice) = arguments
             if gather is not None and row.size == row.shape[-1]:
-                found = gather(step.outputs[0], [*row.flat], table.reshape(len(table), -1))
-                if found is not None:
-                    return _row(found, row.shape)
+                result = gather(step.outputs[0], [*row.flat], table.reshape(len(table), -1))
+                if result is not None:
+                    return _row(result, row.shape)
             sides = [np.take_along_axis(row, one, axis - 1) for one in table]
             return _each(lambda *candidates: choice.of(candidates), sides)
     raise Untraceable(f"the operation {operation!r} of a policy has no meaning for single numbers.")

@@ -44,11 +44,11 @@ class Symmetries(NamedTuple):
         )
         return ahead.argmax(1)
 
-    def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
+    def viewed(self, layout: Layout, columns: Columns, which: Field) -> list[Field]:
         """The columns in B as the chosen views show them."""
         turn = self.turn[which]
         view = lambda u: [sum(turn[:, i, j] * x for j, x in enumerate(u)) for i in range(len(u))]  # noqa: E731
-        return layout.mirrored(seen, view, self.hand[which])
+        return layout.mirrored(columns, view, self.hand[which])
 
 
 def symmetries(craft: Spacecraft) -> Symmetries | None:
@@ -59,13 +59,13 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
     """
     if craft.wheels or craft.further_effectors:
         return None
-    found = [
+    results = [
         (view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None
     ]
-    if len(found) < 2:
+    if len(results) < 2:
         return None
-    turn = np.array([view for view, _ in found])
-    return Symmetries(turn, np.linalg.det(turn).round(), np.array([place for _, place in found]))
+    turn = np.array([view for view, _ in results])
+    return Symmetries(turn, np.linalg.det(turn).round(), np.array([place for _, place in results]))
 
 
 def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:

@@ -28,7 +28,7 @@ TRACED = Capabilities(
 """What can be traced, and so what any executor but torch can have."""
 
 
-def policy_program(given: Architecture, command: str = "command") -> Program:
+def policy_program(architecture: Architecture, command: str = "command") -> Program:
     """What policies of an architecture answer to an observation (N, width) and a memory (N, m).
 
     Rows that executors may ask for, each if there is one: "body", columns as the preprocessor makes them;
@@ -43,60 +43,63 @@ def policy_program(given: Architecture, command: str = "command") -> Program:
         Untraceable: the layout does more than arithmetic on fields.
     """
     program = Program()
-    program.lacks = TRACED.missing(given)
-    observed = inputs("column", given.layout.width)
+    program.lacks = TRACED.missing(architecture)
+    observed = inputs("column", architecture.layout.width)
     columns = program.single("observation", len(observed))
     body = program.joined(
-        *program.lowered(given.preprocessed(observed), dict(zip(observed, columns, strict=True))),
+        *program.lowered(
+            architecture.preprocessed(observed), dict(zip(observed, columns, strict=True))
+        ),
         name="body",
     )
     history = known = ""
-    if given.memory and not given.units:
+    if architecture.memory and not architecture.units:
         history, known = program.split(
-            "memory", (given.rows, given.filtering), ("history", "filters")
+            "memory", (architecture.rows, architecture.filtering), ("history", "filters")
         )
 
     # What the trunk is given: columns as they count and as filters have them, from one side, and the history.
-    blocks = _filtered(program, given, body, known)
-    view = _View.chosen(program, given, blocks[0][1])
-    shown = []
-    seen = []
-    for (layout, block), told in zip(blocks, given.told, strict=True):
+    blocks = _filtered(program, architecture, body, known)
+    view = _View.chosen(program, architecture, blocks[0][1])
+    features = []
+    viewed = []
+    for (layout, block), extra in zip(blocks, architecture.extra_columns, strict=True):
         row = body if block is None else program.joined(*block)
         row = row if view is None else view.columns(program, layout, row)
-        seen.append(row)
-        read, beside = program.split(row, (given.seen, told))
-        shown += _looks(program, given, read)
-        if told:
-            clip = [program.constant(bound) for bound in (-given.clip, given.clip)]
-            shown.append(program.apply("Clip", beside, *clip))
-    program.joined(*seen, name="seen")
+        viewed.append(row)
+        read, beside = program.split(row, (architecture.column_count, extra))
+        features += _looks(program, architecture, read)
+        if extra:
+            clip = [program.constant(bound) for bound in (-architecture.clip, architecture.clip)]
+            features.append(program.apply("Clip", beside, *clip))
+    program.joined(*viewed, name="seen")
     if history:
-        shown.append(_recalled(program, given, view, history))
-    x = program.joined(*shown, name="shown")
+        features.append(_recalled(program, architecture, view, history))
+    x = program.joined(*features, name="shown")
     # Commands; what is remembered needs to know no more of them than their names.
-    answer = command if program.lacks else _commands(program, given, view, x, command)
+    answer = command if program.lacks else _commands(program, architecture, view, x, command)
 
     # What is remembered once the command is given.
-    if given.memory and not given.units:
-        rows = _remembered(program, given, history, body, answer) if history else []
+    if architecture.memory and not architecture.units:
+        rows = _remembered(program, architecture, history, body, answer) if history else []
         if known:
-            rows.append(_expected(program, given, body, known, answer))
+            rows.append(_expected(program, architecture, body, known, answer))
         program.joined(*rows, name="memory_out")
     return program
 
 
 def _commands(
-    program: Program, given: Architecture, view: _View | None, x: str, command: str
+    program: Program, architecture: Architecture, view: _View | None, x: str, command: str
 ) -> str:
     """Layers, the state of a recurrent core, and commands, each thruster's from its place in the view."""
-    widths = (given.inputs, *given.layers)
-    for number, (width, units) in enumerate(zip(widths, given.layers, strict=False)):
-        x = program.dense(x, f"trunk.{2 * number}", units, width, given.activation)
-    if given.units:
-        x = _core(program, given, x)
+    widths = (architecture.inputs, *architecture.layers)
+    for number, (width, units) in enumerate(zip(widths, architecture.layers, strict=False)):
+        x = program.dense(x, f"trunk.{2 * number}", units, width, architecture.activation)
+    if architecture.units:
+        x = _core(program, architecture, x)
     outputs = program.split(
-        BACKBONES[given.backbone].traced(program, given, x), [given.thrusters] * given.last.outputs
+        BACKBONES[architecture.backbone].traced(program, architecture, x),
+        [architecture.thrusters] * architecture.last.outputs,
     )
     placed = [
         program.apply("Identity", one, name=f"placed_{k}")
@@ -104,57 +107,64 @@ def _commands(
         else program.apply("GatherElements", one, view.place, name=f"placed_{k}", axis=1)
         for k, one in enumerate(outputs)
     ]
-    return program.apply("Identity", program.each(given.last.command, *placed), name=command)
+    return program.apply("Identity", program.each(architecture.last.command, *placed), name=command)
 
 
 def parameters(network: Network) -> dict[str, np.ndarray]:
     """The program's parameters of a network of one member, float32, by their names there."""
     tensors = {name: x.detach().cpu().float() for name, x in network.tensors.items()}
-    given = network.architecture
-    found = {
+    architecture = network.architecture
+    result = {
         name.removeprefix(EXTRACTOR): x
         for name, x in tensors.items()
         if name.startswith(EXTRACTOR) and not name.startswith(f"{EXTRACTOR}critic.")
     }
     for gate in ("ih", "hh"):
         for kind in ("weight", "bias"):
-            if (x := found.pop(f"core.{kind}_{gate}", None)) is not None:
-                found[f"core.{gate}.{kind}"] = x
-    found["head.weight"], found["head.bias"] = given.last.folded(
+            if (x := result.pop(f"core.{kind}_{gate}", None)) is not None:
+                result[f"core.{gate}.{kind}"] = x
+    result["head.weight"], result["head.bias"] = architecture.last.folded(
         tensors["action_net.weight"], tensors["action_net.bias"]
     )
-    found["scale"] = torch.rsqrt(found["variance"] + 1e-6)
-    found["zoom"] = found["scale"] * given.zoom
-    return {name: x.numpy() for name, x in found.items()}
+    result["scale"] = torch.rsqrt(result["variance"] + 1e-6)
+    result["zoom"] = result["scale"] * architecture.zoom
+    return {name: x.numpy() for name, x in result.items()}
 
 
 def _filtered(
-    program: Program, given: Architecture, body: str, known: str
+    program: Program, architecture: Architecture, body: str, known: str
 ) -> list[tuple[Layout, list[str] | None]]:
     """Columns as they count and what each filter makes of them, with their layouts; None: those in B."""
     if not known:
-        return [(given.columns, None)]
-    read, memory = inputs("read", given.seen), inputs("filter", given.filtering)
+        return [(architecture.columns, None)]
+    read, memory = (
+        inputs("read", architecture.column_count),
+        inputs("filter", architecture.filtering),
+    )
     rows = (*program.single(body, len(read)), *program.single(known, len(memory)))
-    blocks = given.filtered((*read, *memory))
-    found = program.lowered(
+    blocks = architecture.filtered((*read, *memory))
+    result = program.lowered(
         [x for _, block in blocks for x in block],
         dict(zip((*read, *memory), rows, strict=True)),
     )
     split = []
     for layout, block in blocks:
-        split.append((layout, found[: len(block)]))
-        found = found[len(block) :]
+        split.append((layout, result[: len(block)]))
+        result = result[len(block) :]
     return split
 
 
-def _looks(program: Program, given: Architecture, seen: str) -> list[str]:
+def _looks(program: Program, architecture: Architecture, viewed: str) -> list[str]:
     """Columns normalised, and a second time magnified (decision 008)."""
-    mean, scale = (program.parameter(name, given.seen) for name in ("mean", "scale"))
-    found = [program.each(lambda x, m, s: normalised(x, m, s, given.clip), seen, mean, scale)]
-    if given.zoom:
-        found.append(program.each(magnified, seen, program.parameter("zoom", given.seen)))
-    return found
+    mean, scale = (program.parameter(name, architecture.column_count) for name in ("mean", "scale"))
+    results = [
+        program.each(lambda x, m, s: normalised(x, m, s, architecture.clip), viewed, mean, scale)
+    ]
+    if architecture.zoom:
+        results.append(
+            program.each(magnified, viewed, program.parameter("zoom", architecture.column_count))
+        )
+    return results
 
 
 @dataclass(frozen=True)
@@ -169,16 +179,16 @@ class _View:
 
     @classmethod
     def chosen(
-        cls, program: Program, given: Architecture, counted: Sequence[str] | None
+        cls, program: Program, architecture: Architecture, counted: Sequence[str] | None
     ) -> _View | None:
         """The view that has the goal most ahead; None without symmetries or a way to go.
 
         Columns as they count are given one by one; None: those of "body".
         """
-        views = given.symmetries
-        if views is None or given.ahead(range(given.seen)) is None:
+        views = architecture.symmetries
+        if views is None or architecture.ahead(range(architecture.column_count)) is None:
             return None
-        way = given.ahead(counted or program.single("body", given.seen))
+        way = architecture.ahead(counted or program.single("body", architecture.column_count))
         assert way is not None
         # Rounding noise in a matrix would cost operations.
         turn = np.round(views.turn, 12) + 0.0
@@ -195,16 +205,16 @@ class _View:
         table = np.concatenate(
             (self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1
         )
-        told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
+        commands = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
         if rows:
-            told = program.shaped(told, 1, size * size + 1)
+            commands = program.shaped(commands, 1, size * size + 1)
         *turn, hand = inputs("turn", size * size + 1)
         columns = inputs("column", layout.width)
 
         def turned(u: Columns) -> Columns:
             return [sum(turn[size * i + j] * x for j, x in enumerate(u)) for i in range(size)]
 
-        known = dict(zip((*turn, hand), program.single(told, size * size + 1), strict=True))
+        known = dict(zip((*turn, hand), program.single(commands, size * size + 1), strict=True))
         known |= dict(zip(columns, program.single(value, layout.width), strict=True))
         return program.joined(*program.lowered(layout.mirrored(columns, turned, hand), known))
 
@@ -217,51 +227,61 @@ class _View:
         return program.apply("GatherElements", value, index, axis=2)
 
 
-def _recalled(program: Program, given: Architecture, view: _View | None, history: str) -> str:
+def _recalled(
+    program: Program, architecture: Architecture, view: _View | None, history: str
+) -> str:
     """What is remembered, (N, m), from the same side and with the columns normalised."""
-    rows = program.shaped(history, given.recalled, given.row)
-    then, told = program.split(rows, (given.answered, given.thrusters))
+    rows = program.shaped(history, architecture.recalled, architecture.row)
+    then, commands = program.split(rows, (architecture.answered, architecture.thrusters))
     if view is not None:
-        then = then and view.columns(program, given.columns, then, rows=True)
-        told = view.commands(program, told, given.recalled)
+        then = then and view.columns(program, architecture.columns, then, rows=True)
+        commands = view.commands(program, commands, architecture.recalled)
     if then:
-        then = program.each(lambda x, m, s: normalised(x, m, s, given.clip), then, "mean", "scale")
-    row = program.joined(then, told)
-    return program.apply("Identity", program.shaped(row, given.rows), name="recalled")
+        then = program.each(
+            lambda x, m, s: normalised(x, m, s, architecture.clip), then, "mean", "scale"
+        )
+    row = program.joined(then, commands)
+    return program.apply("Identity", program.shaped(row, architecture.rows), name="recalled")
 
 
 def _remembered(
-    program: Program, given: Architecture, history: str, body: str, command: str
+    program: Program, architecture: Architecture, history: str, body: str, command: str
 ) -> list[str]:
     """Averages that move towards the newest columns and command, then the last ones, oldest first."""
-    newest = program.joined("" if given.commands_only else body, command, name="newest")
-    width = given.row
-    count = len(given.averages)
-    last = min(given.history, 1)
+    newest = program.joined("" if architecture.commands_only else body, command, name="newest")
+    width = architecture.row
+    count = len(architecture.averages)
+    last = min(architecture.history, 1)
     averages, _, others = program.split(
-        history, [x * width for x in (count, last, given.history - last)]
+        history, [x * width for x in (count, last, architecture.history - last)]
     )
     if count:
-        kept = program.constant(np.repeat(np.asarray(given.averages), width), "kept")
+        kept = program.constant(np.repeat(np.asarray(architecture.averages), width), "kept")
         averages = program.each(averaged, averages, program.joined(*[newest] * count), kept)
     return [averages, others, newest if last else ""]
 
 
-def _expected(program: Program, given: Architecture, body: str, known: str, command: str) -> str:
+def _expected(
+    program: Program, architecture: Architecture, body: str, known: str, command: str
+) -> str:
     """What filters remember once the command is given."""
     symbols = []
     rows = []
-    for name, width in ((body, given.seen), (known, given.filtering), (command, given.thrusters)):
+    for name, width in (
+        (body, architecture.column_count),
+        (known, architecture.filtering),
+        (command, architecture.thrusters),
+    ):
         symbols += inputs(f"of {name}", width)
         rows += program.single(name, width)
-    found = program.lowered(given.expected(symbols), dict(zip(symbols, rows, strict=True)))
-    return program.joined(*found, name="filters_after")
+    result = program.lowered(architecture.expected(symbols), dict(zip(symbols, rows, strict=True)))
+    return program.joined(*result, name="filters_after")
 
 
-def _core(program: Program, given: Architecture, x: str) -> str:
+def _core(program: Program, architecture: Architecture, x: str) -> str:
     """A gated recurrent unit, torch's `GRUCell`: what it says is what it remembers."""
-    units = given.units
-    fresh = program.dense(x, "core.ih", 3 * units, given.layers[-1])
+    units = architecture.units
+    fresh = program.dense(x, "core.ih", 3 * units, architecture.layers[-1])
     kept = program.dense("memory", "core.hh", 3 * units, units)
     gates = [part for row in (fresh, kept) for part in program.split(row, [units] * 3)]
     return program.apply("Identity", program.each(gated, *gates, "memory"), name="memory_out")

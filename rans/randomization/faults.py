@@ -72,17 +72,17 @@ def sets_among(
     Raises:
         ConfigError: there is no such set.
     """
-    found = tuple(
+    result = tuple(
         one.thrusters for one in _sets(craft, count, kind, shares) if one.recoverable == recoverable
     )
-    if not found:
+    if not result:
         sort = "recoverable" if recoverable else "unrecoverable"
         raise ConfigError(
             f"conditions ask for {sort} faults of {count} {kind} thruster{'s' * (count > 1)}, "
             f"but spacecraft {craft.name!r} has none; `rans faults` shows what it can do "
             "without."
         )
-    return found
+    return result
 
 
 def failed(
@@ -125,10 +125,10 @@ def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: floa
         return 0.0
     count = sound.shape[1]
     middle = stuck + 0.5 * sound.sum(axis=1)
-    found = linprog(
+    result = linprog(
         np.append(np.zeros(count), -1.0),
         A_eq=np.column_stack((sound, middle)),
         b_eq=np.zeros(len(sound)),
         bounds=[(-1, 1)] * count + [(0, _MOST)],
     )
-    return max(0.0, 0.5 + 1.0 / found.fun) if found.success and found.fun else 0.0
+    return max(0.0, 0.5 + 1.0 / result.fun) if result.success and result.fun else 0.0

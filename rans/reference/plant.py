@@ -247,9 +247,9 @@ class Plant:
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        told = [command[:, : len(self.craft.thrusters)] for command in (commands, *earlier)]
+        commanded = [command[:, : len(self.craft.thrusters)] for command in (commands, *earlier)]
         seen = []
-        segments = nozzles.segments(self.craft.actuators, told, duration, failure)
+        segments = nozzles.segments(self.craft.actuators, commanded, duration, failure)
         if self.craft.propellant is not None:
             segments = self._burned(segments, states[:, self._width], duration, checks)
         for end, thrust, rate in segments:

@@ -89,8 +89,8 @@ _REFRESH = 0.25
 def in_notebook() -> bool:
     """Whether a Jupyter kernel runs this code, whose cells show HTML."""
     shell = sys.modules.get("IPython")
-    found = None if shell is None else shell.get_ipython()
-    return type(found).__name__ == "ZMQInteractiveShell"
+    result = None if shell is None else shell.get_ipython()
+    return type(result).__name__ == "ZMQInteractiveShell"
 
 
 class NotebookLine:

@@ -129,7 +129,7 @@ def test_programs_filter_as_torch_does(
         (right, _, there) = theirs.look(columns, memory)
         assert right.shape == (
             64,
-            3 * given.seen + (3 * (craft.dimension - 1) + 4 if symmetric else 0),
+            3 * given.column_count + (3 * (craft.dimension - 1) + 4 if symmetric else 0),
         )
         # Some fifty operations on numbers up to ten.
         torch.testing.assert_close(seen, right, rtol=0, atol=1000 * torch.finfo(dtype).eps)

@@ -124,7 +124,7 @@ def test_averages_keep_their_share_of_what_was() -> None:
     """Of a 1 before three zeros 0.5^4 is left in the first average, 0.1 x 0.9^3 in the second."""
     network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))
     memory = network.initial_state(2)
-    width = network.architecture.seen
+    width = network.architecture.column_count
     output, columns = network.forward(seen(PLATFORM, 2).double(), memory)
     command = output.policy.mode()
     for level in (1.0, 0.0, 0.0, 0.0):
@@ -222,7 +222,7 @@ def test_normalised_observations() -> None:
 def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
     plain = untrained()
     zoomed = untrained(zoom=20.0)
-    width = plain.architecture.seen
+    width = plain.architecture.column_count
     assert zoomed.tensors["features_extractor.trunk.0.weight"].shape[1] == 2 * width
     for network in (plain, zoomed):
         network.tensors["features_extractor.mean"][2] = 0.5

@@ -46,8 +46,8 @@ class CpuActorCritic:
         heads=("on-off",), memory=False, privileged_critic=False
     )
 
-    def __init__(self, given: Architecture, tensors: Mapping[str, Tensor]) -> None:
-        self._given = given
+    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor]) -> None:
+        self._architecture = architecture
         tables = {name: x.detach().numpy() for name, x in tensors.items()}
         self._mean, self._variance = (tables[EXTRACTOR + name] for name in ("mean", "variance"))
         self._heads = [
@@ -56,18 +56,18 @@ class CpuActorCritic:
         ]
         self._trunk = [
             _address(tables[f"{EXTRACTOR}trunk.{2 * i}.{kind}"])
-            for i in range(len(given.layers))
+            for i in range(len(architecture.layers))
             for kind in ("weight", "bias")
         ]
-        self._observed = inputs("observed", given.layout.width)
-        found, (stage,) = symbols(
-            policy_program(given), {"observation": self._observed}, ["shown", "placed_0"]
+        self._observed = inputs("observed", architecture.layout.width)
+        values, (stage,) = symbols(
+            policy_program(architecture), {"observation": self._observed}, ["shown", "placed_0"]
         )
-        self._shown = found["shown"]
-        self._placed = found["placed_0"]
+        self._shown = values["shown"]
+        self._placed = values["placed_0"]
         """Log-odds, of thrusters where the spacecraft has them, from outputs of the layers."""
         self._outputs = stage.outputs
-        self._sizes = [given.inputs, *given.layers, given.thrusters + 1]
+        self._sizes = [architecture.inputs, *architecture.layers, architecture.thrusters + 1]
         used = {
             symbol.operation for symbol in ordered([*self._shown, *self._placed]) if symbol.args
         }
@@ -77,12 +77,12 @@ class CpuActorCritic:
     @cached_property
     def _run(self) -> Callable[..., None]:
         """Not every network that may look does."""
-        given = self._given
+        architecture = self._architecture
         arrays = 4 + 2 * len(self._sizes[1:])
         # The same operations on the same fields are the same symbols.
         alike = (
             *self._sizes,
-            given.activation,
+            architecture.activation,
             *self._shown,
             *self._placed,
         )
@@ -94,10 +94,10 @@ class CpuActorCritic:
         count = len(observation)
         padded = -(-count // WIDTH) * WIDTH
         if padded > count or not columns.flags.c_contiguous:
-            columns, given = np.zeros((len(columns), padded), np.float32), columns
-            columns[:, :count] = given
+            columns, arguments = np.zeros((len(columns), padded), np.float32), columns
+            columns[:, :count] = arguments
         scale = 1.0 / np.sqrt(self._variance + np.float32(1e-6))
-        normal = np.concatenate((self._mean, scale, scale * np.float32(self._given.zoom)))
+        normal = np.concatenate((self._mean, scale, scale * np.float32(self._architecture.zoom)))
         # Log-odds of a thruster are a difference of two outputs.
         heads = [
             np.concatenate((actor[1::2] - actor[0::2], critic)) for actor, critic in self._heads
@@ -111,8 +111,8 @@ class CpuActorCritic:
             *self._trunk,
             *map(_address, heads),
         )
-        found = torch.from_numpy(out[:, :count])
-        return found[:-1].T, found[-1]
+        result = torch.from_numpy(out[:, :count])
+        return result[:-1].T, result[-1]
 
     def _write(
         self,
@@ -125,7 +125,7 @@ class CpuActorCritic:
         out: Value,
         *weights: Value,
     ) -> None:
-        given = self._given
+        architecture = self._architecture
         sizes = self._sizes
         width = LONG(WIDTH)
         starts = [sum(sizes[:at]) * WIDTH for at in range(len(sizes))]
@@ -150,7 +150,7 @@ class CpuActorCritic:
                     width,
                     to,
                     width,
-                    given.activation if at < len(given.layers) else "",
+                    architecture.activation if at < len(architecture.layers) else "",
                 )
             for v, (place, known) in enumerate(zip(places, vectors, strict=True)):
                 *rows, worth = [
@@ -167,7 +167,7 @@ class CpuActorCritic:
         self, code: Code, observation: Value, stride: Value, place: Value, normal: Value
     ) -> dict[Symbol, Value]:
         """Vectors of what is observed, and of the statistics that it is normalised by."""
-        width = self._given.seen
+        width = self._architecture.column_count
         known = {
             symbol: code.read(observation, code.add(code.mul(LONG(i), stride), place))
             for i, symbol in enumerate(self._observed)

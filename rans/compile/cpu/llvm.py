@@ -205,15 +205,15 @@ class Code(ir.IRBuilder):
         values = [self.phi(value.type) for value in carried]
         for phi, value in zip([number, *values], [LONG(0), *carried], strict=True):
             phi.add_incoming(value, before)
-        found = list(body(number, [*values]))
+        result = list(body(number, [*values]))
         following = self.add(number, LONG(1))
-        for phi, value in zip([number, *values], [following, *found], strict=True):
+        for phi, value in zip([number, *values], [following, *result], strict=True):
             phi.add_incoming(value, self.block)
         after = self.append_basic_block()
         last = LONG(count) if isinstance(count, int) else count
         self.cbranch(self.icmp_unsigned("<", following, last), inside, after)
         self.position_at_end(after)
-        return found
+        return result
 
     def groups(self, count: int, size: int, body: Callable[[Value, int], object]) -> None:
         """Run the body for 0, size, ... with how many of the count are left of there, at most a group."""

@@ -113,8 +113,8 @@ def write(
                         else constant(symbol.value)
                     )
                 if symbol not in known:
-                    found = code.load(place(symbol), align=1)
-                    known[symbol] = code.trunc(found, _BOOLS) if symbol.kind == "bool" else found
+                    loaded = code.load(place(symbol), align=1)
+                    known[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
                 return known[symbol]
 
             for symbol in symbols:
@@ -125,9 +125,9 @@ def write(
                     else _TABLES[symbol.args[0].kind][symbol.operation](code, *args)
                 )
                 if symbol in kept:
-                    found = known[symbol]
-                    found = code.zext(found, _BYTES) if symbol.kind == "bool" else found
-                    code.store(found, place(symbol), align=1)
+                    loaded = known[symbol]
+                    loaded = code.zext(loaded, _BYTES) if symbol.kind == "bool" else loaded
+                    code.store(loaded, place(symbol), align=1)
             return []
 
         code.repeat(vectors, [], vector)

@@ -44,11 +44,13 @@ class Design:
     """Of 32 flights each, in a block, of which a multiprocessor has one; None: as many as find registers."""
 
     def __post_init__(self) -> None:
-        given = self.given
-        if lacking := self.capabilities.missing(given):
+        architecture = self.given
+        if lacking := self.capabilities.missing(architecture):
             raise DoesNotFit(lacking)
-        if not given.layers or max(given.layers) > WIDEST:
-            raise DoesNotFit(f"a policy with layers of {given.layers} units; it has up to {WIDEST}")
+        if not architecture.layers or max(architecture.layers) > WIDEST:
+            raise DoesNotFit(
+                f"a policy with layers of {architecture.layers} units; it has up to {WIDEST}"
+            )
         if self.warps < 1:
             raise DoesNotFit(
                 f"a policy that takes {self.per_warp:,} bytes for 32 flights; it has "
@@ -95,17 +97,17 @@ class Design:
     def places(self) -> dict[str, int]:
         """First byte of every part of `packed`; "small" is the end of single numbers, "end" that of all."""
         sizes = {
-            "mean": self.given.seen,
-            "scale": self.given.seen,
-            "zoom": self.given.seen,
+            "mean": self.given.column_count,
+            "scale": self.given.column_count,
+            "zoom": self.given.column_count,
             **{f"bias_{i}": width for i, width in enumerate(self.widths[1:])},
             "constant": self.outputs,
         }
-        found = {}
+        result = {}
         at = 0
         for name, size in sizes.items():
-            found[name], at = at, at + 4 * up(size, 4)
-        found["small"] = at
+            result[name], at = at, at + 4 * up(size, 4)
+        result["small"] = at
         blocks = {
             "head": self.outputs * self.widths[-1],
             **{
@@ -114,9 +116,9 @@ class Design:
             },
         }
         for name, size in sorted(blocks.items(), key=lambda block: block[1]):
-            found[name] = at
+            result[name] = at
             at = at + 2 * self.parts * size
-        return found | {"end": at}
+        return result | {"end": at}
 
     @cached_property
     def kept(self) -> int:

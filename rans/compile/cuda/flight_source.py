@@ -92,10 +92,10 @@ class _Writer(Lines):
         super().__init__()
         self._program = program
         self._design = design
-        self._given = design.given
+        self._architecture = design.given
         self._steps = steps
         for name in ("mean", "scale", "zoom"):
-            for i, symbol in enumerate(inputs(name, design.given.seen)):
+            for i, symbol in enumerate(inputs(name, design.given.column_count)):
                 self.names[symbol] = f"{name}[{i}]"
 
     def expression(self, symbol: Symbol, args: list[str]) -> str:
@@ -143,7 +143,7 @@ class _Writer(Lines):
 
     def _flight(self) -> Iterator[str]:
         program = self._program
-        recalled = self._given.rows
+        recalled = self._architecture.rows
         yield "const unsigned index = group * 32 + lane();"
         yield "const int number = first + int(index);"
         yield from self.values(carried.begin for carried in program.carried)
@@ -180,15 +180,15 @@ class _Writer(Lines):
 
     def _shown(self) -> Iterator[str]:
         """The first layer's inputs, so many at once as lie in one piece of memory; then the history's rows."""
-        given = self._given
+        architecture = self._architecture
         (stage,) = self._program.policy.stages
-        alone = stage.inputs[: given.inputs - given.rows]
+        alone = stage.inputs[: architecture.inputs - architecture.rows]
         for first in range(0, len(alone), _TOGETHER):
             yield from self._show(alone[first : first + _TOGETHER], str(first))
         if (row := self._program.policy.row) is None:
             return
-        yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
-        yield f"  const int at = row * {given.row};"
+        yield f"for (int row = 0; row < {architecture.recalled}; ++row) {{"
+        yield f"  const int at = row * {architecture.row};"
         known = dict(self.names)
         self.names |= {symbol: f"memory[at + {i}]" for i, symbol in enumerate(row.then)}
         yield from indented(self._looked_up(row.lookups, row.then, "memory[at + {}]"))
@@ -218,7 +218,7 @@ class _Writer(Lines):
     def _network(self) -> Iterator[str]:
         """On tensor cores, for one or two tiles of 16 flights at a time."""
         design = self._design
-        activation = self._given.activation.capitalize()
+        activation = self._architecture.activation.capitalize()
         parts = design.parts
         tiles = design.tiles
         widths = design.widths
@@ -265,14 +265,14 @@ class _Writer(Lines):
 
     def _remember(self) -> Iterator[str]:
         """The history's averages and last rows, in the place of what they were."""
-        given = self._given
-        width = given.row
-        if not given.recalled:
+        architecture = self._architecture
+        width = architecture.row
+        if not architecture.recalled:
             return
         yield from self.values(self._program.policy.newest)
         yield f"const real newest[] = {{{', '.join(map(self.operand, self._program.policy.newest))}}};"
         old, new = (Symbol.input(name) for name in ("average", "latest"))
-        for row, kept in enumerate(given.averages):
+        for row, kept in enumerate(architecture.averages):
             lines = Lines()
             average = averaged(old, new, kept)
             yield f"for (int i = 0; i < {width}; ++i) {{"
@@ -280,9 +280,9 @@ class _Writer(Lines):
             yield from indented(lines.values([average]))
             yield f"  memory[{row * width} + i] = {lines.operand(average)};"
             yield "}"
-        if given.history:
-            start = len(given.averages) * width
-            end = given.rows - width
+        if architecture.history:
+            start = len(architecture.averages) * width
+            end = architecture.rows - width
             yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"
             yield f"for (int i = 0; i < {width}; ++i) memory[{end} + i] = newest[i];"
 

@@ -33,7 +33,8 @@ class Observation:
         columns = tuple(map(Symbol.constant, world.observe(world.recalled(now, draws), draws)))
         needed = set(ordered(columns))
         return cls(
-            columns, tuple(given for given in (*memory, *settings) if given.symbol in needed)
+            columns,
+            tuple(parameter for parameter in (*memory, *settings) if parameter.symbol in needed),
         )
 
     def source(self, real: Real, members: bool) -> str:
@@ -47,7 +48,7 @@ class Observation:
             "const int* low_at",
             "const int* high_at",
             "real* columns",
-            *(f"const {given.type}* {given.symbol.value}_at" for given in self.inputs),
+            *(f"const {parameter.type}* {parameter.symbol.value}_at" for parameter in self.inputs),
             "const int count",
             "const int each",
             "const int rank",
@@ -72,9 +73,9 @@ class Observation:
         yield "const int first = int(i) % each * processes + rank, stride = each * processes;"
         yield from (f"const int {word} = {word}_at{seeds};" for word in ("low", "high"))
         yield from (
-            f"const {given.symbol.kind} {given.symbol.value} = {given.symbol.value}_at"
-            f"{'[i]' if given.each else '[0]'};"
-            for given in self.inputs
+            f"const {parameter.symbol.kind} {parameter.symbol.value} = {parameter.symbol.value}_at"
+            f"{'[i]' if parameter.each else '[0]'};"
+            for parameter in self.inputs
         )
         yield from lines.values(self.columns)
         yield from (

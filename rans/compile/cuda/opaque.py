@@ -33,7 +33,7 @@ def opaque(kernels: RowKernels) -> Callable[[int, Tensor], tuple[Tensor, Tensor]
     number = next(_NUMBERS)
     operation = _operation()
     _KNOWN[number] = kernels
-    return lambda which, given: operation(number, which, given)
+    return lambda which, tensor: operation(number, which, tensor)
 
 
 @cache
@@ -45,11 +45,11 @@ def _operation() -> Callable[[int, int, Tensor], tuple[Tensor, Tensor]]:
         mutates_args=(),
         schema="(int number, int which, Tensor given) -> (Tensor, Tensor)",
     )
-    def rows(number: int, which: int, given: Tensor) -> tuple[Tensor, Tensor]:
-        return _KNOWN[number].rows(which, given)
+    def rows(number: int, which: int, tensor: Tensor) -> tuple[Tensor, Tensor]:
+        return _KNOWN[number].rows(which, tensor)
 
     @rows.register_fake
-    def _(number: int, which: int, given: Tensor) -> tuple[Tensor, Tensor]:
-        return _KNOWN[number].room(which, given)
+    def _(number: int, which: int, tensor: Tensor) -> tuple[Tensor, Tensor]:
+        return _KNOWN[number].room(which, tensor)
 
     return rows

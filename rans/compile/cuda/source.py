@@ -64,8 +64,8 @@ def source(
         "real* final",
         "bool* flags",
         *(
-            f"{given.type}* {given.symbol.value}_at"
-            for given in (*program.memory, *program.settings)
+            f"{parameter.type}* {parameter.symbol.value}_at"
+            for parameter in (*program.memory, *program.settings)
         ),
         "const int count",
         "const int each",
@@ -122,7 +122,9 @@ class _Writer(Lines):
         self._together = together
         self._members = members
         inputs = (*program.memory, *program.settings)
-        self._places = {given.symbol: "[i]" if given.each else "[0]" for given in inputs}
+        self._places = {
+            parameter.symbol: "[i]" if parameter.each else "[0]" for parameter in inputs
+        }
         seeds = "[i]" if members else "[0]"
         self._places |= {Symbol.input(word, "int"): seeds for word in ("low", "high")}
         self._rare = program.rare()
@@ -281,12 +283,12 @@ def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str],
         for p in range(pieces)
     ]
     commands = []
-    given = " ? 1 : 0" if action == "unsigned char" else ""
+    parameter = " ? 1 : 0" if action == "unsigned char" else ""
     for thruster in range(thrusters):
         at = f"(k * {columns} + {thruster // 4 if words else thruster})"
         byte = f" & {0xFF << 8 * (thruster % 4)}u" if words else ""
         commands.append(
             f"const real command_{thruster} = pieces[{at} / {members}].of[{at} % {members}]"
-            f"{byte}{given};"
+            f"{byte}{parameter};"
         )
     return reads, commands

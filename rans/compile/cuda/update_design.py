@@ -51,12 +51,12 @@ class UpdateDesign:
     step: int = 16
 
     def __post_init__(self) -> None:
-        given = self.given
+        architecture = self.given
         can = Capabilities(heads=("on-off",), activations=WITH_SLOPE)
-        if lacking := can.missing(given):
+        if lacking := can.missing(architecture):
             raise DoesNotFit(lacking)
-        if len(given.layers) != 2:
-            raise DoesNotFit(f"{len(given.layers)} layers; it has two")
+        if len(architecture.layers) != 2:
+            raise DoesNotFit(f"{len(architecture.layers)} layers; it has two")
 
     @property
     def trunks(self) -> int:
@@ -66,8 +66,8 @@ class UpdateDesign:
     @property
     def columns(self) -> int:
         """Numbers that the first layer is given, at last what only the critic is told."""
-        given = self.given
-        return given.inputs + given.privileged
+        architecture = self.given
+        return architecture.inputs + architecture.privileged
 
     @property
     def inputs(self) -> int:
@@ -150,7 +150,7 @@ class UpdateDesign:
             torch.cat((shift[1::2], constant)),
             torch.cat((shift[0::2], torch.full_like(constant, zero))),
         )
-        found = {
+        result = {
             "second": beside(second, features, width),
             "first": beside(first, width, self.inputs),
             "head": tuple(x.T for x in head),
@@ -158,7 +158,7 @@ class UpdateDesign:
             "constant": shifts,
         }
         filled = {
-            name: [padded(x, self.sums[name], zero) for x in pair] for name, pair in found.items()
+            name: [padded(x, self.sums[name], zero) for x in pair] for name, pair in result.items()
         }
         return {
             name: Places(pair[0], pair[-1] if len(pair) > 1 else torch.full_like(pair[0], zero))
@@ -169,13 +169,13 @@ class UpdateDesign:
 class KernelDesign(UpdateDesign):
     """In shared memory of so many bytes a block; DoesNotFit where that or registers are too few."""
 
-    def __init__(self, given: Architecture, shared: int) -> None:
-        super().__init__(given, 64)
-        if given.privileged:
+    def __init__(self, architecture: Architecture, shared: int) -> None:
+        super().__init__(architecture, 64)
+        if architecture.privileged:
             raise DoesNotFit("a critic of its own")
-        if max(given.layers) > _WIDEST or self.inputs > _MOST_INPUTS:
+        if max(architecture.layers) > _WIDEST or self.inputs > _MOST_INPUTS:
             raise DoesNotFit(
-                f"{self.columns} inputs and layers of {given.layers} units; it has for "
+                f"{self.columns} inputs and layers of {architecture.layers} units; it has for "
                 f"{_MOST_INPUTS - 1} inputs and two layers of {_WIDEST}"
             )
         if self.used > shared:

@@ -64,13 +64,13 @@ class Assurance:
         """
         if self.given is not None:
             return self.given
-        found = contestant(self.spec, trust=self.trust).under(self.conditions)
+        result = contestant(self.spec, trust=self.trust).under(self.conditions)
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
                 f"{self.spec} has several tasks, and each is assured by itself: name one of "
                 f"{', '.join(parts)}."
             )
-        return found
+        return result
 
     @cached_property
     def hashes(self) -> dict[str, str]:

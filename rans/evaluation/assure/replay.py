@@ -113,7 +113,7 @@ def replays(
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[
         -last_fifth(len(flight.commands)) :
     ]
-    found = [
+    results = [
         Replayed(
             *kinds[k],
             again={judge: some[at] for judge, some in told.items()},
@@ -124,7 +124,9 @@ def replays(
         )
         for at, k in enumerate(chosen)
     ]
-    return Replays(found, picked(flight, chosen), len(kinds), sum(one is not None for one in again))
+    return Replays(
+        results, picked(flight, chosen), len(kinds), sum(one is not None for one in again)
+    )
 
 
 def drawing(seed: int, numbers: Sequence[int]) -> Draws:

@@ -105,22 +105,22 @@ class Searched:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        found = self.breaking
+        result = self.breaking
         return {
             "unit": self.world,
             "up to": self.largest,
             "flights": self.flights,
             "failed": self.failed,
-            "smallest": found
+            "smallest": result
             and {
-                "size": found.size,
-                "drew": found.drew,
-                "excess": found.excess,
-                "ending": found.ending,
-                "units": found.units,
-                "number": found.number,
+                "size": result.size,
+                "drew": result.drew,
+                "excess": result.excess,
+                "ending": result.ending,
+                "units": result.units,
+                "number": result.number,
                 "again": {
-                    judge: kind.name if kind else None for judge, kind in found.again.items()
+                    judge: kind.name if kind else None for judge, kind in result.again.items()
                 },
             },
         }
@@ -166,13 +166,13 @@ def searched(
     device = next(iter(network.tensors.values())).device
     score = chances.scores(network, device)
     largest = min(_LARGEST, room(conditions))
-    found = smallest(score, len(chances.places), largest, generator(seed), progress)
+    result = smallest(score, len(chances.places), largest, generator(seed), progress)
     return Searched(
         world,
         largest,
         _ROUNDS * _COUNT,
-        len(found),
-        _confirmed(chances, conditions, controller, found[:_CANDIDATES]),
+        len(result),
+        _confirmed(chances, conditions, controller, result[:_CANDIDATES]),
     )
 
 
@@ -200,7 +200,7 @@ def smallest(
     """
     mean = np.zeros((dimensions + 1, 1))
     spread = np.ones((dimensions + 1, 1))
-    found: list[Candidate] = []
+    results: list[Candidate] = []
     for _ in range(_ROUNDS):
         z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
         size = largest * ndtr(z[-1])
@@ -208,7 +208,7 @@ def smallest(
         scores = score(z[:-1], number, size)
         price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
         order = np.argsort(price, kind="stable")
-        found += [
+        results += [
             Candidate(float(size[k]), z[:-1, k], int(number[k]))
             for k in np.flatnonzero(scores >= 1.0)
         ]
@@ -218,16 +218,16 @@ def smallest(
             _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
         )
         progress(_COUNT)
-    return sorted(found, key=lambda one: one.size)
+    return sorted(results, key=lambda one: one.size)
 
 
 def _confirmed(
-    chances: Chances, conditions: Conditions, controller: Controller, found: list[Candidate]
+    chances: Chances, conditions: Conditions, controller: Controller, result: list[Candidate]
 ) -> Breaking | None:
     """The smallest that fails again in NumPy, and in Drake if any of them does."""
-    if not found:
+    if not result:
         return None
-    flight = fly_draws(controller, chances.setup, _draws(chances, found))
+    flight = fly_draws(controller, chances.setup, _draws(chances, result))
     still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
     if not still:
         return None
@@ -235,7 +235,7 @@ def _confirmed(
         "numpy": [failures(flight)[k] for k in still[:_DRAKE]]
     }
     if has_drake():
-        own = _draws(chances, [found[k] for k in still[:_DRAKE]])
+        own = _draws(chances, [result[k] for k in still[:_DRAKE]])
         again["drake"] = failures(fly_draws(controller, chances.setup, own, "drake"))
     at = next(
         (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
@@ -243,13 +243,13 @@ def _confirmed(
     best = still[at]
     return Breaking(
         conditions=conditions,
-        size=found[best].size,
+        size=result[best].size,
         again={judge: kinds[at] for judge, kinds in again.items()},
         excess=float(worst_errors(flight)[0][best]),
         ending=ending(flight, best),
-        drew=drew(chances, _draws(chances, [found[best]])),
-        units=ndtr(found[best].z).tolist(),
-        number=found[best].number,
+        drew=drew(chances, _draws(chances, [result[best]])),
+        units=ndtr(result[best].z).tolist(),
+        number=result[best].number,
         flight=picked(flight, [best]),
     )
 

@@ -114,8 +114,8 @@ class Bound:
     """Of settling there are no commands: being in that set once is necessary, not sufficient."""
 
     def __repr__(self) -> str:
-        found = f", {self.upper:g} found" if math.isfinite(self.upper) else ""
-        return f"<Bound of the {self.event.text} from start {self.start}: {self.best:g}{found}>"
+        result = f", {self.upper:g} found" if math.isfinite(self.upper) else ""
+        return f"<Bound of the {self.event.text} from start {self.start}: {self.best:g}{result}>"
 
     @property
     def event(self) -> Event:
@@ -286,16 +286,16 @@ def bound(start: int, question: Question) -> Bound:
     if no_certificate(craft, wanted, period):
         return loose
     try:
-        found = _certificate(question, steps)
+        result = _certificate(question, steps)
     except Unreachable:
         return replace(loose, lower=math.inf)
-    if found is None:
+    if result is None:
         return loose
     if kind == "settling":
-        return replace(loose, lower=found.lower, seconds=found.seconds)
-    commands = None if found.commands is None else found.commands.astype(int).tolist()
+        return replace(loose, lower=result.lower, seconds=result.seconds)
+    commands = None if result.commands is None else result.commands.astype(int).tolist()
     return replace(
-        loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds
+        loose, lower=result.lower, upper=result.upper, commands=commands, seconds=result.seconds
     )
 
 
@@ -309,7 +309,7 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
     return (least_time if horizon is None else least_fuel)(proves, problem, steps, effort)
 
 
-def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:
+def table(sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]) -> Table:
     """A row per start, of its bound and the cost found for its relaxed trajectory, NaN where there is none.
 
     The sentence says what the bounds hold for; the measure is what is bounded, with its unit.
@@ -327,7 +327,7 @@ def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence
     return terminal.table(
         f"What nothing can beat: {measure}",
         ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"),
-        map(row, answers, found),
+        map(row, answers, result),
         sentence,
         "right",
     )

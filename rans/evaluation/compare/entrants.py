@@ -139,10 +139,10 @@ def enlisted(
 
     See `enlist`; who is named as somebody before is called by its text, a guest by its name and place.
     """
-    found: dict[str, Contestant] = {}
+    result: dict[str, Contestant] = {}
     wrong: list[str] = []
     for place, spec in enumerate(specs, 1):
-        if isinstance(spec, str) and spec in found:
+        if isinstance(spec, str) and spec in result:
             continue
         try:
             if isinstance(spec, str):
@@ -155,11 +155,11 @@ def enlisted(
             wrong.append(str(error))
             continue
         text = spec if isinstance(spec, str) else f"{one.name} ({place})"
-        taken = [other.name for other in found.values()]
-        found[text] = replace(one, name=text) if one.name in taken else one
+        taken = [other.name for other in result.values()]
+        result[text] = replace(one, name=text) if one.name in taken else one
     if wrong:
         raise ConfigError(" ".join(dict.fromkeys(wrong)))
-    return found
+    return result
 
 
 def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
@@ -254,8 +254,8 @@ def _tuning(spec: str) -> str:
 
 def _budget(name: str, contest: Contest) -> str:
     """What was spent on a controller."""
-    found = tuned(name, contest.setup)
-    return found.budget() if found else _UNTUNED
+    result = tuned(name, contest.setup)
+    return result.budget() if result else _UNTUNED
 
 
 def simple_controller(name: str, contest: Contest) -> Contestant:
@@ -267,8 +267,8 @@ def simple_controller(name: str, contest: Contest) -> Contestant:
 def swept(name: str, contest: Contest) -> list[Contestant]:
     """The controller with other weights, of those that have a ``sweep``."""
     sweep = getattr(CONTROLLERS[name], "sweep", None)
-    found = sweep(*contest.setup[:3]) if sweep else {}
+    result = sweep(*contest.setup[:3]) if sweep else {}
     return [
-        Contestant(title, one, _MODEL, f"one of {len(found)} weights")
-        for title, one in found.items()
+        Contestant(title, one, _MODEL, f"one of {len(result)} weights")
+        for title, one in result.items()
     ]

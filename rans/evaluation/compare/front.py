@@ -131,13 +131,13 @@ class Front:
 
     def lines(self) -> dict[str, list[Entry]]:
         """Positions of each trade-off that was turned, by agent, from fast to thrifty."""
-        found: dict[str, list[Entry]] = {}
+        result: dict[str, list[Entry]] = {}
         for entry in self.entries:
             if entry.contestant.trade_off is not None:
-                found.setdefault(entry.name.rpartition("#")[0], []).append(entry)
+                result.setdefault(entry.name.rpartition("#")[0], []).append(entry)
         return {
             agent: sorted(line, key=lambda one: one.contestant.trade_off or 0.0)
-            for agent, line in found.items()
+            for agent, line in result.items()
             if len(line) > 1
         }
 

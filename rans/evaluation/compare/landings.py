@@ -53,17 +53,17 @@ class LandingAnswer:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`; what is missing is NaN."""
-        found = self.landing
+        result = self.landing
         return {
             "start": self.start,
             "good": self.good,
-            "propellant": math.nan if found is None else found.propellant,
+            "propellant": math.nan if result is None else result.propellant,
             "bound": self.bound,
-            "time": math.nan if found is None else found.time,
-            "duality_gap": math.nan if found is None else found.propellant - found.dual,
-            "primal_residual": math.nan if found is None else found.primal_residual,
-            "dual_residual": math.nan if found is None else found.dual_residual,
-            "looseness": math.nan if found is None else found.looseness,
+            "time": math.nan if result is None else result.time,
+            "duality_gap": math.nan if result is None else result.propellant - result.dual,
+            "primal_residual": math.nan if result is None else result.primal_residual,
+            "dual_residual": math.nan if result is None else result.dual_residual,
+            "looseness": math.nan if result is None else result.looseness,
             "replayed": self.replayed,
             "in_drake": self.in_drake,
         }
@@ -97,17 +97,17 @@ def landings(
     answers = []
     for number, one in enumerate(each(starts)):
         start = _columns(one.start.p), _columns(one.start.v)
-        found = best_landing(lander, descent, start, period)
-        answer = LandingAnswer(number, found)
-        if found is not None:
+        result = best_landing(lander, descent, start, period)
+        answer = LandingAnswer(number, result)
+        if result is not None:
             bound = best_landing(
-                lander, descent, start, period, "bound", (found.time - 2.0, found.time + 2.0)
+                lander, descent, start, period, "bound", (result.time - 2.0, result.time + 2.0)
             )
             answer = replace(
                 answer,
                 bound=math.nan if bound is None else bound.propellant,
-                replayed=_missed(craft, task, lander, one.start, found, drake=False),
-                in_drake=_missed(craft, task, lander, one.start, found, drake=True),
+                replayed=_missed(craft, task, lander, one.start, result, drake=False),
+                in_drake=_missed(craft, task, lander, one.start, result, drake=True),
             )
         answers.append(answer)
         progress(1)

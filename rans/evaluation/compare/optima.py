@@ -87,15 +87,15 @@ class Optimum:
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`; what is missing is NaN."""
         path = self.trajectory
-        found = 1.0 if path.solved else math.nan
+        result = 1.0 if path.solved else math.nan
         kkt = path.optimality
         return {
             "start": self.start,
             "status": path.status,
             "good": self.good,
             "sentence": self.sentence,
-            "cost": found * path.cost,
-            "time": found * path.control_period * len(path.commands),
+            "cost": result * path.cost,
+            "time": result * path.control_period * len(path.commands),
             "replay_error": self.replay_error,
             "seconds": path.seconds,
             "iterations": path.iterations,
@@ -292,7 +292,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
     task = TASKS[name]().for_evaluation()
     craft = load_spacecraft(folder / "spacecraft.toml")
     like = example(task, craft.dimension, seed=0, episode=0)
-    found = []
+    results = []
     for k, commands in enumerate(arrays["commands"]):
         if not np.isfinite(commands).all():
             continue
@@ -313,8 +313,8 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
             iterations=0,
             seconds=0.0,
         )
-        found.append((k, episode(craft, task, _AS_PLANNED, one, path)))
-    return found
+        results.append((k, episode(craft, task, _AS_PLANNED, one, path)))
+    return results
 
 
 def _names(states: Any) -> list[str]:

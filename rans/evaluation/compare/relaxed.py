@@ -62,7 +62,7 @@ def solve(
     """The optimum from every start of a contest; see `optima` for workers and progress."""
     usual = usual_guesses(contest.craft, contest.task)
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
-    found = optima(
+    result = optima(
         contest.craft,
         contest.task,
         objective,
@@ -72,7 +72,7 @@ def solve(
         progress,
         contest.timing,
     )
-    return [_scored(contest, objective, one) for one in found]
+    return [_scored(contest, objective, one) for one in result]
 
 
 def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:

@@ -66,27 +66,27 @@ def tune(
     craft, task, timing, _, _ = setup
     contest = Contest(craft, task, timing, TUNING_SEED, starts, conditions=setup.conditions)
     within = ranges(name)
-    found: list[tuple[float, dict[str, float]]] = []
+    results: list[tuple[float, dict[str, float]]] = []
     random = np.random.default_rng(TUNING_SEED)
     begun = _processor_time()
     for number in range(candidates):
         spent = _processor_time() - begun
-        if found and spent >= seconds:
+        if results and spent >= seconds:
             break
         gone = max(number / candidates, spent / seconds)
-        settings = _candidate(gone, defaults(maker, within), within, found, random)
+        settings = _candidate(gone, defaults(maker, within), within, results, random)
         made = maker(craft, task, timing, **arguments(maker, settings))
         try:
             flight, _ = contest.fly(made)
         except KeyboardInterrupt:
-            if not found:
+            if not results:
                 raise
             break
-        found.append(
+        results.append(
             (cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings)
         )
         progress(1)
-    least, best = min(found, key=lambda pair: pair[0])
+    least, best = min(results, key=lambda pair: pair[0])
     return Tuned(
         controller=name,
         task=task_name(task),
@@ -94,11 +94,11 @@ def tune(
         control_period=timing.control_period,
         spacecraft=to_toml(craft),
         settings=best,
-        candidates=len(found),
+        candidates=len(results),
         starts=starts,
         seed=TUNING_SEED,
         price=price,
-        costs={"default": found[0][0], "tuned": least},
+        costs={"default": results[0][0], "tuned": least},
         command=command,
         conditions=text_of_conditions(setup),
         seconds=_processor_time() - begun,
@@ -113,13 +113,13 @@ def _processor_time() -> float:
 
 def ranges(name: str) -> Ranges:
     """What of a controller can be tuned: bounds by "argument.field"; `ConfigError` if it says nothing."""
-    found = getattr(CONTROLLERS[name], "tunable", None)
-    if not found:
+    result = getattr(CONTROLLERS[name], "tunable", None)
+    if not result:
         raise ConfigError(
             f"the controller {name!r} tells nothing that can be tuned; its class needs a "
             '`tunable` such as {"weights.position": (0.1, 3.0)}.'
         )
-    return found
+    return result
 
 
 def cost(entry: Entry, price: float) -> float:

@@ -103,8 +103,8 @@ class LoadedRun(NamedTuple):
 
 def run_of(given: object) -> LoadedRun | None:
     """The run that an object is, or has as its ``run``, as `rans.Agent` and `Lookahead` do; otherwise None."""
-    found = given if isinstance(given, LoadedRun) else getattr(given, "run", None)
-    return found if isinstance(found, LoadedRun) else None
+    result = given if isinstance(given, LoadedRun) else getattr(given, "run", None)
+    return result if isinstance(result, LoadedRun) else None
 
 
 def load_agent(path: Path) -> LoadedRun:
@@ -129,22 +129,22 @@ def load_agent(path: Path) -> LoadedRun:
 
 
 def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
-    given = network.architecture
+    architecture = network.architecture
     shown = layout(task, craft.dimension)
-    seen = given.layout.width
-    commanded = given.thrusters
+    seen = architecture.layout.width
+    commanded = architecture.thrusters
     needed = shown.width, len(craft.commands)
     if (seen, commanded) != needed:
         raise ConfigError(
             f"{run.agent_file} observes {seen} columns and gives {commanded} commands, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
         )
-    if given.layout != shown:
+    if architecture.layout != shown:
         raise ConfigError(
             f"{run.agent_file} observes other columns than the task in {run.config_file} "
             "shows: they are of different runs."
         )
-    if given.continuous != craft.is_continuous:
+    if architecture.continuous != craft.is_continuous:
         raise ConfigError(
             f"{run.agent_file} does not command the {craft.actuators.kind} actuators of "
             f"{run.spacecraft_file}: they are of different runs."

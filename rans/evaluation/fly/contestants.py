@@ -247,14 +247,14 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
             f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d."
         )
     axes = int(dimension[0])
-    found = TASKS[task]()
-    craft = load_spacecraft(spacecraft or found.spacecraft or USUAL[axes])
+    result = TASKS[task]()
+    craft = load_spacecraft(spacecraft or result.spacecraft or USUAL[axes])
     if craft.dimension != axes:
         raise ConfigError(
             f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
             "dimensions."
         )
-    return Setup(craft, found, found.timing)
+    return Setup(craft, result, result.timing)
 
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:

@@ -31,17 +31,17 @@ Maker = Callable[..., Controller]
 """Function or class that makes a controller of spacecraft, task and timing, and of tuned settings by keyword."""
 
 
-def _checked(found: Any) -> Maker:
-    if not callable(found):
+def _checked(result: Any) -> Maker:
+    if not callable(result):
         raise ConfigError(
             "a controller must be a class or function of spacecraft, task and timing, got "
-            f"{brief(found)}."
+            f"{brief(result)}."
         )
     if isinstance(
-        found, type
+        result, type
     ):  # refused before it is called: a spacecraft or a task is a class too
-        _check_methods(f"the class {found.__name__}", found)
-    maker: Any = found
+        _check_methods(f"the class {result.__name__}", result)
+    maker: Any = result
     return maker
 
 
@@ -82,9 +82,9 @@ def controller(name: str, setup: Setup) -> Controller:
     `ConfigError` if there is none, or not for this craft.
     """
     maker = CONTROLLERS[name]
-    found = tuned(name, setup)
-    if found is not None:
-        maker = partial(maker, **arguments(maker, found.settings))
+    result = tuned(name, setup)
+    if result is not None:
+        maker = partial(maker, **arguments(maker, result.settings))
     return (
         maker(*setup[:3]) if name in CONTROLLERS.built_in else CheckedController(name, setup, maker)
     )

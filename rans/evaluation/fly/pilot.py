@@ -35,14 +35,14 @@ class Pilot:
     """
 
     def __init__(self, who: object, env: gymnasium.Env[Any, Any]) -> None:
-        found = env.unwrapped if isinstance(env, gymnasium.Env) else env
-        if not isinstance(found, Environment):
+        result = env.unwrapped if isinstance(env, gymnasium.Env) else env
+        if not isinstance(result, Environment):
             raise ConfigError(
-                f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}."
+                f"a pilot flies one of RANS's environments for one spacecraft, got {result!r}."
             )
-        self._env = found
+        self._env = result
         self._space = env.action_space
-        setup = Setup(found.craft, found.task, found.timing)
+        setup = Setup(result.craft, result.task, result.timing)
         self._controller = controller(who, setup) if isinstance(who, str) else _agent(who, setup)
         self.reset()
 

@@ -141,18 +141,18 @@ def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]
         ConfigError: the controller has no such argument, or it has no default that is, or holds, a number.
     """
     parameters = inspect.signature(maker).parameters
-    found = {}
+    result = {}
     for key in keys:
         group, _, field = key.partition(".")
         default = getattr(parameters.get(group), "default", None)
-        found[key] = getattr(default, field, None) if field else default
-        if not is_finite(found[key]):
+        result[key] = getattr(default, field, None) if field else default
+        if not is_finite(result[key]):
             raise ConfigError(
                 f"`tunable` names {key!r}, which must be an argument of the controller, or a "
                 'field of a dataclass that is one (as "weights.position"), with a number as '
                 "its default."
             )
-    return found
+    return result
 
 
 def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[str, Any]:

@@ -33,34 +33,34 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
     )
 
 
-def _rows(found: FlightStatistics, period: float) -> Iterator[Metric]:
-    count = found.flights
+def _rows(result: FlightStatistics, period: float) -> Iterator[Metric]:
+    count = result.flights
     yield _share(
         "success",
         "solved",
         "within all tolerances at every step of the last fifth",
-        count - found.unsolved,
+        count - result.unsolved,
         count,
     )
-    yield _share("success", "settled", "enters all tolerances and stays", found.settled, count)
+    yield _share("success", "settled", "enters all tolerances and stays", result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (
-        period * found.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width)
+        period * result.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width)
     )
     yield Metric(
         "success", "settling time", "median time to enter and stay", "s", median, low, high
     )
-    ended = found.failures[Failure.TERMINATED] + found.failures[Failure.NOT_FINITE]
+    ended = result.failures[Failure.TERMINATED] + result.failures[Failure.NOT_FINITE]
     yield _share("success", "failed", "declared failed by the task at any time", ended, count)
-    yield _share("failures", "not solved", "in any of these ways", found.unsolved, count)
-    for kind, failures in found.failures.items():
+    yield _share("failures", "not solved", "in any of these ways", result.unsolved, count)
+    for kind, failures in result.failures.items():
         yield _share("failures", kind.name.lower().replace("_", " "), kind.meaning, failures, count)
     for name, meaning, unit, factor in (
         ("duty at rest", "mean share of thrusters open over the last fifth", "%", 100.0),
         ("impulse", "thrust spent an episode, up to a failure", "N s", 1.0),
         ("return", "sum of rewards of an episode, up to a failure", "", 1.0),
     ):
-        yield Metric("effort", name, meaning, unit, *_mean(found.sums[name], factor))
+        yield Metric("effort", name, meaning, unit, *_mean(result.sums[name], factor))
 
 
 def _share(group: str, name: str, meaning: str, successes: int, count: int) -> Metric:

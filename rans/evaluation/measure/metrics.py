@@ -61,8 +61,8 @@ def samples(flight: Flight) -> Iterator[Sample]:
 
 def settling_times(flight: Flight) -> np.ndarray:
     """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
-    found = flight.verdict
-    return np.where(found.settles, found.settled * flight.timing.control_period, np.inf)
+    result = flight.verdict
+    return np.where(result.settles, result.settled * flight.timing.control_period, np.inf)
 
 
 def in_goal_set(flight: Flight) -> np.ndarray:
@@ -119,10 +119,10 @@ def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
     Infinite where a state is lost; of errors that have a tolerance.
     """
-    found = flight.errors()
+    result = flight.errors()
     bounds = flight.task.tolerances()
     worst = {
-        name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds
+        name: np.nan_to_num(last_fifth(result[name]).max(axis=0), nan=np.inf) for name in bounds
     }
     return reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]), worst
 

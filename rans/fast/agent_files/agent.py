@@ -298,17 +298,17 @@ def _numbers(value: Any) -> Any:
     return tuple(map(_numbers, value)) if isinstance(value, list) else float(value)
 
 
-def _are_views(views: Symmetries, given: Architecture) -> bool:
+def _are_views(views: Symmetries, architecture: Architecture) -> bool:
     """Whether every view has a matrix, a hand and a place for each thruster."""
     count = len(views.turn)
     axes = views.turn.shape[-1]
     shapes = views.turn.shape, views.hand.shape, views.place.shape
     places = views.place.astype(int)
     return (
-        shapes == ((count, axes, axes), (count,), (count, given.thrusters))
+        shapes == ((count, axes, axes), (count,), (count, architecture.thrusters))
         and axes in (2, 3)
         and count > 0
-        and bool(((places >= 0) & (places < given.thrusters)).all())
+        and bool(((places >= 0) & (places < architecture.thrusters)).all())
     )
 
 

@@ -58,11 +58,11 @@ def unpack(content: bytes, where: object, device: str | torch.device = "cpu") ->
 
 
 def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
-    found = zlib.crc32(table.encode())
+    result = zlib.crc32(table.encode())
     for name, x in sorted(tensors.items()):
-        found = zlib.crc32(f"{name} {x.dtype} {list(x.shape)}".encode(), found)
-        found = zlib.crc32(x.flatten().view(torch.uint8).numpy().tobytes(), found)
-    return str(found)
+        result = zlib.crc32(f"{name} {x.dtype} {list(x.shape)}".encode(), result)
+        result = zlib.crc32(x.flatten().view(torch.uint8).numpy().tobytes(), result)
+    return str(result)
 
 
 def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:

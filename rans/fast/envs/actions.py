@@ -37,43 +37,43 @@ class Actions:
         Raises:
             ConfigError: they have another shape or kind, or the craft cannot follow them.
         """
-        given = dense(actions)
-        if not isinstance(given, Tensor):
-            given = self._tensor(array(given))
-        given = given.to(self._engine.device)
-        if given.is_floating_point() and given.dtype not in (torch.float32, torch.float64):
-            given = given.float()  # exactly: from half precision
-        if tuple(given.shape) != self._shape:
-            return given  # which the engine refuses
-        if given.is_complex():
-            self._refuse(given.cpu().numpy())
-        possible = self._possible(given)
-        if given.device.type != "cuda":
+        action = dense(actions)
+        if not isinstance(action, Tensor):
+            action = self._tensor(array(action))
+        action = action.to(self._engine.device)
+        if action.is_floating_point() and action.dtype not in (torch.float32, torch.float64):
+            action = action.float()  # exactly: from half precision
+        if tuple(action.shape) != self._shape:
+            return action  # which the engine refuses
+        if action.is_complex():
+            self._refuse(action.cpu().numpy())
+        possible = self._possible(action)
+        if action.device.type != "cuda":
             if not possible:
-                self._refuse(given.numpy())
+                self._refuse(action.numpy())
         elif not torch.cuda.is_current_stream_capturing():
             self._remember(possible)
-        return given
+        return action
 
-    def _possible(self, given: Tensor) -> Tensor:
+    def _possible(self, action: Tensor) -> Tensor:
         craft = self._engine.craft
         if not craft.is_continuous:
-            return ((given == 0) | (given == 1)).all()
+            return ((action == 0) | (action == 1)).all()
         low, high = self._limits
-        within = ((given >= low) & (given <= high)).all()
+        within = ((action >= low) & (action <= high)).all()
         if craft.actuators.is_continuous:
             return within
-        chosen = given[:, : len(craft.thrusters)]
+        chosen = action[:, : len(craft.thrusters)]
         return within & ((chosen == 0) | (chosen == 1)).all()
 
-    def _tensor(self, given: np.ndarray) -> Tensor:
+    def _tensor(self, action: np.ndarray) -> Tensor:
         """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
-        if given.dtype.kind not in "biufc":
-            self._refuse(given)
-        return torch.from_numpy(np.require(given, requirements=["C", "W"]))
+        if action.dtype.kind not in "biufc":
+            self._refuse(action)
+        return torch.from_numpy(np.require(action, requirements=["C", "W"]))
 
-    def _refuse(self, given: np.ndarray) -> None:
-        check(self._engine.craft, given, self._shape[0])
+    def _refuse(self, action: np.ndarray) -> None:
+        check(self._engine.craft, action, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
         self._found |= ~possible

@@ -283,29 +283,29 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             self._film.close()
 
 
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     try:
-        return given if isinstance(given, AutoresetMode) else AutoresetMode[str(given).upper()]
+        return mode if isinstance(mode, AutoresetMode) else AutoresetMode[str(mode).upper()]
     except KeyError as error:
         raise ConfigError(
             f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
-            f"{brief(given)}."
+            f"{brief(mode)}."
         ) from error
 
 
-def _seeds(given: Any, count: int) -> int | list[int] | None:
+def _seeds(seed: Any, count: int) -> int | list[int] | None:
     """One seed for all, or a list of one for each, as plain numbers."""
-    if given is None:
+    if seed is None:
         return None
-    many = isinstance(given, list | tuple) or getattr(given, "ndim", 0) > 0
-    each: list[Any] = list(given) if many else [given]
+    many = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0
+    each: list[Any] = list(seed) if many else [seed]
     whole = all(
         isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each
     )
     if not whole or (many and len(each) != count):
         raise ConfigError(
             "the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
-            f"of {count}, got {brief(given)}."
+            f"of {count}, got {brief(seed)}."
         )
     return [int(x) for x in each] if len(each) > 1 else int(each[0])
 

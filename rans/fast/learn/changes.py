@@ -68,17 +68,17 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
             stacklevel=2,
         )
         name = new
-    found = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
-    if len(found) > 1:
+    result = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
+    if len(result) > 1:
         raise ConfigError(
-            f"several entries of the config are called {brief(name)}: choose one of {', '.join(found)}."
+            f"several entries of the config are called {brief(name)}: choose one of {', '.join(result)}."
         )
-    if not found:
+    if not result:
         raise ConfigError(
             f"the config has no {brief(name)}{_suggestion(name, known)}; `rans list TASK` and "
             "`rans list TRAINING` tell its entries, and any run's config.json."
         )
-    *parents, last = found[0].split(".")
+    *parents, last = result[0].split(".")
     inner = table
     for parent in parents:
         inner = inner[parent]

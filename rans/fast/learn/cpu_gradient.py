@@ -62,10 +62,10 @@ class CpuGradient:
             x.numpy()
             for x in (coefficients.clip_range, coefficients.vf_coef, coefficients.ent_coef)
         ]
-        given = network.architecture
+        architecture = network.architecture
         tensors = network.tensors
-        self._activation = given.activation
-        self._thrusters = given.thrusters
+        self._activation = architecture.activation
+        self._thrusters = architecture.thrusters
         *trunk, actor, critic = (
             name.removesuffix(".weight") for name in network.learnt if name.endswith(".weight")
         )
@@ -73,7 +73,11 @@ class CpuGradient:
             [tensors[f"{name}.{kind}"].storage_offset() for kind in ("weight", "bias")]
             for name in trunk
         ]
-        self._sizes = [tensors[f"{trunk[0]}.weight"].shape[1], *given.layers, given.thrusters + 1]
+        self._sizes = [
+            tensors[f"{trunk[0]}.weight"].shape[1],
+            *architecture.layers,
+            architecture.thrusters + 1,
+        ]
         # Both heads in one: log-odds of a thruster are a difference of two outputs.
         length = self._sizes[-1] * (self._sizes[-2] + 1)
         self._head = np.zeros(length, np.float32)
@@ -103,14 +107,14 @@ class CpuGradient:
 
         Thrusters are on/off, actor and critic share float32 layers that remember nothing but a history.
         """
-        given = network.architecture
+        architecture = network.architecture
         one = next(iter(network.tensors.values()))
         return (
             one.device.type == "cpu"
             and one.dtype == torch.float32
             and network.members == 1
             and samples % WIDTH == 0
-            and not _CAN.missing(given)
+            and not _CAN.missing(architecture)
         )
 
     def inputs(
@@ -287,14 +291,14 @@ class CpuGradient:
             past = code.fsub(ratio, one)
             off = code.select(code.fcmp_ordered(">", past, zero), past, code.fneg(past))
             far = code.fcmp_ordered(">", off, clip)
-            found = (
+            result = (
                 code.fneg(code.select(counts, gain, clipped)),
                 code.fmul(error, error),
                 code.fneg(chaos),
                 code.fsub(past, change),
                 code.select(far, one, zero),
             )
-            return [code.fadd(old, new) for old, new in zip(sums, found, strict=True)]
+            return [code.fadd(old, new) for old, new in zip(sums, result, strict=True)]
 
         for i, value in enumerate(
             code.repeat(code.udiv(tile, LONG(LANES)), [zero] * _SUMS, vector)

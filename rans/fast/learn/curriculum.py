@@ -193,18 +193,18 @@ def _numbers(value: Range) -> tuple[float, ...]:
 
 def _numbers_of(task: Task) -> dict[str, Range]:
     """Every number and range among the settings, by name; those of tasks within after a dot."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
 
     def note(name: str, number: float) -> float:
         setting, _, place = name.rpartition(".")
         if place.isdigit():
-            found[setting] = (*found.get(setting, ()), number)
+            result[setting] = (*result.get(setting, ()), number)
         else:
-            found[name] = number
+            result[name] = number
         return number
 
     map_settings(note, task)
-    return found
+    return result
 
 
 def _places(setting: str, known: dict[str, Range]) -> list[str]:

@@ -112,13 +112,13 @@ class FusedGradient(ABC):
     ) -> GradientBackend | None:
         """Of the fastest kind there is for a network and minibatches of so many samples; None: autograd."""
         row = adam.row
-        given = (network, adam, coefficients)
+        arguments = (network, adam, coefficients)
         if row.device.type == "cpu":
             from rans.fast.learn.cpu_gradient import (
                 CpuGradient,  # LLVM, which a GPU does not need
             )
 
-            return CpuGradient(*given) if CpuGradient.fits(network, samples) else None
+            return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
         if not (
             network.architecture.bf16
             and row.is_cuda
@@ -128,14 +128,14 @@ class FusedGradient(ABC):
             return None
         try:
             chip = torch.cuda.get_device_properties(row.device)
-            kernel = UpdateKernel(*given, chip.shared_memory_per_block_optin)
+            kernel = UpdateKernel(*arguments, chip.shared_memory_per_block_optin)
             _ = kernel.function
         except (DoesNotFit, OSError, CudaError):
             pass
         else:
             return kernel
         try:
-            return MatrixGradient(*given)
+            return MatrixGradient(*arguments)
         except DoesNotFit:
             return None
 
@@ -155,11 +155,11 @@ class FusedGradient(ABC):
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
         """The loss of a minibatch, whose memory are `inputs`, and its `STATISTICS`, each (1,)."""
         assert part.memory is not None
-        gradient, found = self._gather(
+        gradient, statistics = self._gather(
             self._sums(*self._pack(), part.memory, part), len(part.memory)
         )
         self._adam.gradient.copy_(gradient)
-        return found.split(1)
+        return statistics.split(1)
 
     @abstractmethod
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
@@ -178,11 +178,11 @@ class FusedGradient(ABC):
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
         """The gradient, (1, P), and the loss with its statistics."""
         means = sums.sum(dim=0) / count
-        given = self._coefficients
+        coefficients = self._coefficients
         surrogate, value, entropy, *rest = means[
             self.design.end : self.design.end + STATISTICS
         ].split(1)
-        loss = surrogate + given.vf_coef * value + given.ent_coef * entropy
+        loss = surrogate + coefficients.vf_coef * value + coefficients.ent_coef * entropy
         return (means[self._source] * self._sign)[None], torch.cat(
             (loss, surrogate, value, entropy, *rest)
         )
@@ -294,7 +294,7 @@ class MatrixGradient(FusedGradient):
     def _before(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
         """Gradients before activations from those after them, and their sums over the samples."""
         y = value.float()
-        found = torch.cat(gradients, dim=1).float()
+        after = torch.cat(gradients, dim=1).float()
         kind = self._network.architecture.activation
         slope = (
             1 - y * y
@@ -303,7 +303,7 @@ class MatrixGradient(FusedGradient):
             if kind == "relu"
             else torch.where(y > 0, 1.0, y + 1.0)
         )
-        result = (found * slope).bfloat16()
+        result = (after * slope).bfloat16()
         return result, result.float().sum(dim=0)
 
     def _learnt(
@@ -316,24 +316,24 @@ class MatrixGradient(FusedGradient):
         target: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
         """The outputs' gradients, their sums, and the statistics' (`rans.fast.learn.ppo.losses`)."""
-        given = self._coefficients
+        coefficients = self._coefficients
         thrusters = action.shape[1]
-        found = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + constant
-        policy = OnOff(found[:, :thrusters])
-        error = found[:, thrusters] - target
+        result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + constant
+        policy = OnOff(result[:, :thrusters])
+        error = result[:, thrusters] - target
         change = policy.log_prob(action) - log_prob
         ratio = change.exp()
         gain = advantage * ratio
         clipped = advantage * torch.minimum(
-            torch.maximum(ratio, 1 - given.clip_range), 1 + given.clip_range
+            torch.maximum(ratio, 1 - coefficients.clip_range), 1 + coefficients.clip_range
         )
         # No gain where the ratio has left its range in the direction of the gain.
         slope = torch.where(gain <= clipped, -gain, 0.0)[:, None]
         opening = torch.sigmoid(policy.logit)
-        d_logit = slope * (action - opening) + given.ent_coef * policy.logit * opening * (
+        d_logit = slope * (action - opening) + coefficients.ent_coef * policy.logit * opening * (
             1 - opening
         )
-        d_value = (2 * given.vf_coef * error)[:, None]
+        d_value = (2 * coefficients.vf_coef * error)[:, None]
         idle = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
         gradient = torch.cat((d_logit, d_value, idle), dim=1)
         statistics = (
@@ -341,7 +341,7 @@ class MatrixGradient(FusedGradient):
             error.square(),
             -policy.entropy(),
             ratio - 1 - change,
-            ((ratio - 1).abs() > given.clip_range).to(ratio.dtype),
+            ((ratio - 1).abs() > coefficients.clip_range).to(ratio.dtype),
         )
         return gradient.bfloat16(), gradient.sum(dim=0), torch.stack([x.sum() for x in statistics])
 

@@ -98,9 +98,9 @@ class GradientLearner:
 
     def slow_down(self, remaining: float) -> None:
         """Lower the step sizes towards zero where less than ``anneal`` of all steps remains."""
-        given = self.coefficients
-        share = (remaining / given.anneal.clamp(min=1e-9)).clamp(max=1.0)
-        self.adam.rate.copy_(given.learning_rate * share)
+        coefficients = self.coefficients
+        share = (remaining / coefficients.anneal.clamp(min=1e-9)).clamp(max=1.0)
+        self.adam.rate.copy_(coefficients.learning_rate * share)
         self._critic_adam.rate.copy_(self._own.critic_learning_rate * share)
 
     def learn(self) -> Tensor:
@@ -110,8 +110,8 @@ class GradientLearner:
         value_loss, critic_norm = self._fit()
         with torch.no_grad():
             spread = self.network.tensors["log_std"].exp().view(self.members, -1).mean(dim=1)
-            found = torch.stack((loss.detach(), value_loss, spread, norm, critic_norm), dim=1)
-            means = self.processes.average(torch.cat((found, self.rollout.totals()), dim=1))
+            values = torch.stack((loss.detach(), value_loss, spread, norm, critic_norm), dim=1)
+            means = self.processes.average(torch.cat((values, self.rollout.totals()), dim=1))
             first, rest = means.tensor_split([len(self.statistics)], dim=1)
             return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
 
@@ -125,9 +125,9 @@ class GradientLearner:
         engine = self.engine
         network = self.network
         rollout = self.rollout
-        given = self.coefficients
-        gamma = rollout.spread(given.gamma)
-        scale = rollout.spread(given.reward_scale)
+        coefficients = self.coefficients
+        gamma = rollout.spread(coefficients.gamma)
+        scale = rollout.spread(coefficients.reward_scale)
         rollout.begin()
         episode = engine.running()
         observation = engine.observe()
@@ -185,8 +185,8 @@ class GradientLearner:
 
     def _privileged(self, episode: Episode) -> Tensor | None:
         """Privileged observation of the critic, (N, p); None without one."""
-        given = self.network.architecture
-        return self.engine.privileged_of(episode).detach() if given.privileged else None
+        architecture = self.network.architecture
+        return self.engine.privileged_of(episode).detach() if architecture.privileged else None
 
     # The critic: the same steps, without the motion's gradient.
 
@@ -194,7 +194,7 @@ class GradientLearner:
         """Means of the critic's loss and of its gradient's norm, (K,) each."""
         batch = self._targets()
         parts = minibatches(batch, self.members, self._minibatches)
-        found = []
+        results = []
         for _ in range(self._n_epochs):
             for part in parts:
                 value = self.critic.evaluate_seen(part.columns, part.memory, part.privileged).value
@@ -202,11 +202,11 @@ class GradientLearner:
                 norm = self._critic_adam.descend(
                     loss.sum(), self.coefficients.max_grad_norm, self.processes
                 )
-                found.append(torch.stack((loss.detach(), norm)))
+                results.append(torch.stack((loss.detach(), norm)))
         for network in (self.network, self.critic):
             network.update_statistics(batch.columns, self.processes.pooled, self.processes.size)
         self._move_target()
-        value_loss, norm = torch.stack(found).mean(dim=0)
+        value_loss, norm = torch.stack(results).mean(dim=0)
         return value_loss, norm
 
     @torch.no_grad()
@@ -242,11 +242,13 @@ class GradientLearner:
         ).value.view(self.members, 2, -1)
         last = values[:, 0].flatten()
         beyond = values[:, 1].flatten()
-        given = self.coefficients
-        gamma = rollout.spread(given.gamma)
-        reward = kept.reward * rollout.spread(given.reward_scale)
+        coefficients = self.coefficients
+        gamma = rollout.spread(coefficients.gamma)
+        reward = kept.reward * rollout.spread(coefficients.reward_scale)
         reward = reward + gamma * kept.truncated * beyond
-        advantage = gae(reward, value, kept.ended, last, gamma, rollout.spread(given.gae_lambda))
+        advantage = gae(
+            reward, value, kept.ended, last, gamma, rollout.spread(coefficients.gae_lambda)
+        )
         return batch._replace(advantage=advantage, target=advantage + value)
 
     @torch.no_grad()

@@ -92,9 +92,9 @@ class ImitationLearner:
 
     def slow_down(self, remaining: float) -> None:
         """Lower the step size towards zero where less than ``anneal`` of all steps remains."""
-        given = self.coefficients
-        share = (remaining / given.anneal.clamp(min=1e-9)).clamp(max=1.0)
-        self.adam.rate.copy_(given.learning_rate * share)
+        coefficients = self.coefficients
+        share = (remaining / coefficients.anneal.clamp(min=1e-9)).clamp(max=1.0)
+        self.adam.rate.copy_(coefficients.learning_rate * share)
 
     def learn(self) -> Tensor:
         """One iteration, see `rans.fast.learn.learner.Learner.learn`."""
@@ -102,9 +102,9 @@ class ImitationLearner:
         if len(self._outputs):
             self._roll_in()
         self._label()
-        found = self._fit()
+        result = self._fit()
         rest = torch.cat((self.adam.rate[:, None], self.rollout.totals()), dim=1)
-        return torch.cat((found[None], rest), dim=1)
+        return torch.cat((result[None], rest), dim=1)
 
     # Fly: first the agent, then the expert.
 
@@ -149,8 +149,8 @@ class ImitationLearner:
 
     def _outputs_of(self, commands: np.ndarray) -> Tensor:
         """The network's outputs (N, n), 0 to 1, whose commands these are (`rans.effectors.commands`)."""
-        given = torch.as_tensor(commands, dtype=self.engine.dtype)
-        outputs = ((given - self._low) / self._range).clamp(0.0, 1.0)
+        coefficients = torch.as_tensor(commands, dtype=self.engine.dtype)
+        outputs = ((coefficients - self._low) / self._range).clamp(0.0, 1.0)
         return torch.where(outputs < _BEYOND, 0.0, outputs)
 
     def _discounted(self) -> Tensor:
@@ -170,7 +170,7 @@ class ImitationLearner:
     def _fit(self) -> Tensor:
         """Means over the updates: `statistics`, (5,)."""
         network = self.network
-        found = []
+        results = []
         for _ in range(self._own.updates):
             chosen = torch.randint(
                 0, len(self._outputs), (self._batch_size,), generator=self._generator
@@ -184,8 +184,8 @@ class ImitationLearner:
             )
             with torch.no_grad():
                 network.tensors["log_std"].clamp_(min=_LEAST_LOG_STD)
-            found.append(torch.stack((surprise.detach(), error.detach(), norm[0])))
-        surprise, error, norm = torch.stack(found).mean(dim=0)
+            results.append(torch.stack((surprise.detach(), error.detach(), norm[0])))
+        surprise, error, norm = torch.stack(results).mean(dim=0)
         spread = network.tensors["log_std"].detach().exp().mean()
         labels = surprise.new_tensor(float(len(self._outputs)))
         return torch.stack((surprise, error, labels, spread, norm))

@@ -40,13 +40,13 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     settings = {
         name: x if isinstance(x, plain) else str(x) for name, x in entries(to_table(config))
     }
-    found: list[Logger] = []
+    results: list[Logger] = []
     for name in dict.fromkeys(names):
         try:
-            found.append(made[name](settings, run))
+            results.append(made[name](settings, run))
         except Exception as error:  # other people's services raise anything
             raise ConfigError(f"--log {name} cannot begin: {first_line(error)}.") from error
-    return found
+    return results
 
 
 class _Hparams:

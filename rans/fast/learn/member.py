@@ -96,17 +96,17 @@ def begin(
     plain = engine.plain if plain is None else plain
     for one in settings:
         check_sizes(engine, one, len(settings))
-    given = architecture_of(engine, settings[0])
+    architecture = architecture_of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
         *(
-            given.initial(seed, one.initial_duty, one.log_std_init)
+            architecture.initial(seed, one.initial_duty, one.log_std_init)
             for seed, one in zip(seeds, settings, strict=True)
         ),
         strict=True,
     )
     preprocessor = TorchPreprocessor if plain else compiled_preprocessor
-    network = Network.stacked(given, tables, engine.device, engine.dtype, preprocessor)
+    network = Network.stacked(architecture, tables, engine.device, engine.dtype, preprocessor)
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
@@ -194,11 +194,11 @@ class Member:
         """Whether such a share of episodes is all that was asked for."""
         return self.config.solved_share is not None and success >= self.config.solved_share
 
-    def note(self, row: dict[str, Any], found: bool | None) -> None:
+    def note(self, row: dict[str, Any], solved: bool | None) -> None:
         """Keep a report, and whether it found the task solved; None: it does not count."""
         self.rows.append(row)
-        if found is not None:
-            self.in_a_row = self.in_a_row + 1 if found else 0
+        if solved is not None:
+            self.in_a_row = self.in_a_row + 1 if solved else 0
 
 
 def statistics(

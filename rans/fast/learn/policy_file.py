@@ -96,11 +96,11 @@ def begin_from(network: Network, agent: str) -> None:
         )
     statistics = [EXTRACTOR + one for one in ours.statistics()]
     for key, tensor in network.tensors.items():
-        given = saved.tensors[key]
-        if given.shape != tensor.shape[-given.dim() or len(tensor.shape) :]:
+        values = saved.tensors[key]
+        if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:
             raise ConfigError(
-                f"begin_from is {agent!r}, whose {key} has the shape {tuple(given.shape)} and not that of this "
+                f"begin_from is {agent!r}, whose {key} has the shape {tuple(values.shape)} and not that of this "
                 "training; the usual cause is other ppo.layers."
             )
-        tensor.copy_(given.expand_as(tensor))
+        tensor.copy_(values.expand_as(tensor))
     network.tensors[statistics[-1]].fill_(_SETTLED)

@@ -175,9 +175,9 @@ class PPOLearner:
         ).view(self.members, 2, -1)
         last = values[:, 0].flatten()
         beyond = values[:, 1].flatten()
-        given = self.coefficients
+        coefficients = self.coefficients
         gamma, gae_lambda, scale = map(
-            rollout.spread, (given.gamma, given.gae_lambda, given.reward_scale)
+            rollout.spread, (coefficients.gamma, coefficients.gae_lambda, coefficients.reward_scale)
         )
         reward = steps.reward * scale + gamma * steps.truncated * beyond
         advantage = self._gae(reward, steps.value, steps.ended, last, gamma, gae_lambda)
@@ -234,13 +234,13 @@ class PPOLearner:
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = (
+        result = (
             Losses(*self.backend(part))
             if self.backend is not None
             else self._losses(self.network, part, self.coefficients, self._with_entropy)
         )
-        norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
-        return torch.stack((*found, norm), dim=1).detach()
+        norm = self.adam.descend(result.loss.sum(), self.coefficients.max_grad_norm, self.processes)
+        return torch.stack((*result, norm), dim=1).detach()
 
     # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.
 

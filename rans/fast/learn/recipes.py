@@ -125,15 +125,15 @@ def training_of_quality(
     dimension = load_spacecraft(quick.spacecraft).dimension
     file = _recipe_file(task, dimension, quality, randomized)
     if file is None:
-        found = _to_the_end(quick)
+        result = _to_the_end(quick)
     else:
-        found = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
-    ppo = found.ppo
+        result = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
+    ppo = result.ppo
     if randomized and ppo.memory == "none":
         adaptive = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
         remembered = {name: adaptive[name] for name in _MEMORY}
         ppo = replace(ppo, **remembered | {"averages": tuple(remembered["averages"])})
-    return replace(found, ppo=ppo, conditions=Conditions())
+    return replace(result, ppo=ppo, conditions=Conditions())
 
 
 def _to_the_end(quick: TrainConfig) -> TrainConfig:

@@ -65,7 +65,7 @@ class Rollout:
         count = engine.num_envs
         width = engine.observation_width
         thrusters = len(engine.craft.commands)
-        given = network.architecture
+        architecture = network.architecture
         members = network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
         every = lambda *shape: new(n_steps, count, *shape)  # noqa: E731
@@ -74,8 +74,8 @@ class Rollout:
             every(thrusters),
             every(),
             every(),
-            every(given.memory) if given.memory else None,
-            every(given.privileged) if given.privileged else None,
+            every(architecture.memory) if architecture.memory else None,
+            every(architecture.privileged) if architecture.privileged else None,
             every(),
             every(),
             every(),

@@ -280,7 +280,7 @@ class Trainer:
         rate = self._rate_since(self._reported)
         due = self._is_report_due()
         # All processes must take the same decisions.
-        found = self.processes.any(
+        result = self.processes.any(
             *(
                 member.finds_solved(said["success"])
                 for member, said in zip(self.members, judged, strict=True)
@@ -297,7 +297,7 @@ class Trainer:
                 **self.failures.log[number],
                 **self._said[number],
             }
-            member.note(row, found[number] if due else None)
+            member.note(row, result[number] if due else None)
             if member.solved:
                 member.weights = self.learner.network.member(number)
             if self.processes.is_first:

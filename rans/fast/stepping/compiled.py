@@ -45,7 +45,10 @@ class GeneratedStep:
         program = trace(world, episode, np.float32)
         self._shape = program.shape
         self._given = [
-            *((given.symbol, given.source) for given in (*program.memory, *program.settings)),
+            *(
+                (parameter.symbol, parameter.source)
+                for parameter in (*program.memory, *program.settings)
+            ),
             *(
                 (Symbol.input(word, "int"), value)
                 for word, value in (
@@ -59,7 +62,7 @@ class GeneratedStep:
         self._count = len(episode.clock)
         self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._stores = list(_everywhere(program))
-        self._memory = [given.source for given in program.memory]
+        self._memory = [parameter.source for parameter in program.memory]
         compiled = CompiledProgram(
             [*(symbol for symbol, _ in self._given), stride, *self._commands],
             [store.value for store in self._stores],

@@ -50,7 +50,9 @@ class Kernel:
     ) -> None:
         self._program = trace(world, episode, dtype)
         self._observation = Observation.of(world, episode, dtype)
-        self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
+        self._inputs = [
+            parameter.source for parameter in (*self._program.memory, *self._program.settings)
+        ]
         self._seed = (draws.low, draws.high)
         self._members = members
         self._thrusters = len(world.craft.commands)
@@ -58,12 +60,12 @@ class Kernel:
         many = self._count >= MANY and self._count % 2 == 0
         self._together = 2 if many and self._program.operations < LONG else 1
         for (
-            given
+            parameter
         ) in self._program.settings:  # read as they lie in memory, so that nothing converts them
-            if (given.source.dtype, given.source.device) != (self._real, self._device):
+            if (parameter.source.dtype, parameter.source.device) != (self._real, self._device):
                 raise TypeError(
                     f"settings that move must be {self._real} on {self._device}, got "
-                    f"{given.source.dtype} on {given.source.device}."
+                    f"{parameter.source.dtype} on {parameter.source.device}."
                 )
         self._numbers = (
             self._count,
@@ -75,10 +77,10 @@ class Kernel:
         self._functions: dict[torch.dtype | None, Function] = {}
 
     @classmethod
-    def made(cls, *given: Any) -> Kernel | None:
+    def made(cls, *parameter: Any) -> Kernel | None:
         """A kernel that is compiled for reals already; None with a warning where there can be none."""
         try:
-            kernel = cls(*given)
+            kernel = cls(*parameter)
             kernel.function(kernel._real)
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
@@ -136,13 +138,13 @@ class Kernel:
 
     def observe(self) -> Tensor:
         """The current observation, (N, width), see `rans.fast.engine.Engine.observe`."""
-        given = self._observation
-        found = torch.empty(
-            (len(given.columns), self._count), dtype=self._real, device=self._device
+        parameter = self._observation
+        result = torch.empty(
+            (len(parameter.columns), self._count), dtype=self._real, device=self._device
         )
-        tensors = (*self._seed, found, *(each.source for each in given.inputs))
+        tensors = (*self._seed, result, *(each.source for each in parameter.inputs))
         self._launch(None, [tensor.data_ptr() for tensor in tensors], self._numbers[:-1], 1)
-        return found.T
+        return result.T
 
     def _blocks_ahead(self) -> int:
         """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
@@ -152,7 +154,7 @@ class Kernel:
         if self._device.type != "cuda":
             return 0
         bytes_read = self._thrusters + sum(
-            given.source.element_size() for given in self._program.memory
+            parameter.source.element_size() for parameter in self._program.memory
         )
         cache = torch.cuda.get_device_properties(self._device).L2_cache_size
         return cache // (12 * THREADS * self._together * bytes_read)

@@ -159,11 +159,11 @@ def least_fuel(
     """
     _check_steps(steps)
     began = time.monotonic()
-    found = bounder.least_fuel(problem, steps, effort)
+    result = bounder.least_fuel(problem, steps, effort)
     upper = math.inf
-    if found.commands is not None:
-        upper = fuel(bounder.craft, found.commands, bounder.period)
-    return _certificate(found, upper, began)
+    if result.commands is not None:
+        upper = fuel(bounder.craft, result.commands, bounder.period)
+    return _certificate(result, upper, began)
 
 
 def least_time(
@@ -178,9 +178,9 @@ def least_time(
     if bounder.contains(problem):
         return Certificate(lower=0.0, upper=0.0, commands=None, dual=0.0, nodes=0, seconds=0.0)
     began = time.monotonic()
-    found = bounder.least_time(problem, most_steps, effort)
-    upper = math.inf if found.commands is None else len(found.commands) * bounder.period
-    return _certificate(found, upper, began)
+    result = bounder.least_time(problem, most_steps, effort)
+    upper = math.inf if result.commands is None else len(result.commands) * bounder.period
+    return _certificate(result, upper, began)
 
 
 def bounder(
@@ -206,16 +206,16 @@ def bounder(
     return SpatialBounder(SpinLattice(craft, period))
 
 
-def _certificate(found: Found, upper: float, began: float) -> Certificate:
+def _certificate(result: Found, upper: float, began: float) -> Certificate:
     """Certificate of commands that need this much fuel or time; commands without any pulse are left out."""
-    commands = found.commands if upper > 0.0 else None
+    commands = result.commands if upper > 0.0 else None
     seconds = time.monotonic() - began
     return Certificate(
-        lower=found.lower,
+        lower=result.lower,
         upper=upper,
         commands=commands,
-        dual=found.dual,
-        nodes=found.nodes,
+        dual=result.dual,
+        nodes=result.nodes,
         seconds=seconds,
     )
 

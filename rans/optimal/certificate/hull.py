@@ -318,10 +318,10 @@ class _Dual:
         back = 2.0 * ahead / self._horizon * self._aimed[1, 0]
         first = np.concatenate([ahead - self._horizon * back, back])
         unit = np.repeat([1.0, 1.0 / self._horizon], len(way))
-        found = minimize(
+        result = minimize(
             lambda x: -self.value(x * unit),
             first / unit,
             method="Nelder-Mead",
             options={"maxfev": 2000, "fatol": 1e-5, "xatol": 1e-5},
         )
-        return max(self.value(first), -float(found.fun))
+        return max(self.value(first), -float(result.fun))

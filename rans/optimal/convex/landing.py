@@ -224,19 +224,19 @@ def landing(
     if count < 1:
         return None
     problem = _Problem(lander, descent, start, count, period, propellant)
-    found = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
-    if side == "bound" or found is None:
+    result = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
+    if side == "bound" or result is None:
         # The lower thrust bound's tangent is below it wherever it touches: one more makes it tight.
-        return found and (problem.solved(np.log(found.mass), side) or found)
+        return result and (problem.solved(np.log(result.mass), side) or result)
     for _ in range(_ROUNDS):
-        again = problem.solved(np.log(found.mass), side)
+        again = problem.solved(np.log(result.mass), side)
         if again is None:
             break
-        change = np.abs(np.log(again.mass / found.mass)).max()
-        found = again
+        change = np.abs(np.log(again.mass / result.mass)).max()
+        result = again
         if change < _SETTLED:
             break
-    return found
+    return result
 
 
 def best_landing(
@@ -290,8 +290,8 @@ def _least(
         if count not in known:
             time = count * period
             known[count] = landing(lander, descent, start, time, period, side, propellant)
-        found = known[count]
-        return math.inf if found is None else found.propellant
+        result = known[count]
+        return math.inf if result is None else result.propellant
 
     low = max(1, round(times[0] / period))
     high = max(low, round(times[1] / period))

@@ -208,17 +208,17 @@ def least_impulse(
     rows.arrive()
     watched: set[int] = set()
     while True:
-        found = rows.solve()
-        if found is None or reference is None or not limits:
-            return found
+        result = rows.solve()
+        if result is None or reference is None or not limits:
+            return result
         # Looks at which the limits are broken join those that are watched.
-        states = trajectory(meeting, start, found)
+        states = trajectory(meeting, start, result)
         broken = [
             k for k in range(1, check + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
         ]
         fresh = [k for k in broken if k not in watched]
         if not fresh:
-            return found
+            return result
         watched.update(fresh)
         for k in fresh:
             for limit in limits:
@@ -277,15 +277,15 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
         ],
         settings,
     )
-    found = solver.solve()
-    status = str(found.status)
+    result = solver.solve()
+    status = str(result.status)
     if status in ("DualInfeasible", "AlmostDualInfeasible"):
         return None
     if status not in ("Solved", "AlmostSolved"):
         raise SolverFailed(
             f"Clarabel ended with {status} for the bound of a meeting at {check * meeting.interval:g} s."
         )
-    return np.array(found.x)[: 2 * size]
+    return np.array(result.x)[: 2 * size]
 
 
 def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray) -> np.ndarray:
@@ -360,12 +360,12 @@ def rendezvous(
         # A flight at the best of the instants whose bound is sharp.
         known = min(sharp, key=lambda check: bounds[check])
         if known not in flights and bounds[known] < (1.0 - within) * cheapest:
-            found = least_impulse(meeting, start, known)
-            if found is None:
+            result = least_impulse(meeting, start, known)
+            if result is None:
                 bounds[known] = np.inf
                 continue
-            flights[known] = found
-            cheapest = min(cheapest, found.impulse)
+            flights[known] = result
+            cheapest = min(cheapest, result.impulse)
         weakest = int(np.argmin(bounds))
         if bounds[weakest] >= (1.0 - within) * cheapest or weakest in flights:
             break
@@ -376,9 +376,9 @@ def rendezvous(
     order = sorted(flights.values(), key=lambda one: one.impulse)
     kept: Transfer | None = None
     for begun in order[:3]:
-        found = within_limits(meeting, start, begun)
-        if found is not None and (kept is None or found.impulse < kept.impulse):
-            kept = found
+        result = within_limits(meeting, start, begun)
+        if result is not None and (kept is None or result.impulse < kept.impulse):
+            kept = result
         if kept is not None and kept.impulse < (1.0 + within) * order[0].impulse:
             break
     return Answer(lower, np.inf if kept is None else kept.impulse, kept, order[0])
@@ -389,19 +389,19 @@ def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Trans
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
-    found: Transfer | None = None
+    result: Transfer | None = None
     cost = np.inf
     for _ in range(_ROUNDS):
         trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
         if trial is None:
-            return found
+            return result
         states = trajectory(meeting, start, trial)
         if least_margin(meeting.limits, states) >= 0.0:
-            found = trial
+            result = trial
         if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
             break
         cost = trial.impulse
-    return found
+    return result
 
 
 def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
@@ -565,8 +565,8 @@ class _Rows:
             cones,
             settings,
         )
-        found = solver.solve()
-        status = str(found.status)
+        result = solver.solve()
+        status = str(result.status)
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             return None
         if status not in ("Solved", "AlmostSolved"):
@@ -575,19 +575,19 @@ class _Rows:
                 "usual cause is a meeting that is just out of reach."
             )
         size = len(self.meeting.place)
-        dual = np.array(found.z)[2 * count :]
+        dual = np.array(result.z)[2 * count :]
         # The arrival's two cones come first; their first rows are the radii.
         multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
         flat = np.zeros(len(self._used))
-        flat[self._used] = np.clip(np.array(found.x), 0.0, 1.0)
+        flat[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
         commands = flat.reshape(self.periods, -1)
         return Transfer(
             self.check,
             commands,
             float(price @ flat[self._used]),
             multiplier,
-            abs(found.obj_val - found.obj_val_dual),
-            max(found.r_prim, found.r_dual),
+            abs(result.obj_val - result.obj_val_dual),
+            max(result.r_prim, result.r_dual),
         )
 
 

@@ -48,14 +48,14 @@ def endpoint(given: Sequence[str], like: State) -> State:
             values[key] = math.nan
         if not math.isfinite(values[key]):
             raise ConfigError(f"{key} must be a finite number, got {text!r}.")
-    found = unflatten(motion, list(values.values()))
-    if "q.w" in values and not math.isclose(sum(x * x for x in leaves(found.attitude)), 1.0):
-        size = math.sqrt(sum(x * x for x in leaves(found.attitude)))
+    result = unflatten(motion, list(values.values()))
+    if "q.w" in values and not math.isclose(sum(x * x for x in leaves(result.attitude)), 1.0):
+        size = math.sqrt(sum(x * x for x in leaves(result.attitude)))
         if size == 0.0:
             raise ConfigError("the quaternion q.w, q.x, q.y, q.z must not be zero.")
-        attitude = unflatten(found.attitude, [x / size for x in leaves(found.attitude)])
-        found = replace(found, attitude=attitude)
-    return replace(found, notes=like.notes, stores=like.stores)
+        attitude = unflatten(result.attitude, [x / size for x in leaves(result.attitude)])
+        result = replace(result, attitude=attitude)
+    return replace(result, notes=like.notes, stores=like.stores)
 
 
 def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:

@@ -50,11 +50,11 @@ class PathLimits:
         Raises:
             ConfigError: a ball is for the other dimension.
         """
-        found: dict[str, Field] = {}
+        result: dict[str, Field] = {}
         if self.speed is not None:
-            found["speed"] = self.speed - state.v.norm()
+            result["speed"] = self.speed - state.v.norm()
         if self.spin is not None:
-            found["spin"] = self.spin - sqrt(sum(x * x for x in state.spin()))
+            result["spin"] = self.spin - sqrt(sum(x * x for x in state.spin()))
         where = state.p.columns()
         for number, (*centre, radius) in enumerate(self.keep_out):
             if len(centre) != len(where):
@@ -63,5 +63,5 @@ class PathLimits:
                     f"{len(centre)} coordinates."
                 )
             square = sum((x - c) * (x - c) for x, c in zip(where, centre, strict=True))
-            found[f"keep out {number}"] = sqrt(square) - radius
-        return found
+            result[f"keep out {number}"] = sqrt(square) - radius
+        return result

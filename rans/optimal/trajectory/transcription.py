@@ -183,13 +183,13 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
     )
 
 
-def _best(found: Sequence[Trajectory]) -> Trajectory:
+def _best(result: Sequence[Trajectory]) -> Trajectory:
     """The cheapest of those solved, with the iterations and the time of all."""
-    best = min(found, key=lambda one: (not one.solved, one.cost))
+    best = min(result, key=lambda one: (not one.solved, one.cost))
     return replace(
         best,
-        iterations=sum(one.iterations for one in found),
-        seconds=sum(one.seconds for one in found),
+        iterations=sum(one.iterations for one in result),
+        seconds=sum(one.seconds for one in result),
     )
 
 
@@ -324,7 +324,7 @@ class Transcription:
     def attempt(self, start: State, goal: State, number: int) -> Trajectory:
         """From one guess; what has corners is solved again with sharper ones, from the answer before."""
         problem = self._bounds_and_guess(start, goal, number)
-        found = []
+        results = []
         for corner in self._corners:
             begun = time.perf_counter()
             parameters = [*leaves(start), *leaves(goal), corner]
@@ -334,11 +334,11 @@ class Transcription:
             if one.solved:
                 optimality = Optimality.of(self._solver, problem, parameters, solution, self._rows)
                 one = replace(one, optimality=optimality)
-            found.append(one)
-            if not found[-1].solved:
+            results.append(one)
+            if not results[-1].solved:
                 break
             problem["x0"] = np.array(solution["x"]).ravel()
-        return _best(found)
+        return _best(results)
 
     def _trajectory(
         self, solution: dict[str, Any], start: State, goal: State, seconds: float

@@ -17,19 +17,19 @@ from rans.show.figures.panels import GREEN, RED, label
 
 @styled
 def faults_figure(
-    craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]
+    craft: Spacecraft, result: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]
 ) -> Figure:
     """A square for every pair of failed thrusters, on the diagonal for one: green if recoverable.
 
     Args:
         craft: the spacecraft.
-        found: sets by kind of fault and number of thrusters.
+        result: sets by kind of fault and number of thrusters.
     """
     count = len(craft.thrusters)
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     for axes, kind in zip(figure.subplots(1, 2), ("dead", "stuck-open"), strict=True):
         grid = np.full((count, count), np.nan)
-        for (of, _), sets in found.items():
+        for (of, _), sets in result.items():
             for one in sets if of == kind else ():
                 first = one.thrusters[0]
                 last = one.thrusters[-1]
@@ -41,7 +41,7 @@ def faults_figure(
         axes.grid(visible=False)
         axes.grid(which="minor", color="white", linewidth=1.5)
         axes.tick_params(which="minor", length=0)
-        singles, pairs = (found.get((kind, n), ()) for n in (1, 2))
+        singles, pairs = (result.get((kind, n), ()) for n in (1, 2))
         title = f"{kind}: {_share(singles)} single, {_share(pairs)} pairs recoverable"
         label(axes, title, "thruster", "thruster")
     figure.suptitle(

@@ -65,10 +65,10 @@ def front_figure(front: Front, curve: Sequence[Entry] = ()) -> Figure:
 
 def _draw_bounds(axes: Axes, front: Front) -> None:
     """Least time as a line, least impulse at each horizon as bars, and for the times of every position."""
-    found = front.front()
-    if not found:
+    result = front.front()
+    if not result:
         return
-    least = found[Event()]
+    least = result[Event()]
     starts = f"mean of {counted(len(front.starts()), 'start')}"
     axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
     axes.axvline(
@@ -78,7 +78,7 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
         label=f"certified least time to be at rest\nin the goal set, {starts}",
     )
     bars = np.array(
-        [(event.horizon, bound) for event, bound in found.items() if event.horizon is not None]
+        [(event.horizon, bound) for event, bound in result.items() if event.horizon is not None]
     )
     axes.plot(
         *bars[np.isfinite(bars).all(axis=1)].T,

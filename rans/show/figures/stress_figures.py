@@ -66,11 +66,11 @@ def named_figure(stress: Stress) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, found: Estimate, height: float, k: int, name: str) -> None:
+def _draw(axes: Axes, result: Estimate, height: float, k: int, name: str) -> None:
     colour, marker = series_style(k)
-    bars = [[found.value - found.low], [found.high - found.value]]
+    bars = [[result.value - result.low], [result.high - result.value]]
     axes.errorbar(
-        [found.value],
+        [result.value],
         [height],
         xerr=np.maximum(bars, 0.0),
         color=colour,

@@ -143,12 +143,12 @@ def panels(picture: str) -> list[str]:
     _name_spaces()
     root = ET.fromstring(picture)
     marked = [(group, _PANEL.fullmatch(group.get("id", ""))) for group in root.iter(f"{{{_SVG}}}g")]
-    found = [(group, match[1].split()) for group, match in marked if match]
-    if not 2 <= len(found) <= _MOST_PANELS:
+    results = [(group, match[1].split()) for group, match in marked if match]
+    if not 2 <= len(results) <= _MOST_PANELS:
         return [picture]
     shared = {one.get("id", ""): one for group in root.iter(f"{{{_SVG}}}defs") for one in group}
     style = root.find(f".//{{{_SVG}}}style")
-    return [_document(group, box, shared, style) for group, box in found]
+    return [_document(group, box, shared, style) for group, box in results]
 
 
 def _mark_panels(figure: Figure) -> None:

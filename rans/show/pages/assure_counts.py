@@ -12,35 +12,37 @@ from rans.show.pages.page import Table
 from rans.verdict import Failure
 
 
-def verdict(found: Mapping[str, Any]) -> str:
+def verdict(result: Mapping[str, Any]) -> str:
     """In one sentence."""
-    bound = found["bounds"]["any"]
-    below = found["about"]["below"]
+    bound = result["bounds"]["any"]
+    below = result["about"]["below"]
     known = (
         f"{bound['failures']:,} of {bound['flights']:,} flights failed: the probability of failure is "
         f"at most {bound['at most']:.3g}"
         + (f" and at least {bound['at least']:.3g}, each" if bound["failures"] else "")
-        + f" at {_sure(found)} confidence."
+        + f" at {_sure(result)} confidence."
     )
     if below is not None:
         known = {
             "below": f"Shown: the probability of failure is below {below:g}. ",
             "above": f"Refuted: the probability of failure is above {below:g}. ",
             "open": f"Not decided: whether the probability of failure is below {below:g}. ",
-        }[found["decision"]] + known
+        }[result["decision"]] + known
     return (
-        known if is_over(found) else f"Interrupted, to be gone on with by the same command. {known}"
+        known
+        if is_over(result)
+        else f"Interrupted, to be gone on with by the same command. {known}"
     )
 
 
-def is_over(found: Mapping[str, Any]) -> bool:
+def is_over(result: Mapping[str, Any]) -> bool:
     """Whether there is nothing left to fly."""
-    flown = found["bounds"]["any"]["flights"]
-    most = found["about"]["looks"][-1][0]
-    return found["decision"] != "open" or flown >= most
+    flown = result["bounds"]["any"]["flights"]
+    most = result["about"]["looks"][-1][0]
+    return result["decision"] != "open" or flown >= most
 
 
-def counts(found: Mapping[str, Any]) -> Table:
+def counts(result: Mapping[str, Any]) -> Table:
     """Failures of any kind and of each: how many flights, and bounds on the probability."""
     rows = [
         [
@@ -48,11 +50,11 @@ def counts(found: Mapping[str, Any]) -> Table:
             f"{bound['failures']:,}",
             *(f"{bound[key]:.3g}" for key in ("rate", "at least", "at most")),
         ]
-        for name, bound in found["bounds"].items()
+        for name, bound in result["bounds"].items()
     ]
-    sure = _sure(found)
+    sure = _sure(result)
     return Table(("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows)
 
 
-def _sure(found: Mapping[str, Any]) -> str:
-    return f"{100.0 * found['about']['confidence']:.6g} %"
+def _sure(result: Mapping[str, Any]) -> str:
+    return f"{100.0 * result['about']['confidence']:.6g} %"

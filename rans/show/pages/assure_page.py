@@ -28,8 +28,8 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
     campaign = assurance.campaign
     run = assurance.run
     described = run.conditions.description if run.conditions else "perfect"
-    found = assurance.to_json()
-    counted = Section("What failed", _TEXT, [counts(found)], findings=[*findings(assurance)])
+    result = assurance.to_json()
+    counted = Section("What failed", _TEXT, [counts(result)], findings=[*findings(assurance)])
     sections = [
         counted,
         _plan(assurance),
@@ -54,7 +54,7 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
                 "environment": assurance.environment,
             }
         ),
-        verdict(found),
+        verdict(result),
     )
 
 
@@ -158,14 +158,14 @@ def _again(assurance: Assurance) -> Iterator[Section]:
 
 def _rare(assurance: Assurance) -> Iterator[Section]:
     """By importance sampling."""
-    found = assurance.rare
+    result = assurance.rare
     counted = assurance.campaign.bound()
-    if found is None:
+    if result is None:
         return
     figures = (
         (None, None, None)
-        if found.interval is None
-        else (f"{x:.3g}" for x in (found.probability, *found.interval))
+        if result.interval is None
+        else (f"{x:.3g}" for x in (result.probability, *result.interval))
     )
     rows = [
         [
@@ -180,9 +180,9 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
         [
             "by importance sampling",
             *figures,
-            f"{found.events:,}",
-            f"{found.sample + found.learning:,}",
-            f"{found.gain:.3g}" if found.events else None,
+            f"{result.events:,}",
+            f"{result.sample + result.learning:,}",
+            f"{result.gain:.3g}" if result.events else None,
         ],
     ]
     yield Section(
@@ -198,17 +198,17 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
 
 
 def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
-    found = assurance.searched
-    if found is None:
+    result = assurance.searched
+    if result is None:
         return
-    breaking = found.breaking
+    breaking = result.breaking
     text = (
-        f"The cross-entropy method over starts and over {found.world}, all of whose ranges were shrunk "
-        f"towards a perfect world, or widened to at most {found.largest:.3g} times their size. "
-        f"{found.failed:,} of {found.flights:,} flights failed; {found.summary}."
+        f"The cross-entropy method over starts and over {result.world}, all of whose ranges were shrunk "
+        f"towards a perfect world, or widened to at most {result.largest:.3g} times their size. "
+        f"{result.failed:,} of {result.flights:,} flights failed; {result.summary}."
     )
     if breaking is None:
-        yield Section("Worst case", text, findings=[Finding(found.summary)])
+        yield Section("Worst case", text, findings=[Finding(result.summary)])
         return
     again = [
         f"{_JUDGES[judge]}: {kind.meaning if kind else 'does not fail'}"
@@ -226,7 +226,7 @@ def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
         text,
         [Table(("what", "it is"), rows)],
         pictures,
-        [Finding(found.summary)],
+        [Finding(result.summary)],
         link=link,
     )
 

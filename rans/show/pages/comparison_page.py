@@ -230,7 +230,7 @@ def _summary(comparison: Comparison) -> Section:
     headings = dict.fromkeys(key for row in board.values() for key in row)
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
     made = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
-    found = (
+    result = (
         [
             Table(("score", *board), rows, "Scores over all starts"),
             Table(("contestant", "knows", "tuning"), made, "What it took"),
@@ -238,7 +238,7 @@ def _summary(comparison: Comparison) -> Section:
         if rows
         else []
     )
-    return Section("Contestants", TEXT, found, findings=findings)
+    return Section("Contestants", TEXT, result, findings=findings)
 
 
 def _front(comparison: Comparison, front: Front) -> Section:

@@ -55,7 +55,7 @@ def race(
     planar = craft.dimension == 2
     largest = max(thruster.force for thruster in craft.thrusters)
     centre = np.array(craft.centre_of_mass)
-    found = [_start(label, tracks, craft) for label, tracks in starts]
+    results = [_start(label, tracks, craft) for label, tracks in starts]
     return Race(
         {
             "planar": planar,
@@ -67,7 +67,7 @@ def race(
                 }
                 for thruster in craft.thrusters
             ],
-            "starts": found,
+            "starts": results,
         },
         caption,
     )

@@ -101,8 +101,8 @@ def headline(measured: Metrics) -> tuple[str, list[Tile]]:
     return f"{hero}.", tiles
 
 
-def _measured(found: Any) -> list[Metrics]:
-    return [*_find_metrics(found)]
+def _measured(result: Any) -> list[Metrics]:
+    return [*_find_metrics(result)]
 
 
 def _read(file: Path, build: Callable[[Any], Any]) -> Any:
@@ -251,18 +251,18 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
     )
 
 
-def assurance_section(file: Path, found: Mapping[str, Any]) -> Section:
+def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     """What an assurance counted (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
-    wanted = found["about"]["below"] is not None
+    wanted = result["about"]["below"] is not None
     page = file.with_suffix(".html")
-    table = counts(found)
-    passed = found["decision"] == "below" if wanted and is_over(found) else None
-    failed = "{failures:,} of {flights:,}".format(**found["bounds"]["any"])
+    table = counts(result)
+    passed = result["decision"] == "below" if wanted and is_over(result) else None
+    failed = "{failures:,} of {flights:,}".format(**result["bounds"]["any"])
     return Section(
         _title(file),
-        f"Flown by {found['command']}.",
+        f"Flown by {result['command']}.",
         [table],
-        findings=[Finding(verdict(found), passed)],
+        findings=[Finding(verdict(result), passed)],
         summary=[
             ("flights that failed", failed),
             (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
@@ -312,12 +312,12 @@ def _kept_picture(file: Path, caption: str) -> Picture:
         ) from error
 
 
-def _find_metrics(found: Any) -> Iterator[Metrics]:
+def _find_metrics(result: Any) -> Iterator[Metrics]:
     """Every `Metrics` inside a JSON value, however nested."""
-    if isinstance(found, dict) and {"controller", "rows"} <= found.keys():
-        yield Metrics.from_json(found)
-    elif isinstance(found, dict | list):
-        for inner in found.values() if isinstance(found, dict) else found:
+    if isinstance(result, dict) and {"controller", "rows"} <= result.keys():
+        yield Metrics.from_json(result)
+    elif isinstance(result, dict | list):
+        for inner in result.values() if isinstance(result, dict) else result:
             yield from _find_metrics(inner)
 
 

@@ -150,8 +150,8 @@ class StressReport(NotebookRepr):
         """The worst episodes in each named scenario, and at the smallest size that was too much."""
         for level in self._telling():
             for spec, one in self.stress.contestants.items():
-                found = self.stress.outcomes.get((level.name, one.name))
-                for k in found.worst(self.worst) if found else ():
+                result = self.stress.outcomes.get((level.name, one.name))
+                for k in result.worst(self.worst) if result else ():
                     yield [
                         level.name,
                         one.name,
@@ -262,9 +262,9 @@ class StressReport(NotebookRepr):
         """In how many named scenarios each contestant holds what is wanted, in a sentence."""
         for name in self.stress.names:
             shares = [
-                found.share.value
+                result.share.value
                 for level in self.stress.named
-                if (found := self.stress.outcomes.get((level.name, name)))
+                if (result := self.stress.outcomes.get((level.name, name)))
             ]
             held = sum(share >= WANTED for share in shares)
             count = counted(len(shares), "named scenario")
@@ -286,8 +286,8 @@ class StressReport(NotebookRepr):
         return Section(group, "", [Table(("held, %", "size", *self.stress.names), rows)], pictures)
 
     def _shares(self, level: Level) -> list[str | None]:
-        found = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
-        return [one.share.scaled(100.0).text(".1f") if one else None for one in found]
+        result = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
+        return [one.share.scaled(100.0).text(".1f") if one else None for one in result]
 
     def _file(self, level: Level) -> bool:
         """Whether a scenario has no name, or file, by which `rans view` knows it."""
@@ -301,7 +301,8 @@ class StressReport(NotebookRepr):
                 level
                 for level in effect.levels()
                 for name in self.stress.names
-                if (found := self.stress.outcomes.get((level.name, name))) and not found.held.all()
+                if (result := self.stress.outcomes.get((level.name, name)))
+                and not result.held.all()
             )
             yield from [level for level in [next(lost, None)] if level]
 
@@ -329,21 +330,21 @@ class StressReport(NotebookRepr):
         }
 
     def _outcome(self, level: Level, spec: str, name: str) -> dict[str, Any]:
-        found = self.stress.outcomes[level.name, name]
+        result = self.stress.outcomes[level.name, name]
         errors = {
             f"{quantity}, {QUANTITIES[quantity].unit}": error
-            for quantity, error in found.errors.items()
+            for quantity, error in result.errors.items()
         }
         return {
-            "episodes": len(found.excess),
-            "held": asdict(found.share),
+            "episodes": len(result.excess),
+            "held": asdict(result.share),
             "worst": [
                 {
                     "episode": k,
                     "see": self.command(level, spec, k),
                     "errors": {what: float(error[k]) for what, error in errors.items()},
                 }
-                for k in found.worst(self.worst)
+                for k in result.worst(self.worst)
             ],
         }
 
@@ -374,8 +375,8 @@ def _reach(stress: Stress, effect: Effect, name: str) -> str:
 
 
 def _lead(stress: Stress, effect: Effect, other: str) -> str:
-    found = stress.break_even(effect, other)
+    result = stress.break_even(effect, other)
     first = stress.names[0]
-    if found is not None and found.size == effect.nominal:
-        return f"{first if found.after == 1 else other} from {effect.sizes[0]:g} {effect.unit} on"
-    return "-" if found is None else found.text(first, other, effect.unit)
+    if result is not None and result.size == effect.nominal:
+        return f"{first if result.after == 1 else other} from {effect.sizes[0]:g} {effect.unit} on"
+    return "-" if result is None else result.text(first, other, effect.unit)

@@ -151,8 +151,8 @@ class InteractiveFlight:
 
     def errors(self) -> dict[str, float]:
         """The task's errors now, SI units."""
-        found = self.world.task.errors(self.state, self.goal)
-        return {name: float(np.asarray(x).ravel()[0]) for name, x in found.items()}
+        result = self.world.task.errors(self.state, self.goal)
+        return {name: float(np.asarray(x).ravel()[0]) for name, x in result.items()}
 
     def place_goal(self, position: Sequence[float], heading: float | None = None) -> None:
         """Move the goal, m in W; in the plane also its heading, rad.

@@ -197,13 +197,13 @@ class Playground:
 
     def _clicked(self) -> list[str]:
         """Buttons pressed since the last time."""
-        found = []
+        results = []
         for name, before in self._clicks.items():
             now = self._meshcat.GetButtonClicks(name)
             if now > before:
-                found.append(name)
+                results.append(name)
             self._clicks[name] = now
-        return found
+        return results
 
     def _move_goal(self) -> None:
         """Where sliders were moved to, or a gamepad's stick pushes."""

@@ -30,41 +30,41 @@ RETURN = "return, % of relaxed optimum"
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     """What is compared start by start, by heading; arrival is named by what the task's goal set asks for."""
-    found: dict[str, Callable[[Entry], np.ndarray]] = {
+    result: dict[str, Callable[[Entry], np.ndarray]] = {
         "settling time, s": lambda entry: entry.settling
     }
     if asks_rest(task):
-        found["first at rest, s"] = lambda entry: entry.arrival
-        found["thrust-time until first at rest, N s"] = lambda entry: entry.arrival_thrust
-        found["at rest for good from, s"] = lambda entry: entry.staying
+        result["first at rest, s"] = lambda entry: entry.arrival
+        result["thrust-time until first at rest, N s"] = lambda entry: entry.arrival_thrust
+        result["at rest for good from, s"] = lambda entry: entry.staying
     else:
-        found["first within tolerances, s"] = lambda entry: entry.arrival
-        found["thrust-time until then, N s"] = lambda entry: entry.arrival_thrust
-    found["thrust-time of the episode, N s"] = lambda entry: entry.thrust
-    found["return"] = lambda entry: entry.returns
-    return found
+        result["first within tolerances, s"] = lambda entry: entry.arrival
+        result["thrust-time until then, N s"] = lambda entry: entry.arrival_thrust
+    result["thrust-time of the episode, N s"] = lambda entry: entry.thrust
+    result["return"] = lambda entry: entry.returns
+    return result
 
 
 def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
     """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
-    found = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
+    result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
     if asks_rest(entry.flight.task):
-        found["at rest for good, %"] = share(entry.stays).scaled(100.0)
+        result["at rest for good, %"] = share(entry.stays).scaled(100.0)
     for name, of in measures(entry.flight.task).items():
         if name not in ("thrust-time of the episode, N s", "return"):
-            found[name] = bootstrap.median(of(entry))
-    found["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
-    found["failed, %"] = share(entry.flight.failed()).scaled(100.0)
-    found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
+            result[name] = bootstrap.median(of(entry))
+    result["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
+    result["failed, %"] = share(entry.flight.failed()).scaled(100.0)
+    result["duty, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
         factor, unit = QUANTITIES[name].display
-        found[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
+        result[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
     if optimum is not None:
         known = np.isfinite(optimum)
         ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
-        found[RETURN] = ratio.scaled(100.0)
+        result[RETURN] = ratio.scaled(100.0)
     middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
-    return found | {"latency, ms": Estimate(*middle)}
+    return result | {"latency, ms": Estimate(*middle)}
 
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
@@ -110,9 +110,9 @@ def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     possible = np.isfinite(lower.values) & (lower.values > 0)
     starts = np.array(comparison.certified_starts())[possible]
     lower = lower[possible]
-    found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
+    result = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
     best = upper[possible].over(lower)
-    return found | ({"best found": best} if np.isfinite(best).any() else {})
+    return result | ({"best found": best} if np.isfinite(best).any() else {})
 
 
 def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
@@ -158,11 +158,11 @@ def _median(rows: list[Relaxed], key: str) -> float | None:
 def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
     """For `rans.files.write_json`."""
     board = scoreboard(comparison)
-    found = outcome(comparison, board)
+    result = outcome(comparison, board)
     return (
-        found
+        result
         if not comparison.entries
-        else found
+        else result
         | {
             "text": text,
             "engine": comparison.contest.engine,
@@ -177,8 +177,8 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                 "horizons": comparison.horizons(),
                 "events": {event.text: event._asdict() for event in comparison.events()},
                 "gaps": {
-                    question: {name: ratios.tolist() for name, ratios in found.items()}
-                    for question, found in gaps(comparison).items()
+                    question: {name: ratios.tolist() for name, ratios in result.items()}
+                    for question, result in gaps(comparison).items()
                 },
             },
             "front": front_tables.to_json(comparison.front) if comparison.front else None,

@@ -66,11 +66,11 @@ def sentences(front: Front) -> Iterator[str]:
                 yield f"{agent} {says} {told}."
     sets = {**front.lines(), "Everybody together": front.entries}
     for name, entries in sets.items():
-        if found := front.indicators(entries):
+        if result := front.indicators(entries):
             yield (
-                f"{name} against the whole certified front from {found.first:.3g} to {found.last:.3g} s: "
-                f"epsilon indicator {found.epsilon:.3g} (median), {100.0 * found.hypervolume:.3g} % of its "
-                f"hypervolume (mean), {counted(found.starts, 'start')}."
+                f"{name} against the whole certified front from {result.first:.3g} to {result.last:.3g} s: "
+                f"epsilon indicator {result.epsilon:.3g} (median), {100.0 * result.hypervolume:.3g} % of its "
+                f"hypervolume (mean), {counted(result.starts, 'start')}."
             )
 
 
@@ -111,7 +111,7 @@ def to_json(front: Front) -> dict[str, Any]:
             for agent, line in front.lines().items()
         },
         "indicators": {
-            name: found._asdict() if (found := front.indicators(entries)) else None
+            name: result._asdict() if (result := front.indicators(entries)) else None
             for name, entries in {**front.lines(), "everybody": front.entries}.items()
         },
         "said": [*sentences(front)],

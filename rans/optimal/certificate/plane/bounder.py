@@ -172,18 +172,20 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
         node = heapq.heappop(heap)
         outcome.nodes += 1
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
-        found = ascend(
+        result = ascend(
             relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15
         )
-        if found.best.value > level:
+        if result.best.value > level:
             continue
-        outcome.commands = _commands(relaxation, found, level, effort, seen)
+        outcome.commands = _commands(relaxation, result, level, effort, seen)
         if outcome.commands is not None:
             return outcome
-        parts = _parts(relaxation, relaxation.shrunk(found.best.costate, node.branch, level), found)
+        parts = _parts(
+            relaxation, relaxation.shrunk(result.best.costate, node.branch, level), result
+        )
         closed = closed and bool(parts)
         for part in parts:
-            heapq.heappush(heap, _node(relaxation, found, part, level, next(order)))
+            heapq.heappush(heap, _node(relaxation, result, part, level, next(order)))
     outcome.excluded = closed and not heap
     return outcome
 
@@ -197,35 +199,35 @@ def _node(
 
 
 def _commands(
-    relaxation: Relaxation, found: Ascent, level: float, effort: Effort, seen: set[bytes]
+    relaxation: Relaxation, result: Ascent, level: float, effort: Effort, seen: set[bytes]
 ) -> np.ndarray | None:
     """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
-    for index in np.argsort(-found.weights)[:2]:
-        path = found.cuts[index].path
+    for index in np.argsort(-result.weights)[:2]:
+        path = result.cuts[index].path
         commands = flown(relaxation, path, level)
         turns = relaxation.lattice.patterns.torque[path].tobytes()
         if commands is None and turns not in seen:
             seen.add(turns)
-            commands = nozzles(relaxation, path, found.best, level, effort.nozzle_seconds)
+            commands = nozzles(relaxation, path, result.best, level, effort.nozzle_seconds)
         if commands is not None:
             return commands
     return None
 
 
-def _parts(relaxation: Relaxation, branch: Branch, found: Ascent) -> list[Branch]:
+def _parts(relaxation: Relaxation, branch: Branch, result: Ascent) -> list[Branch]:
     """Two halves of a branch, so that the mixture of paths that solves its relaxation is in neither.
 
     Split by heading where the mixture's headings differ most, else by pattern where those do, else in
     the middle of the widest range of headings; none where one attitude is left and no mixture.
     """
-    weights = found.weights / max(found.weights.sum(), 1e-300)
-    headings = np.array([relaxation.heading_indices(cut.path) for cut in found.cuts])
+    weights = result.weights / max(result.weights.sum(), 1e-300)
+    headings = np.array([relaxation.heading_indices(cut.path) for cut in result.cuts])
     mean = weights @ headings
     spread = weights @ (headings - mean) ** 2
     k = int(spread.argmax())
     if spread[k] > 1e-6:
         return [branch.at_most(k, math.floor(mean[k])), branch.above(k, math.floor(mean[k]))]
-    paths = np.array([cut.path for cut in found.cuts])
+    paths = np.array([cut.path for cut in result.cuts])
     force = relaxation.lattice.patterns.force
     mean = weights @ force[paths]
     spread = weights @ np.abs(force[paths] - mean) ** 2

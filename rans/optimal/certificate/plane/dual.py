@@ -300,12 +300,12 @@ class Relaxation:
         )
         rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
         relative = _MERGED + rounding + self.lattice.drift(self.steps)
-        found = self.steps * stage * relative + 16.0 * _EPSILON * float(
+        result = self.steps * stage * relative + 16.0 * _EPSILON * float(
             np.abs(costate) @ np.abs(self.miss)
         )
-        if not found < _HUGE:
+        if not result < _HUGE:
             raise NonFiniteState(
                 "a bound of fuel or time would overflow; the usual cause is a start, goal "
                 "or spacecraft with far too large numbers."
             )
-        return found
+        return result

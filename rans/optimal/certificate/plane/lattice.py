@@ -98,15 +98,15 @@ class Lattice:
         check_finite(start, goal)
         exact = (goal.w - start.w) / self.spin
         reach = goal_set.spin / self.spin + 1e-9
-        found = set(range(math.ceil(exact - reach), math.floor(exact + reach) + 1))
-        if not found:
+        result = set(range(math.ceil(exact - reach), math.floor(exact + reach) + 1))
+        if not result:
             nearest = abs(round(exact) - exact) * self.spin
             raise ConfigError(
                 f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: "
                 f"the nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, "
                 f"{goal_set.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins."
             )
-        return found
+        return result
 
     def drift(self, steps: int) -> float:
         """Heading by which torques that are not exact multiples may leave the lattice, rad."""
@@ -203,25 +203,25 @@ def _patterns(
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
     tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
     count = len(craft.thrusters)
-    found = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
+    result = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
     for index, (thruster, (x, y, _)) in enumerate(
         zip(craft.thrusters, craft.wrench_map, strict=True)
     ):
-        shut = [] if index in dead else list(found.values())
+        shut = [] if index in dead else list(result.values())
         if index in stuck:
-            found = {}
+            result = {}
         for torque, force, thrust, open_ in shut:
             torque = torque + int(multiples[index])
             force = force + complex(x, y)
             thrust = thrust + thruster.force
             key = (torque, round(force.real / tiny), round(force.imag / tiny))
-            if key not in found or thrust < found[key][2] - tiny:
-                found[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1 :]))
-        if len(found) > _MOST_PATTERNS:
+            if key not in result or thrust < result[key][2] - tiny:
+                result[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1 :]))
+        if len(result) > _MOST_PATTERNS:
             raise ConfigError(
                 f"spacecraft {craft.name!r}: its {count} thrusters have more than "
                 f"{_MOST_PATTERNS} different on/off patterns, too many to search."
             )
-    ordered = sorted(found.values(), key=lambda pattern: (pattern[0], pattern[2]))
+    ordered = sorted(result.values(), key=lambda pattern: (pattern[0], pattern[2]))
     torque, force, thrust, commands = zip(*ordered, strict=True)
     return Patterns(np.array(torque), np.array(force), np.array(thrust), np.array(commands))

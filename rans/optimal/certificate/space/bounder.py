@@ -78,8 +78,8 @@ class SpatialBounder:
         # Commands.
         wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
         pair = 2 if lattice.settled(relaxation.last) else 1
-        found = _fewer(wanted, steps, _pulses(lattice, lower), pair)
-        return Found(lower, found, dual, nodes)
+        result = _fewer(wanted, steps, _pulses(lattice, lower), pair)
+        return Found(lower, result, dual, nodes)
 
     def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
@@ -110,14 +110,14 @@ def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | No
     shares = [one.shares for one in best] or [np.ones((steps, len(wanted.wrenches)))]
     first = max(least, _pulses(wanted.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
     pulses = least + pair * math.ceil((first - least) / pair) + pair
-    found = None
+    result = None
     while pulses >= least:
         better = with_pulses(wanted, steps, pulses, shares)
-        if better is None and (found is not None or pulses >= 3 * least + 4 * pair):
+        if better is None and (result is not None or pulses >= 3 * least + 4 * pair):
             break
-        found = better
-        pulses += pair * max(1, math.ceil(0.25 * least / pair)) if found is None else -pair
-    return found
+        result = better
+        pulses += pair * max(1, math.ceil(0.25 * least / pair)) if result is None else -pair
+    return result
 
 
 def _pulses(lattice: SpinLattice, lower: float) -> int:
@@ -142,9 +142,9 @@ def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
             for share in _INNER
         )
         shares = [one.shares for one in next(filter(None, tries), [])]
-        found = in_time(wanted, shares) if shares else None
-        if found is not None:
-            return found
+        result = in_time(wanted, shares) if shares else None
+        if result is not None:
+            return result
     return None
 
 
@@ -175,10 +175,10 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
         size, slope = (1.0, x[0]) if relaxation.fuel == 0.0 else x
         if relaxation.fuel == 0.0 and best > 0.0:
             return 0.0
-        found = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
-        best = max(best, found)
+        result = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
+        best = max(best, result)
         count = count + 1
-        return -found
+        return -result
 
     simplex = np.array(first) + np.vstack([np.zeros(len(first)), 0.08 * np.eye(len(first))])
     minimize(

@@ -161,11 +161,11 @@ class HalfTrajectories:
             self._best[end, pulses, lean] = most
         return self._best[end, pulses, lean]
 
-    def _gained(self, found: np.ndarray, end: _End, lean: float) -> float:
+    def _gained(self, result: np.ndarray, end: _End, lean: float) -> float:
         from rans.optimal.certificate.space.halves_kernel import gained
 
         how = (0.5 * self._time, end.ahead, self._time, end.tilt, end.sign * lean)
-        return max(gained(one, *how) for one in found)
+        return max(gained(one, *how) for one in result)
 
     def _all(self, end: _End, pulses: int, lean: float, least: float) -> np.ndarray | None:
         """(n, 13) states in the middle of all halves that gain so much; None if they are too many."""

@@ -47,7 +47,7 @@ def followed(
     rule: np.ndarray,
     pulse: float,
     least: float,
-    found: np.ndarray,
+    result: np.ndarray,
     found_periods: np.ndarray,
     found_left: np.ndarray,
 ) -> int:
@@ -68,7 +68,7 @@ def followed(
         rule: (2, nodes) places and weights on (0, 1).
         pulse: speed gained by a pulse, m/s.
         least: what must be gained in the end, m/s.
-        found: (room, 13), written; who has no pulses left is flown to the end of the half.
+        result: (room, 13), written; who has no pulses left is flown to the end of the half.
         found_periods: (room,), written.
         found_left: (room,), written.
     """
@@ -111,13 +111,13 @@ def followed(
                     < least
                 ):
                     continue
-                if count == len(found):
+                if count == len(result):
                     return -1
-                found[count] = new
+                result[count] = new
                 found_periods[count] = k + 1
                 found_left[count] = rest
                 if rest == 0 and k + 1 < half:
-                    step(new, found[count], nothing, (half - k - 1) * h, rule)
+                    step(new, result[count], nothing, (half - k - 1) * h, rule)
                 count += 1
             step(now, new, nothing, h, rule)
             now[:] = new

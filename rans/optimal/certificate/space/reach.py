@@ -117,19 +117,19 @@ class SpinLattice:
     @cached_property
     def moves(self) -> np.ndarray:
         """(M, 3) from state, to state, kind: states are m = 0, 1 .. and, last, all that are faster."""
-        found = []
+        results = []
         slow = range(_SLOW + 1)
         for kind, p in enumerate(self.kinds.tolist()):
-            found += [
+            results += [
                 (m, n, kind)
                 for m in slow
                 for n in slow
                 if (n - m - p) % 2 == 0 and (n - m - p) ** 2 <= 4 * m * p
             ]
             near = [m for m in slow if math.sqrt(m) + math.sqrt(p) > math.sqrt(_SLOW) - 1e-9]
-            found += [(m, _SLOW + 1, kind) for m in near] + [(_SLOW + 1, m, kind) for m in near]
-            found.append((_SLOW + 1, _SLOW + 1, kind))
-        return np.array(found)
+            results += [(m, _SLOW + 1, kind) for m in near] + [(_SLOW + 1, m, kind) for m in near]
+            results.append((_SLOW + 1, _SLOW + 1, kind))
+        return np.array(results)
 
 
 class ReachRelaxation:

@@ -57,7 +57,7 @@ def throttled(
     )
     objective = MinimumFuel(steps * lattice.period, lattice.period, "set")
     problem = Transcription(lattice.craft, task, objective)
-    found = [problem.attempt(start, goal, number) for number in range(_GUESSES)]
+    results = [problem.attempt(start, goal, number) for number in range(_GUESSES)]
     return sorted(
-        (Shares(one.cost, one.commands) for one in found if one.solved), key=lambda one: one.fuel
+        (Shares(one.cost, one.commands) for one in results if one.solved), key=lambda one: one.fuel
     )
