@@ -2,36 +2,42 @@
 
 The protocol is that of snt-spacer/RAFT (2026): k = 0 to 4 of eight thrusters fail, each degraded to a share
 U(0, 1), dead, or stuck open by a share U(0.1, 1), with odds 0.33, 0.33 and 0.34; from the start on or after step
-100; a flight succeeds if it stays within 5 cm of its goal's position for 50 consecutive steps at 10 Hz. Its figures
-are published as pictures only. Here episodes are split by what is possible: a set of faults is recoverable if what
-is left of the thrusters, and the wheel, can hold the craft still and push and turn it every way from there.
+100; a flight succeeds if it stays within 5 cm of its goal's position for 50 consecutive steps at 10 Hz. The
+platform shares one newton among its open thrusters, and may have a reaction wheel. RAFT's figures are published as
+pictures only. Here episodes are split by what is possible (`possible`).
 
-Contestants fly the platform and the rate that they are made for; the dwell is 5 s for all. Those that go to a pose
-hold its heading too, which is not judged.
-
-``python -m benchmarks.raft --output raft.json`` flies them all, as RAFT 512 episodes of each cell and seed, and
-prints the table; ``--quick`` flies 32.
+``rans train benchmarks/raft_recipes/filters.toml --output runs/raft/filters`` trains a contestant, and so do the
+other recipes; agents whose name ends in -wheel need ``--spacecraft roboran-platform`` too. Then
+``python -m benchmarks.raft`` flies all, 512 episodes of each cell and of ten seeds, and writes
+docs/validation/raft.json and the tables of docs/raft.md; ``--quick`` flies 32 and writes nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from benchmarks.raft_oracle import Oracle, balanced_reach, effects
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
-from rans.files import write_json
-from rans.flight import Flight, fly
+from rans.evaluation.measure.statistics import share
+from rans.files import environment, read_json, write_json
+from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft, wrenches_either_way
-from rans.scenario import scenarios
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import Scenario, scenarios
+from rans.tasks import GoToPosition
 from rans.terminal import Terminal, table
+from validation.markdown import Table
 
+COMMAND = "python -m benchmarks.raft"
 MODES = ("degraded", "dead", "stuck")
 ODDS = (0.33, 0.33, 0.34)
 TOLERANCE = 0.05
@@ -40,23 +46,47 @@ DWELL = 5.0
 """s for which it is held: 50 steps at 10 Hz."""
 INJECTED = 10.0
 """s after which faults begin that come in flight: 100 steps at 10 Hz."""
-SECONDS = 40.0
-"""s of a flight."""
-SEEDS = (42, 1337, 7)
-"""Seeds of starts and faults that RAFT reports."""
-CONTESTANTS = {
-    "plain PPO, shared supply": "pretrained:go-to-position-2d-shared",
-    "plain PPO, shared supply and wheel": "pretrained:go-to-pose-2d-roboran-platform",
-    "plain PPO": "pretrained:go-to-pose-2d",
-    "history": "pretrained:go-to-pose-2d-faults",
-    "filters": "pretrained:go-to-pose-2d-robust",
-    "LQR": "lqr:go-to-pose-2d@floating-platform",
-    "switching": "switching:go-to-pose-2d@floating-platform",
-}
-"""Who flies, by what tables call it."""
+TIMING = Timing(control_period=0.1, substeps=1, episode_steps=400)
+"""10 Hz, 40 s."""
+TASK = GoToPosition().for_evaluation()
+"""From 3 to 4 m away, at rest; an episode fails 8 m away from its goal."""
+SEEDS = (42, 1337, 7, 101, 102, 103, 104, 105, 106, 107)
+"""Of starts and faults: those that RAFT reports, and seven others."""
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Shares to which two thrusters are degraded in a sweep."""
+PLATFORM = "floating-platform-shared"
+WHEELED = "roboran-platform"
 _MARGIN = 1e-6
+_BATCH = 2560
+"""Flights side by side, which fit into a few gigabytes."""
+
+Class = Literal["still", "spinning", "neither"]
+
+
+class Contestant(NamedTuple):
+    """Who flies."""
+
+    name: str
+    """By which tables call it."""
+    spacecraft: str
+    """What it flies."""
+    spec: str
+    """Folder of a trained agent below `Raft.agents`, name of a controller, or "oracle..."."""
+
+
+CONTESTANTS = (
+    Contestant("PPO, no memory", PLATFORM, "plain"),
+    Contestant("PPO, history", PLATFORM, "history"),
+    Contestant("PPO, history and filters", PLATFORM, "both"),
+    Contestant("PPO, filters", PLATFORM, "filters"),
+    Contestant("oracle", PLATFORM, "oracle"),
+    Contestant("LQR", PLATFORM, "lqr"),
+    Contestant("switching", PLATFORM, "switching"),
+    Contestant("PPO, no memory", WHEELED, "plain-wheel"),
+    Contestant("PPO, recurrent", WHEELED, "recurrent-wheel"),
+    Contestant("PPO, history", WHEELED, "history-wheel"),
+    Contestant("oracle", WHEELED, "oracle-wheel"),
+)
 
 
 @dataclass(frozen=True)
@@ -127,6 +157,26 @@ def recoverable(craft: Spacecraft, faults: Faults) -> np.ndarray:
     return found
 
 
+def possible(craft: Spacecraft, faults: Faults) -> np.ndarray:
+    """(N,) what the craft can still do, a `Class`.
+
+    "still": it can push and turn every way from rest, see `recoverable`. "spinning": it cannot, but it can be
+    turned either way, and pushed differently while its spin stays as it is. A steady force that spins with the
+    body is zero on average, so that such a craft can hold a position, and no heading. "neither": the rest.
+    """
+    wheel = abs(craft.wheel_map[0][0]) / craft.inertia[2][2] if craft.wheels else 0.0
+    still = recoverable(craft, faults)
+    found = np.where(still, "still", "neither").astype("U8")
+    for row in np.flatnonzero(~still):
+        effect = effects(craft, faults.gain[[row]], faults.leak[[row]])[0]
+        turns = effect[:, 2].min() - wheel < -_MARGIN and effect[:, 2].max() + wheel > _MARGIN
+        reach = balanced_reach(effect, wheel)
+        width = reach + np.roll(reach, len(reach) // 2)
+        if turns and width.max() > _MARGIN:
+            found[row] = "spinning"
+    return found
+
+
 def succeeded(distance: np.ndarray, period: float) -> np.ndarray:
     """(N,) whether distances (T, N), m, seen once a period (s), stay within the tolerance for the dwell."""
     needed = round(DWELL / period)
@@ -139,28 +189,124 @@ def succeeded(distance: np.ndarray, period: float) -> np.ndarray:
     return longest >= needed
 
 
-def flown(spec: str, faults: Faults, seed: int, after: float) -> tuple[Flight, float]:
-    """Flights with these faults from a time on, s, and their control period."""
-    run = contestant(spec)
-    timing = replace(run.timing, episode_steps=round(SECONDS / run.timing.control_period))
-    task = run.task.for_evaluation()
-    body = Body.of(run.craft)
+def flown(
+    craft: Spacecraft, controller: Controller, starts: Scenario, faults: Faults, after: float
+) -> Flight:
+    """Flights from these starts with these faults from a time on, s."""
+    body = Body.of(craft)
     broken = replace(body, gain=tuple(faults.gain.T), leak=tuple(faults.leak.T))
-    starts = scenarios(task, run.craft, seed, len(faults.gain))
     if after == 0.0:
-        return fly(
-            run.craft, task, run.controller, starts, timing, body=broken
-        ), timing.control_period
-    world = World(Setup(run.craft, task, timing))
-    begins = round(after / timing.control_period)
-    steps = iter(range(timing.episode_steps))
+        return fly(craft, TASK, controller, starts, TIMING, body=broken)
+    world = World(Setup(craft, TASK, TIMING))
+    begins = round(after / TIMING.control_period)
+    steps = iter(range(TIMING.episode_steps))
 
     def move(state: Any, inputs: Any) -> tuple[Any, ...]:
         now = broken if next(steps) >= begins else body
         return world.move(state, replace(inputs, body=now))
 
-    found = fly(run.craft, task, run.controller, starts, timing, move=move)
-    return found, timing.control_period
+    return fly(craft, TASK, controller, starts, TIMING, move=move)
+
+
+def ready(who: Contestant, agents: Path, faults: Faults, after: float) -> Controller:
+    """The contestant, to fly craft with these faults from a time on, s.
+
+    Raises:
+        ConfigError: an agent has not been trained.
+    """
+    craft = load_spacecraft(who.spacecraft)
+    if who.spec.startswith("oracle"):
+        begins = round(after / TIMING.control_period)
+        return Oracle(craft, faults.gain, faults.leak, begins)
+    if who.spec in ("lqr", "switching", "mpc"):
+        setup = Setup(craft, TASK, TIMING)
+        return contestant(who.spec, default_setup=setup).controller
+    folder = agents / who.spec
+    if not folder.exists():
+        raise ConfigError(
+            f"there is no agent {folder}: train it with rans train benchmarks/raft_recipes/"
+            f"{who.spec.removesuffix('-wheel')}.toml --spacecraft {who.spacecraft} --output {folder}."
+        )
+    return contestant(str(folder)).controller
+
+
+class Cell(NamedTuple):
+    """A column of the table."""
+
+    name: str
+    seeds: tuple[int, ...]
+    faults: tuple[Faults, ...]
+    """Of each seed."""
+    after: float
+    """s after which the faults begin."""
+
+
+def cells(episodes: int, seeds: tuple[int, ...]) -> list[Cell]:
+    """Every number of failed thrusters from the start on and in flight, and a sweep of two weak thrusters."""
+    found = []
+    for failed in range(5):
+        draws = tuple(
+            drawn(episodes, 8, failed, np.random.default_rng([seed, failed])) for seed in seeds
+        )
+        found.append(Cell(f"{failed} start", seeds, draws, 0.0))
+        if failed:
+            found.append(Cell(f"{failed} flight", seeds, draws, INJECTED))
+    first = seeds[:1]
+    for left in SEVERITIES:
+        draws = tuple(
+            degraded(episodes, 8, 2, left, np.random.default_rng([seed, 9])) for seed in first
+        )
+        found.append(Cell(f"2 at {left:g}", first, draws, 0.0))
+    return found
+
+
+def _classes(craft: Spacecraft, every: list[Cell]) -> dict[str, np.ndarray]:
+    """What is possible in all episodes of every cell; the same faults at another time are as possible."""
+    known: dict[int, np.ndarray] = {}
+    for cell in every:
+        for one in cell.faults:
+            if id(one) not in known:
+                known[id(one)] = possible(craft, one)
+    return {cell.name: np.concatenate([known[id(one)] for one in cell.faults]) for cell in every}
+
+
+def counts(who: Contestant, agents: Path, cell: Cell, able: np.ndarray) -> dict[Class, list[int]]:
+    """Of each class: episodes held, those of the others that stayed within 8 m of their goal, and all."""
+    craft = load_spacecraft(who.spacecraft)
+    faults = Faults(
+        *(np.concatenate([getattr(one, x) for one in cell.faults]) for x in ("gain", "leak"))
+    )
+    parts = [
+        scenarios(TASK, craft, seed, len(one.gain))
+        for seed, one in zip(cell.seeds, cell.faults, strict=True)
+    ]
+    starts = map_leaves(
+        lambda *columns: np.concatenate(
+            [np.broadcast_to(x, len(cell.faults[0].gain)) for x in columns]
+        ),
+        *parts,
+    )
+    begins = round(cell.after / TIMING.control_period)
+    held = np.zeros(len(able), dtype=bool)
+    near = held.copy()
+    for first in range(0, len(able), _BATCH):
+        rows = slice(first, first + _BATCH)
+        some = Faults(faults.gain[rows], faults.leak[rows])
+        controller = ready(who, agents, some, cell.after)
+        count = len(some.gain)
+        begin = map_leaves(
+            lambda x, rows=rows, count=count: np.broadcast_to(x[rows], count), starts
+        )
+        flight = flown(craft, controller, begin, some, cell.after)
+        distance = np.asarray(flight.errors()["position"])
+        held[rows] = succeeded(distance[begins:], TIMING.control_period)
+        near[rows] = ~(np.nan_to_num(distance, nan=np.inf).max(axis=0) > TASK.fail_distance)
+    return {
+        one: [
+            int(x.sum()) for x in (held & (able == one), ~held & near & (able == one), able == one)
+        ]
+        for one in get_args(Class)
+    }
 
 
 @dataclass(frozen=True)
@@ -168,97 +314,86 @@ class Raft:
     """Fly RAFT's protocol."""
 
     episodes: int = 512
-    """Episodes flown for each number of failed thrusters and each seed."""
-    seeds: tuple[int, ...] = SEEDS[:1]
+    """Episodes flown for each cell and seed."""
+    seeds: tuple[int, ...] = SEEDS
     """Seeds from which starts and faults are drawn."""
+    agents: Path = Path("runs/raft")
+    """Folder of the run folders of trained agents."""
     only: tuple[str, ...] = ()
-    """Names of the contestants to fly, keys of `CONTESTANTS`; by default all."""
+    """What contestants fly, see `Contestant.spec`; by default all. Others keep their figures."""
     quick: bool = False
-    """32 episodes a cell."""
-    output: Path | None = None
-    """Write the counts here, as JSON."""
+    """32 episodes of one seed, and nothing is written."""
+    docs: Path = Path("docs")
+    """Where the table goes."""
 
     def run(self) -> int:
-        """Fly, print the table, and write the counts if asked for."""
-        episodes = 32 if self.quick else self.episodes
-        found = {"episodes": episodes, "seeds": list(self.seeds), "cells": {}}
+        """Fly, and write counts and tables."""
+        file = self.docs / _FILE
+        found: dict[str, Any] = {"episodes": self.episodes, "seeds": list(self.seeds), "rows": {}}
+        if file.exists() and not self.quick:
+            found["rows"] = read_json(file)["rows"]
         console = Terminal()
-        for name in self.only or CONTESTANTS:
-            if name not in CONTESTANTS:
-                raise ConfigError(f"contestants are {', '.join(CONTESTANTS)}, got {name!r}.")
-            spec = CONTESTANTS[name]
-            found["cells"][name] = {cell: counts for cell, counts in self._cells(spec, episodes)}
-            console.say(f"{name}: flown")
-        console.print(table("RAFT's protocol: held, %", _HEADINGS, _rows(found)))
-        if self.output is not None:
-            write_json(self.output, found)
+        episodes = 32 if self.quick else self.episodes
+        every = cells(episodes, self.seeds[:1] if self.quick else self.seeds)
+        flying = [who for who in CONTESTANTS if not self.only or who.spec in self.only]
+        classes = {
+            spacecraft: _classes(load_spacecraft(spacecraft), every)
+            for spacecraft in {who.spacecraft for who in flying}
+        }
+        for who in flying:
+            found["rows"][f"{who.spacecraft}: {who.name}"] = {
+                cell.name: counts(who, self.agents, cell, classes[who.spacecraft][cell.name])
+                for cell in every
+            }
+            console.say(f"{who.spacecraft}, {who.name}: flown")
+            if not self.quick:
+                write_json(file, {"environment": environment(), **found})
+        for spacecraft in (PLATFORM, WHEELED):
+            console.print(
+                table(f"RAFT's protocol: held, %, {spacecraft}", _HEADINGS, rows(found, spacecraft))
+            )
+        if not self.quick:
+            for spacecraft in (PLATFORM, WHEELED):
+                command = f"{COMMAND}, {spacecraft}"
+                Table("raft.md", command, _HEADINGS, rows(found, spacecraft), "").write(self.docs)
         return 0
 
-    def _cells(self, spec: str, episodes: int) -> Iterator[tuple[str, list[int]]]:
-        """Counts of flights of one contestant, for every cell of the table.
 
-        A cell has four numbers: recoverable flights that held, recoverable flights, other flights that held, and
-        other flights.
-        """
-        craft = contestant(spec).craft
-        count = len(craft.thrusters)
-        for failed in range(5):
-            for moment, after in (("start", 0.0), ("flight", INJECTED)):
-                if failed == 0 and after > 0.0:
-                    continue
-                draws = [
-                    (seed, drawn(episodes, count, failed, np.random.default_rng([seed, failed])))
-                    for seed in self.seeds
-                ]
-                yield f"{failed} {moment}", _counts(spec, craft, draws, after)
-        for left in SEVERITIES:
-            draws = [
-                (seed, degraded(episodes, count, 2, left, np.random.default_rng([seed, 9])))
-                for seed in self.seeds
-            ]
-            yield f"2 at {left:g}", _counts(spec, craft, draws, 0.0)
-
-
-def _counts(
-    spec: str, craft: Spacecraft, draws: Sequence[tuple[int, Faults]], after: float
-) -> list[int]:
-    total = np.zeros(4, dtype=int)
-    for seed, faults in draws:
-        flight, period = flown(spec, faults, seed, after)
-        begins = round(after / period)
-        held = succeeded(np.asarray(flight.errors()["position"])[begins:], period)
-        able = recoverable(craft, faults)
-        total += [(held & able).sum(), able.sum(), (held & ~able).sum(), (~able).sum()]
-    return [int(x) for x in total]
-
-
-_FAILED = [
+_FILE = "validation/raft.json"
+_CELLS = [
     f"{k} {moment}" for k in range(5) for moment in ("start", "flight") if k or moment == "start"
 ]
 _HEADINGS = (
     "contestant",
-    *(
-        "none"
-        if cell == "0 start"
-        else cell.replace(" ", ", from the ", 1)
-        if cell.endswith("start")
-        else cell.replace(" flight", ", in flight")
-        for cell in _FAILED
-    ),
+    "none",
+    *(name.replace(" start", ", start").replace(" flight", ", flight") for name in _CELLS[1:]),
     *(f"2 at {left:g}" for left in SEVERITIES),
+    "recoverable",
+    "others held",
+    "others near",
 )
 
 
-def _rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Share of recoverable episodes that hold, and in brackets of the others."""
-    rows = []
-    for name, cells in found["cells"].items():
-        texts = []
-        for held, able, lucky, unable in cells.values():
-            text = "–" if able == 0 else f"{100.0 * held / able:.1f}"  # noqa: RUF001
-            texts.append(text + (f" ({100.0 * lucky / unable:.0f})" if unable else ""))
-        rows.append((name, *texts))
-    return rows
+def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:
+    """Share of recoverable episodes that are held, by cell and of all; of the others those held, and those near."""
+    result = []
+    for name, by_cell in found["rows"].items():
+        flies, _, who = name.partition(": ")
+        if flies != spacecraft:
+            continue
+        texts = [_share(*by_cell[cell]["still"][::2]) for cell in by_cell]
+        failed = [by_cell[cell] for cell in _CELLS]
+        total = np.sum([cell["still"] for cell in failed], axis=0)
+        others = np.sum([np.add(cell["spinning"], cell["neither"]) for cell in failed], axis=0)
+        low = share(np.arange(total[2]) < total[0]).low
+        all_of_them = f"{_share(total[0], total[2])} (≥ {100.0 * low:.2f})"
+        near = _share(others[0] + others[1], others[2])
+        result.append((who, *texts, all_of_them, _share(others[0], others[2]), near))
+    return result
+
+
+def _share(part: int, whole: int) -> str:
+    return "–" if whole == 0 else f"{100.0 * part / whole:.1f}"  # noqa: RUF001
 
 
 def main(arguments: list[str] | None = None) -> int:

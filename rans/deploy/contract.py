@@ -356,6 +356,7 @@ def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
         "position": place,
         "direction": list(thruster.direction),
         "force": thruster.force,
+        "supply": thruster.supply,
     }
 
 

@@ -40,7 +40,7 @@ class Body:
     leak: tuple[Field, ...] = ()
     """Share of full force that is always given, one per thruster; empty: each is 0."""
     droop: Field | None = None
-    """Droop of the shared supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
+    """Droop of each supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:

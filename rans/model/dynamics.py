@@ -122,7 +122,8 @@ def thrust(
         command: commands from 0 (shut) to 1 (open); commands of other effectors may follow and are ignored.
         body: gains and leaks of the thrusters; None: every thruster follows its command.
 
-    A supply that the craft shares (``thrust_sharing``) is divided among the thrusters that are in fact open.
+    A supply that droops (``thrust_sharing`` of the craft, ``droop`` of the body) is divided among those of its
+    thrusters that are in fact open.
     """
     if len(craft.commands) > len(craft.thrusters):
         command = command[: len(craft.thrusters)]
@@ -138,9 +139,14 @@ def thrust(
     droop = craft.droop if body is None or body.droop is None else body.droop
     if _is(droop, 0.0):
         return tuple(command)
-    opened = at_least(sum(command[1:], start=command[0]), 1.0)
-    share = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
-    return tuple(c * share for c in command)
+    shares = list(command)
+    for members in craft.supplies:
+        first, *others = (command[i] for i in members)
+        opened = at_least(sum(others, start=first), 1.0)
+        share = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
+        for i in members:
+            shares[i] = command[i] * share
+    return tuple(shares)
 
 
 def _is(field: Field, number: float) -> bool:

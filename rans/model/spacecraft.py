@@ -52,6 +52,9 @@ class Thruster:
     """Unit vector of the force on the spacecraft in G; the exhaust leaves in the opposite direction."""
     force: float
     """Full thrust, N."""
+    supply: int = 0
+    """Number of the supply that feeds it, such as a tank or a plenum. Open thrusters reduce the thrust of those
+    of their own supply only."""
 
 
 class CommandRange(NamedTuple):
@@ -123,7 +126,8 @@ class Spacecraft(NotebookRepr):
     """Centre of mass in G, m."""
     thrust_sharing: ThrustSharing = "none"
     """"none": each open thruster gives its full force. "split": the supply feeds the equivalent of one thruster,
-    which the open ones share: F_i = F_max a_i / max(sum a, 1), as on the 2024 platform of the original system."""
+    which the open ones share: F_i = F_max a_i / max(sum a, 1), as on the 2024 platform of the original system.
+    Only a craft with one supply may have "split"; the droop of several is `ThrusterConditions.droop`."""
     radius: float = 0.31
     """Outer radius for drawings, m."""
     shape: Shape = "sphere"
@@ -142,7 +146,7 @@ class Spacecraft(NotebookRepr):
     def __post_init__(self) -> None:
         check(self)
         # Computed here because the compiler of torch cannot trace cached properties.
-        _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop
+        _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
 
     @classmethod
     def planar(
@@ -285,6 +289,15 @@ class Spacecraft(NotebookRepr):
         return 1.0 if self.thrust_sharing == "split" else 0.0
 
     @cached_property
+    def supplies(self) -> tuple[tuple[int, ...], ...]:
+        """Indices of the thrusters that each supply feeds, in the order of the supplies' numbers."""
+        numbers = sorted({thruster.supply for thruster in self.thrusters})
+        return tuple(
+            tuple(i for i, thruster in enumerate(self.thrusters) if thruster.supply == number)
+            for number in numbers
+        )
+
+    @cached_property
     def wrench_map(self) -> tuple[tuple[float, ...], ...]:
         """Wrench of each thruster at full thrust about the centre of mass, in B, N and N m.
 
@@ -360,6 +373,15 @@ def check(craft: Spacecraft) -> None:
             index,
             checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
         )
+    supplies = len(craft.supplies)
+    _require(
+        craft.thrust_sharing == "none" or supplies == 1,
+        craft,
+        "thrust_sharing",
+        craft.thrust_sharing,
+        f'"none" where thrusters have several supplies ({supplies} here); the droop of each of them is '
+        "thrusters.droop of the conditions",
+    )
     # Engines that cannot be shut are for flight against gravity, which replaces the missing directions.
     if craft.actuators.low == 0.0 and not is_steerable(craft):
         warnings.warn(
@@ -444,6 +466,9 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
         f"a unit vector (its length is {length:.4g}; a zero direction has none)",
     )
     _require(_positive(thruster.force), craft, key + "force", thruster.force, f"{_POSITIVE} N")
+    whole = type(thruster.supply) is int and 0 <= thruster.supply < MOST_THRUSTERS
+    bound = f"a whole number from 0 to {MOST_THRUSTERS - 1}"
+    _require(whole, craft, key + "supply", thruster.supply, bound)
     if craft.dimension == 2:
         height = craft.centre_of_mass[2]
         off = max(abs(thruster.position[2] - height), abs(thruster.direction[2]))

@@ -178,6 +178,8 @@ def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
         yield f"position = {list(thruster.position)}  # m, in G"
         yield f"direction = {list(thruster.direction)}  # of the force, opposite to the exhaust"
         yield f"force = {thruster.force!r}  # N, when open; source:"
+        if len(craft.supplies) > 1:
+            yield f"supply = {thruster.supply}  # which feeds it"
     for index, wheel in enumerate(craft.wheels):
         yield ""
         yield f"[[wheel]]  # {index}"

@@ -191,7 +191,12 @@ def to_toml(craft: Spacecraft) -> str:
     tank = table.pop("propellant")
     propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
     wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
-    thrusters = "".join(f"\n[[thruster]]\n{_lines(each)}" for each in table.pop("thrusters"))
+    single = len(craft.supplies) == 1
+    thrusters = "".join(
+        "\n[[thruster]]\n"
+        + _lines({key: value for key, value in each.items() if not (single and key == "supply")})
+        for each in table.pop("thrusters")
+    )
     solids = "".join(
         "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
         for each in table.pop("solids")
@@ -251,12 +256,13 @@ def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruste
 
 def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
     where = f"thruster {index}"
-    _check_keys(table, ("direction", "force", "position"), (), where, f"{where}: ")
+    _check_keys(table, ("direction", "force", "position"), ("supply",), where, f"{where}: ")
     direction = _unit(table["direction"], f"{where} direction", lengths)
     return Thruster(
         _vector(table["position"], f"{where} position", lengths),
         direction,
         _number(table["force"], f"{where} force"),
+        table.get("supply", 0),
     )
 
 

@@ -54,7 +54,8 @@ class Symmetries(NamedTuple):
 def symmetries(craft: Spacecraft) -> Symmetries | None:
     """Every view in which the spacecraft looks the same, in NumPy; None if it looks so in its own only.
 
-    Forces, places and directions of thrusters about the centre of mass must agree, and the inertia tensor.
+    Forces, places and directions of thrusters about the centre of mass must agree, the inertia tensor, and which
+    thrusters have a supply in common.
     A craft with reaction wheels or further effectors has its own view only: their commands turn with no view.
     """
     if craft.wheels or craft.further_effectors:
@@ -94,7 +95,7 @@ def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarra
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
-    """Where the view puts every thruster; None if one has no counterpart or the inertia differs."""
+    """Where the view puts every thruster; None if one has no counterpart, or inertia or supplies differ."""
     tensor = np.array(craft.inertia)
     slack = _ROUNDING * tensor.trace()
     if craft.dimension == 3 and not np.allclose(
@@ -109,4 +110,6 @@ def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
     gaps = np.abs(there[:, None] - here).max(axis=2)
     place = gaps.argmin(axis=1)
     fits = gaps.min(axis=1).max() < _ROUNDING and len(set(place.tolist())) == len(place)
+    supplied = {frozenset(int(place[i]) for i in members) for members in craft.supplies}
+    fits = fits and supplied == set(map(frozenset, craft.supplies))
     return place.tolist() if fits else None

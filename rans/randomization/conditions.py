@@ -26,6 +26,10 @@ FaultChoice = Literal["any", "recoverable", "unrecoverable"]
 all sets are equally likely, and the thrusters of a set have the same fault kind."""
 
 
+MOST_FAULTS = 8
+"""Thrusters that may fail in an episode: more takes long kernels, and leaves few craft with anything to control."""
+
+
 class Varying(NamedTuple):
     """Range that differs between episodes, as one of several."""
 
@@ -68,7 +72,7 @@ class ThrusterConditions(Settings):
     pressure: Range = 1.0
     """Factor on the force of all thrusters, from the pressure of their shared supply."""
     droop: Range | None = None
-    """Droop of the supply: with n valves open, each thruster gives 1 / (1 + droop (n - 1)) of its force. None: that
+    """Droop of a supply: with n of its valves open, each gives 1 / (1 + droop (n - 1)) of its force. None: that
     of the spacecraft (0: an ample supply; 1: a supply for one thruster)."""
     latency: Range = 0.0
     """Time from a command until valves begin to move, s."""
@@ -90,7 +94,7 @@ class FaultConditions(Settings):
     """Fault injection: thrusters that fail, each at most once."""
 
     count: Range = 0.0
-    """Number of thrusters that fail, drawn as a whole number; at most two."""
+    """Number of thrusters that fail, drawn as a whole number; at most two, or eight among "any"."""
     kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
     """Fault kinds, all equally likely."""
     share: Range = (0.3, 1.0)
@@ -195,7 +199,13 @@ class Conditions(Settings):
         pushes = self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
             _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
-        _require(largest(self.faults.count) <= 2, "faults.count", self.faults.count, "at most 2")
+        most = MOST_FAULTS if self.faults.among == "any" else 2
+        _require(
+            largest(self.faults.count) <= most,
+            "faults.count",
+            self.faults.count,
+            f'at most {most} with faults.among = "{self.faults.among}"',
+        )
         _require(
             all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
             "faults.kinds",

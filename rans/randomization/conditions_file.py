@@ -69,6 +69,7 @@ CONDITIONS = Registry(
             "astrobee",
             "harsh",
             "faults",
+            "raft",
             "train-robust",
             "train-robust-pose-2d",
             "train-robust-pose-3d",

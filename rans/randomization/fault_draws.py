@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rans.model.body import Body
-from rans.model.fields import Field, floor, where
+from rans.model.fields import Field, ascending, floor, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultConditions, FaultKind, bounds, largest, piecewise
@@ -62,12 +62,14 @@ Lost = list[tuple[Field, tuple[Field, Field]]]
 
 
 def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
-    """Any thrusters, each with its own fault kind; the second is drawn among the others."""
-    places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
-    if len(places) == 2:
-        places[1] = places[1] + where(
-            places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0
-        )
+    """Any thrusters, each with its own fault kind; every further one is drawn among the others."""
+    places: list[Field] = []
+    for k in range(int(largest(given.count))):
+        # A place among those that are left, counted past the ones that are taken, in order.
+        place = floor(random.unit() * float(thrusters - k))
+        for taken in ascending(places):
+            place = place + where(place >= taken, place * 0.0 + 1.0, place * 0.0)
+        places.append(place)
     return [
         (place, _failure(given.kinds, random.unit(), random.within(given.share)))
         for place in places

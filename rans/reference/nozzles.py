@@ -38,13 +38,15 @@ class Nozzles:
     leak: np.ndarray
     """(N, t): share of its force that it gives besides."""
     droop: np.ndarray
-    """(N, 1): n thrusters' worth of open valves have 1 / (1 + droop (n - 1)) of their force each."""
+    """(N, 1): of n thrusters' worth of open valves of a supply each has 1 / (1 + droop (n - 1)) of its force."""
     latency: np.ndarray
     """(N, 1): from a command until valves begin to move, s."""
     rise: np.ndarray
     """(N, 1): from then until a thrust that grows is there, s."""
     fall: np.ndarray
     """(N, 1): the same of one that shrinks."""
+    same_supply: np.ndarray
+    """(t, t): 1 where one supply feeds both nozzles, otherwise 0."""
 
     @classmethod
     def of(
@@ -64,6 +66,7 @@ class Nozzles:
             )
 
         usual = 1.0 if craft.thrust_sharing == "split" else 0.0
+        supply = np.array([nozzle.supply for nozzle in craft.thrusters])
         return cls(
             columns(body.gain or (1.0,) * len(craft.thrusters)),
             columns(body.leak or (0.0,) * len(craft.thrusters)),
@@ -71,14 +74,14 @@ class Nozzles:
                 columns([x])
                 for x in (usual if body.droop is None else body.droop, latency, rise, fall)
             ),
+            same_supply=(supply[:, None] == supply).astype(float),
         )
 
     def force_shares(self, opened: np.ndarray) -> np.ndarray:
         """Share of its force that each thruster gives once valves (N, t) are so far open."""
         flowing = self.gain * opened + self.leak
-        return flowing / (
-            1.0 + self.droop * np.maximum(flowing.sum(axis=1, keepdims=True) - 1.0, 0.0)
-        )
+        of_supply = flowing @ self.same_supply
+        return flowing / (1.0 + self.droop * np.maximum(of_supply - 1.0, 0.0))
 
     def segments(
         self,

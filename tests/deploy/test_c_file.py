@@ -20,6 +20,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
+from validation.records.exports import c_compilers
 
 if shutil.which("cc") is None:
     pytest.skip("needs a C compiler", allow_module_level=True)
@@ -58,6 +59,18 @@ def pointer(values: np.ndarray) -> ctypes.c_void_p:
 
 def test_golden_pairs_come_out_of_c(folder: Path) -> None:
     assert "500 of 500 golden pairs come out as they should" in compiled_check(folder)
+
+
+def test_golden_pairs_come_out_of_clang(folder: Path, tmp_path: Path) -> None:
+    """Its warnings are others than those of gcc, and errors too."""
+    clang = c_compilers().get("clang")
+    if clang is None:
+        pytest.skip("no clang on the PATH, and no ziglang to import, whose `zig cc` is clang")
+    built = tmp_path / "check"
+    sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
+    subprocess.run([*clang, "-O2", *FLAGS, *sources, "-o", str(built), "-lm"], check=True)
+    run = subprocess.run([str(built)], check=True, capture_output=True, text=True)
+    assert "500 of 500 golden pairs" in run.stdout
 
 
 @pytest.mark.parametrize(("table", "factor"), [("trunk_0_weight", 1.05), ("mean", 2.0)])

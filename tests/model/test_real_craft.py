@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rans.model.body import Body
+from rans.model.dynamics import thrust
 from rans.model.spacecraft import (
     Spacecraft,
     can_turn,
@@ -47,6 +50,21 @@ BY_HAND: list[tuple[str, int, list[float]]] = [
     # 50 mN at (0.045, 0.09, 0.15) m: (y F_z - z F_y, z F_x - x F_z, x F_y - y F_x), F = -0.0288675 each.
     ("cubesat-6u", 0, [-0.0288675] * 3 + [0.0017321, -0.0030311, 0.0012990]),
 ]
+
+
+@pytest.mark.parametrize("name", ["astrobee-granite", "astrobee-iss"])
+def test_astrobee_has_a_plenum_for_each_module(name: str) -> None:
+    """By NASA's model two open nozzles of a module give 0.72 each: 1 / (1 + 0.39); the other module's all."""
+    craft = load_spacecraft(name)
+    first, second = craft.supplies
+    assert [craft.thrusters[i].position[1] > 0.0 for i in (*first, *second)] == [
+        *[True] * len(first),
+        *[False] * len(second),
+    ]
+    command = [float(i in (*first[:2], second[0])) for i in range(len(craft.thrusters))]
+    given = thrust(craft, command, replace(Body.of(craft), droop=0.39))
+    assert [given[i] for i in (*first[:2], second[0])] == pytest.approx([0.72, 0.72, 1.0], abs=1e-3)
+
 
 SINGLE_FAULTS = {
     # A matched pair either way along each axis leaves nothing to spare; freely placed nozzles and wheels do.

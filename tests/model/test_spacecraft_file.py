@@ -137,6 +137,9 @@ WRONG = [  # what to replace, by what, and what the sentence must say
     ("[0.3, 0.2],", "[1e300, 0.2],", ["thruster 0", "position", "1e+300", "1e+09"]),
     ("force = 1.0", "force = -1", ["thruster 0", "force", "-1.0", "N"]),
     ("force = 1.0", "force = false", ["thruster 0", "force", "False"]),
+    ("force = 1.0", "force = 1.0, supply = -1", ["thruster 0 supply", "-1", "whole number from 0"]),
+    ("force = 1.0", "force = 1.0, supply = 1.0", ["thruster 0 supply", "1.0", "whole number"]),
+    ("force = 1.0", "force = 1.0, supply = 3", ["thrust_sharing", "several supplies", "droop"]),
     ("force = 1.0", "forse = 1.0", ["thruster 0", "'forse'", "unknown"]),
     (", force = 1.0", "", ["thruster 0", "'force'", "missing"]),
 ]

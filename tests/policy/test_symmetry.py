@@ -201,3 +201,12 @@ def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path)
     torch.testing.assert_close(distribution.log_prob(action), log_prob, **close)
     torch.testing.assert_close(loaded.policy.predict_values(tensors), value, **close)
     assert log_prob.detach().std() > 0.1
+
+
+def test_sides_with_other_supplies_do_not_look_the_same() -> None:
+    """Supplies by turns leave half of the platform's views; one thruster with a supply of its own leaves none."""
+    every = len(views_of(PLATFORM).hand)
+    halves = tuple(replace(one, supply=i // 4) for i, one in enumerate(PLATFORM.thrusters))
+    assert 1 < len(views_of(replace(PLATFORM, thrusters=halves)).hand) < every
+    lone = (replace(PLATFORM.thrusters[0], supply=1), *PLATFORM.thrusters[1:])
+    assert symmetries(replace(PLATFORM, thrusters=lone)) is None

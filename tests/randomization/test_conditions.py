@@ -57,8 +57,12 @@ from rans.tasks import GoToPose
             r"least_on and least_off must be at most 30 s",
         ),
         (
-            lambda: Conditions(faults=Faults(count=3.0)),
-            r"faults\.count must be at most 2, got 3\.0",
+            lambda: Conditions(faults=Faults(count=3.0, among="recoverable")),
+            r"faults\.count must be at most 2 with faults\.among = \"recoverable\", got 3\.0",
+        ),
+        (
+            lambda: Conditions(faults=Faults(count=9.0)),
+            r"faults\.count must be at most 8 with faults\.among = \"any\", got 9\.0",
         ),
         (
             lambda: Conditions(faults=Faults(kinds=("leaky",))),  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,15 @@ def test_faults_hit_distinct_thrusters_each_pair_as_likely() -> None:
     seen = np.bincount(first * 8 + second, minlength=64)
     pairs = [a * 8 + b for a in range(8) for b in range(a + 1, 8)]
     assert stats.chisquare(seen[pairs]).pvalue > LIKELY
+
+
+def test_four_distinct_thrusters_fail_each_set_as_likely() -> None:
+    gains, _ = health(FaultConditions(count=4.0, kinds=("dead",)))
+    assert ((gains == 0.0).sum(axis=0) == 4).all()
+    seen = Counter(tuple(np.nonzero(column == 0.0)[0].tolist()) for column in gains.T)
+    sets = list(combinations(range(8), 4))
+    assert set(seen) <= set(sets)
+    assert stats.chisquare([seen[one] for one in sets]).pvalue > LIKELY
 
 
 def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:

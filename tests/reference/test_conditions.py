@@ -91,6 +91,13 @@ def test_at_once_exactly_one_period_and_longer_than_one(thrusters: Any, sharing:
     fly_alike(replace(PLANE, thrust_sharing=sharing), Conditions(thrusters=thrusters), steps=20)
 
 
+@pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
+def test_nozzles_of_two_supplies(craft: Spacecraft) -> None:
+    fed = tuple(replace(one, supply=i % 2) for i, one in enumerate(craft.thrusters))
+    drooping = Conditions(thrusters=ThrusterConditions(droop=(0.3, 0.6), rise=(0.0, 0.1)))
+    fly_alike(replace(craft, thrusters=fed), drooping, steps=15)
+
+
 def fly_alike(craft: Spacecraft, conditions: Conditions, count: int = 2, steps: int = 125) -> None:
     starts = scenarios(TASK, craft, 5, count)
     dimension = craft.dimension

@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "spacecraft"
-CUBESAT = load_spacecraft(str(EXAMPLES / "afrl-cubesat.toml"))
+CUBESAT = load_spacecraft("afrl-12kg")
 LANDER = load_spacecraft(str(EXAMPLES / "mars-lander.toml"))
 
 UNEVEN = replace(

@@ -2,7 +2,8 @@
 
 ``python -m validation.records.exports`` writes every shipped agent in every form, asks it 100,000 observations,
 half of them seen on flights and half drawn within the ranges of its contract, prints the table and writes JSON.
-Memories are those of the agent itself, so that every observation is a test of its own.
+Memories are those of the agent itself, so that every observation is a test of its own. The C form is compiled by
+every compiler of `COMPILERS` that is here, with all its warnings as errors.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import ctypes
 import importlib.util
 import shutil
 import subprocess
+import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,16 +121,32 @@ def sb3_answer(folder: Path) -> Answer:
     return answer
 
 
-def c_answer(folder: Path) -> Answer:
-    """What agent.c answers, compiled here and called row by row; `ConfigError` without a compiler."""
-    compiler = shutil.which("cc") or shutil.which("gcc")
+def c_compilers() -> dict[str, list[str]]:
+    """The C compilers of this machine, as the words that begin their commands, by name.
+
+    Clang may also be the one of the Python package ziglang, where that can be imported.
+    """
+    found = {name: [path] for name in ("gcc", "clang") if (path := shutil.which(name))}
+    if "clang" not in found and importlib.util.find_spec("ziglang") is not None:
+        found["clang"] = [sys.executable, "-m", "ziglang", "cc"]
+    return found
+
+
+def c_answer(folder: Path, compiler: Sequence[str] | None = None) -> Answer:
+    """What agent.c answers, called row by row; `ConfigError` without a compiler or where it refuses the file.
+
+    Args:
+        folder: of agent.c.
+        compiler: one of `c_compilers`; by default the first.
+    """
+    compiler = compiler or next(iter(c_compilers().values()), None)
     if compiler is None:
-        raise ConfigError("agent.c needs a C compiler, and there is none.")
+        raise ConfigError("agent.c needs gcc or clang, and neither is on the PATH.")
     library = folder / "agent.so"
-    made = [compiler, "-O2", *FLAGS, "-shared", "-fPIC", folder / "agent.c", "-o", library, "-lm"]
+    made = [*compiler, "-O2", *FLAGS, "-shared", "-fPIC", folder / "agent.c", "-o", library, "-lm"]
     done = subprocess.run(made, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise ConfigError(f"{compiler} refuses agent.c: {done.stderr}")
+        raise ConfigError(f"{' '.join(compiler)} refuses agent.c: {done.stderr}")
     call = ctypes.CDLL(str(library)).rans_agent_answer
     call.restype = None
     header = (folder / "agent.h").read_text("utf-8")
@@ -151,6 +170,16 @@ ANSWERS: dict[Form, Callable[[Path], Answer]] = {
     "numpy": numpy_answer,
     "c": c_answer,
 }
+
+
+def answers() -> dict[str, tuple[Form, Callable[[Path], Answer]]]:
+    """Every form of an export and what answers for it, the C form once for each compiler, by a table's name."""
+    found: dict[str, tuple[Form, Callable[[Path], Answer]]] = {
+        form: (form, answer) for form, answer in ANSWERS.items() if form != "c"
+    }
+    for name, command in c_compilers().items():
+        found[f"c, {name}"] = ("c", partial(c_answer, compiler=command))
+    return found
 
 
 def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
@@ -208,11 +237,11 @@ def rows(name: str, count: int) -> Iterator[Row]:
     craft = run.spacecraft()
     saved: SavedPolicy = read_policy(run.agent_file)
     batches = list(asked(saved.network, Setup(craft, config.settings, config.timing), count))
-    for form in ANSWERS:
+    for called, (form, answer) in answers().items():
         with tempfile.TemporaryDirectory() as folder:
             write_agent(Path(folder), form, saved, config.ppo, name)
-            found = unequal(saved.network, batches, ANSWERS[form](Path(folder)))
-        yield Row(name, form, sum(map(len, batches)), *found)
+            found = unequal(saved.network, batches, answer(Path(folder)))
+        yield Row(name, called, sum(map(len, batches)), *found)
 
 
 @dataclass(frozen=True)
@@ -257,8 +286,6 @@ class Exports:
 
 
 if __name__ == "__main__":
-    import sys
-
     import tyro
 
     sys.exit(tyro.cli(Exports).run())
