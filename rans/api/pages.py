@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent import Agent
 from rans.api.judging import ConditionsLike, flown
-from rans.errors import ConfigError, one_of, whole
+from rans.errors import ConfigError, named, one_of, whole
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def report(run: str | Path | Agent) -> Path:
 
     if isinstance(run, Agent):
         return run.report()
-    folder = Path(run)
+    folder = Path(named("a run", run, Agent))
     file = folder / "report.html"
     report_from_run(folder).write(file)
     return file
