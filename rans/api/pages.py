@@ -236,5 +236,6 @@ def export(
             "an agent is exported whole, with its trade-off input and all its tasks as observations: "
             f"name it without #{part}."
         )
-    write(agent_folder(text), Path(output), form, whole("episodes", episodes))
-    return Path(output)
+    folder = Path(named("output", output, Path))
+    write(agent_folder(text), folder, form, whole("episodes", episodes))
+    return folder

@@ -127,3 +127,13 @@ def test_limits_that_are_none(wrong: dict[str, Any], said: str) -> None:
     """Each would end in a bare error of Python or CasADi, or be passed over, if it were not looked at."""
     with pytest.raises(ConfigError, match=said):
         rans.optimal_trajectory(start=rans.state((1.0, 0.0)), **wrong)
+
+
+def test_an_environment_of_no_dimension() -> None:
+    with pytest.raises(ConfigError, match=r"dimension must be 2 .* or 3 .* got '2d'"):
+        rans.SpacecraftEnv("go-to-pose", "2d")  # type: ignore[arg-type]
+
+
+def test_an_export_to_nowhere() -> None:
+    with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
+        rans.export("go-to-pose-2d", None)  # type: ignore[arg-type]
