@@ -334,6 +334,10 @@ def choose(
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
     wanted = TASKS[task_name]
+    if dimension not in USUAL:
+        raise ConfigError(
+            f"dimension must be 2 (in the plane) or 3 (in space), got {brief(dimension)}."
+        )
     usual = wanted.spacecraft or USUAL[dimension]
     craft = load_spacecraft(usual if spacecraft is None else spacecraft)
     if craft.dimension != dimension:

@@ -167,7 +167,12 @@ class Agent:
         controller = self.run.controller
         if hasattr(observation, "detach"):
             observation = observation.detach().cpu().numpy()
-        observation = np.asarray(observation, dtype=np.float32)
+        try:
+            observation = np.asarray(observation, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(
+                f"an observation is an array of numbers, (width,) or (N, width), got {brief(observation)}."
+            ) from error
         dtype = action_space(self.craft).dtype
         if isinstance(controller, Network):
             output, memory = predict(

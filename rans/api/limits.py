@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -138,8 +138,13 @@ def optimal_trajectory(
     craft = load_spacecraft(spacecraft)
     wanted = objective_of(objective, horizon, control_period, ending, intervals)
     one = _scenario(judged, craft, seed, start, goal)
+    if isinstance(keep_out, str) or not isinstance(keep_out, Iterable):
+        raise ConfigError(
+            f"keep_out must be a list of balls, as in [(1.5, 0.0, 0.4)], got {brief(keep_out)}."
+        )
     balls = tuple(tuple(_numbers("ball to keep out of", ball)) for ball in keep_out)
-    limits = PathLimits(most_speed, most_spin, balls) if most_speed or most_spin or balls else None
+    limits = PathLimits(most_speed, most_spin, balls)
+    limits = None if limits == PathLimits() else limits
     usual = max(usual_guesses(craft, judged), 3 if balls else 1)
     tried = usual if guesses is None else whole("guesses", guesses)
     (found,) = optima(craft, judged, wanted, one, tried, workers=1, limits=limits)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent import Agent
 from rans.api.judging import ConditionsLike, flown
-from rans.errors import ConfigError, one_of, whole
+from rans.errors import ConfigError, named, one_of, whole
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def report(run: str | Path | Agent) -> Path:
 
     if isinstance(run, Agent):
         return run.report()
-    folder = Path(run)
+    folder = Path(named("a run", run, Agent))
     file = folder / "report.html"
     report_from_run(folder).write(file)
     return file
@@ -236,5 +236,6 @@ def export(
             "an agent is exported whole, with its trade-off input and all its tasks as observations: "
             f"name it without #{part}."
         )
-    write(agent_folder(text), Path(output), form, whole("episodes", episodes))
-    return Path(output)
+    folder = Path(named("output", output, Path))
+    write(agent_folder(text), folder, form, whole("episodes", episodes))
+    return folder

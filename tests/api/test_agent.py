@@ -67,6 +67,12 @@ def test_sampled_actions_differ_from_deterministic_ones() -> None:
     assert 0 < (sure != drawn).sum() < sure.size / 2
 
 
+@pytest.mark.parametrize("wrong", ["abc", [[1.0], [1.0, 2.0]], object()])
+def test_what_is_no_observation(wrong: object) -> None:
+    with pytest.raises(ConfigError, match="an observation is an array of numbers"):
+        rans.load_agent("go-to-pose-2d").predict(wrong)
+
+
 def test_a_saved_agent_flies_as_before(tmp_path: Path) -> None:
     agent = rans.load_agent("go-to-pose-2d")
     copy = rans.load_agent(agent.save(tmp_path / "copy"))

@@ -108,3 +108,32 @@ def test_a_trajectory_keeps_out_of_a_ball_and_below_a_speed() -> None:
 def test_states_that_are_none(ask: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         ask()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"keep_out": 5}, r"keep_out must be a list of balls, .* got 5"),
+        ({"keep_out": (1.0, 0.0, 0.4)}, "the ball to keep out of must be numbers, got 1.0"),
+        ({"keep_out": [("a", 0.0, 0.4)]}, "the ball to keep out of must be numbers"),
+        ({"most_speed": "1"}, "the largest speed must be finite and > 0, got '1'"),
+        ({"most_speed": 0.0}, "the largest speed must be finite and > 0, got 0.0"),
+        ({"most_spin": 0}, "the largest spin must be finite and > 0, got 0"),
+        ({"objective": "time", "intervals": 2.5}, "intervals must be a whole number .* got 2.5"),
+        ({"objective": "time", "intervals": "9"}, "intervals must be a whole number .* got '9'"),
+    ],
+)
+def test_limits_that_are_none(wrong: dict[str, Any], said: str) -> None:
+    """Each would end in a bare error of Python or CasADi, or be passed over, if it were not looked at."""
+    with pytest.raises(ConfigError, match=said):
+        rans.optimal_trajectory(start=rans.state((1.0, 0.0)), **wrong)
+
+
+def test_an_environment_of_no_dimension() -> None:
+    with pytest.raises(ConfigError, match=r"dimension must be 2 .* or 3 .* got '2d'"):
+        rans.SpacecraftEnv("go-to-pose", "2d")  # type: ignore[arg-type]
+
+
+def test_an_export_to_nowhere() -> None:
+    with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
+        rans.export("go-to-pose-2d", None)  # type: ignore[arg-type]

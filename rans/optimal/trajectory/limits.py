@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite
 from rans.model.fields import Field, sqrt
 from rans.renamed import renamed
 
@@ -35,7 +35,7 @@ class PathLimits:
 
     def __post_init__(self) -> None:
         for name, value in (("speed", self.speed), ("spin", self.spin)):
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (is_finite(value) and value > 0):
                 raise ConfigError(f"the largest {name} must be finite and > 0, got {value!r}.")
         for ball in self.keep_out:
             if len(ball) not in (3, 4) or not all(map(math.isfinite, ball)) or ball[-1] <= 0:

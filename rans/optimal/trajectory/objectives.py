@@ -6,6 +6,7 @@ import dataclasses
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from operator import index
 from typing import Any, ClassVar, Literal, cast, get_args
 
 import casadi as ca
@@ -204,9 +205,9 @@ class MinimumTime:
     control_period = None
 
     def __post_init__(self) -> None:
-        if not fits(self.intervals, lambda count: 1 <= count <= MOST_STEPS):
+        if not fits(self.intervals, lambda count: 1 <= index(count) <= MOST_STEPS):
             raise ConfigError(
-                f"minimum time: intervals must be >= 1 and <= {MOST_STEPS:,}, got "
+                f"minimum time: intervals must be a whole number >= 1 and <= {MOST_STEPS:,}, got "
                 f"{brief(self.intervals)}."
             )
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+import rans
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.show.pages.page import Finding, Page, Section, Table
@@ -151,6 +152,11 @@ def test_report_from_run_holds_everything(run: Path) -> None:
     made = page.text.index("How it was made")
     table = page.text.index("2.45 cm", page.text.index("FAIL"))  # also a tile above
     assert table < page.text.index("tolerance") < made
+
+
+def test_a_report_is_of_a_run() -> None:
+    with pytest.raises(ConfigError, match="a run, unless it is a name or a file"):
+        rans.report([])  # type: ignore[arg-type]
 
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
