@@ -104,6 +104,11 @@ def _commands(
         else program.apply("GatherElements", one, view.place, name=f"placed_{k}", axis=1)
         for k, one in enumerate(outputs)
     ]
+    if given.last.is_advised:
+        first, last = given.columns.advice
+        change = program.joined(*program.single("body", given.seen)[first:last])
+        levers = program.constant(np.asarray(given.levers).T, "levers")
+        placed.append(program.apply("MatMul", change, levers))
     return program.apply("Identity", program.each(given.last.command, *placed), name=command)
 
 
