@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.landing_guidance import LandingGuidance
     from rans.optimal.control.lqr import LQR
+    from rans.optimal.control.mission_guidance import MissionGuidance
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
     from rans.optimal.control.sampling import MPPI
@@ -124,6 +125,7 @@ _LAZY = {
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
     "ConvexGuidance": "rans.optimal.control.convex_guidance",
+    "MissionGuidance": "rans.optimal.control.mission_guidance",
     "VelocityToGain": "rans.optimal.control.guidance",
     "Visiting": "rans.optimal.control.visiting",
 }
@@ -194,6 +196,7 @@ __all__ = [
     "MPC",
     "ObserverMPC",
     "MPPI",
+    "MissionGuidance",
     "VelocityToGain",
     "Visiting",
     "Lookahead",

@@ -64,6 +64,7 @@ OWN_ROOMS = "rans.model", "rans.effectors", "rans.tasks"
 CHECKED = {
     "rans.optimal.control.convex_guidance": {"OrbitalMission"},
     "rans.optimal.control.landing_guidance": {"Land"},
+    "rans.optimal.control.mission_guidance": {"OrbitalMission"},
     "rans.optimal.control.visiting": {"Inspect"},
     "rans.optimal.convex.landing": {"Throttle"},
 }

@@ -61,7 +61,7 @@ API = {
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (
-        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain ConvexGuidance "
+        "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain MissionGuidance ConvexGuidance "
         "LandingGuidance Visiting Lookahead ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",

@@ -45,6 +45,36 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
+    """Command of each thruster for a change of velocity of 1 m/s along each axis of B in a period, 1/(m/s).
+
+    (thrusters, d); a negative command is one that the opposite thruster gives.
+
+    Args:
+        craft: with one throttled or pulsed thruster either way along each axis.
+        period: control period, s.
+
+    Raises:
+        ConfigError: there are other thrusters, or wheels.
+    """
+    directions = np.array([one.direction for one in craft.thrusters])
+    axes = np.eye(craft.dimension)
+    wanted = {tuple(row) for row in np.concatenate([axes, -axes])}
+    if (
+        {tuple(row) for row in directions + 0.0} != wanted
+        or len(craft.commands) != len(wanted)
+        or not craft.is_continuous
+    ):
+        raise ConfigError(
+            "shares of a recommended velocity need one throttled or pulsed thruster either way along each axis "
+            f"and nothing else, which {craft.name} has not; fly one such as afrl-deputy."
+        )
+    return tuple(
+        tuple(float(x) * craft.mass / (one.force * period) for x in one.direction)
+        for one in craft.thrusters
+    )
+
+
 def allowed(craft: Spacecraft) -> str:
     """Ranges of the craft's commands, in words."""
     parts = [f"{craft.actuators.allowed}, one per thruster"]

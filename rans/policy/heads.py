@@ -16,6 +16,9 @@ from torch.nn import functional
 
 from rans.model.fields import Field, where, within
 
+_LEAST_NOISE = 1e-6
+"""Of a command whose recommendations are all zero, so that it has a density."""
+
 
 class Distribution(Protocol):
     """The commands of N spacecraft with n commands each, as random numbers."""
@@ -223,6 +226,65 @@ class GatedGaussian(NamedTuple):
         return fires, self.level + self.log_std.exp() * _normal(within)
 
 
+class Guided(NamedTuple):
+    """N commands of n throttled thrusters that are shares of those that guidance recommends.
+
+    The shares are what a network learns. The standard deviation of a command is proportional to the
+    recommendation, so that exploration ends where nothing is left to be done. An action is a command before it
+    is clipped to [0, 1].
+    """
+
+    share: Tensor
+    """(N, n)."""
+    advice: Tensor
+    """(N, n): the commands that are recommended, before they are clipped."""
+    log_std: Tensor
+    """(N, n), or (n,) for all: of the share."""
+
+    @property
+    def mean(self) -> Tensor:
+        """Of the commands, (N, n)."""
+        return self.share * self.advice
+
+    @property
+    def _spread(self) -> Tensor:
+        return self.log_std + torch.log(self.advice.abs() + _LEAST_NOISE)
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-density (N,) of an action (N, n) before it is clipped."""
+        return _log_density(action, self.mean, self._spread).sum(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Differential entropy (N,) of the shares, nats: what is recommended is no choice."""
+        entropy = 0.5 + 0.5 * math.log(2 * math.pi) + self.log_std
+        return entropy.expand_as(self.share).sum(dim=1)
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
+        return self.mean + self._spread.exp() * _normal(uniform)
+
+    def mode(self) -> Tensor:
+        """Most likely command (N, n)."""
+        return self.command(self.mean)
+
+    def command(self, action: Tensor) -> Tensor:
+        """What the thrusters are commanded, (N, n): in [0, 1]."""
+        return action.clamp(0.0, 1.0)
+
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Distribution`."""
+        action = self.sample(uniform)
+        return action.detach(), Inward.apply(action)  # type: ignore[return-value]
+
+    def margin(self) -> Tensor:
+        """See `Distribution`: there is no jump."""
+        return self.mean * 0
+
+    def placed(self, place: Tensor) -> Guided:
+        """Refused: recommendations are those of each thruster where it is, from no other side."""
+        raise NotImplementedError
+
+
 class Inward(torch.autograd.Function):
     """Commands within [0, 1], whose gradient is that of a clamp, and beyond the bounds leads back only.
 
@@ -268,6 +330,9 @@ class Head(ABC):
     spread: ClassVar[bool] = True
     """Whether a standard deviation is learnt for each command, the tensor ``log_std``."""
 
+    is_advised: ClassVar[bool] = False
+    """Whether it is given the command that guidance recommends, beside the outputs."""
+
     def folded(self, weight: Any, bias: Any) -> tuple[Any, Any]:
         """Weights (..., outputs n, features) and biases (..., outputs n) that give the outputs."""
         return weight, bias
@@ -277,12 +342,14 @@ class Head(ABC):
         """Change the biases, (weights n,), for untrained commands to be this number in the mean."""
 
     @abstractmethod
-    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> Distribution:
-        """Of outputs (N, outputs n) of the last layer."""
+    def distribution(
+        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
+    ) -> Distribution:
+        """Of outputs (N, outputs n) of the last layer, and of recommended commands (N, n) if it `is_advised`."""
 
     @abstractmethod
     def command(self, *outputs: Field) -> Field:
-        """The deterministic command of one thruster from its outputs; all are fields."""
+        """The deterministic command of one thruster from its outputs, then the recommended one."""
 
 
 class OnOffHead(Head):
@@ -305,7 +372,9 @@ class OnOffHead(Head):
         """See `Head`: the duty is the probability of opening."""
         bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))
 
-    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> OnOff:
+    def distribution(
+        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
+    ) -> OnOff:
         """See `Head`."""
         return OnOff(outputs)
 
@@ -325,7 +394,9 @@ class GaussianHead(Head):
         """See `Head`."""
         bias.fill_(duty)
 
-    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> ClippedGaussian:
+    def distribution(
+        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
+    ) -> ClippedGaussian:
         """See `Head`."""
         assert log_std is not None
         return ClippedGaussian(outputs, log_std)
@@ -348,7 +419,9 @@ class GatedHead(Head):
         gates.fill_(math.log(fires / (1.0 - fires)))
         levels.fill_(duty / fires)
 
-    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> GatedGaussian:
+    def distribution(
+        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
+    ) -> GatedGaussian:
         """See `Head`."""
         assert log_std is not None
         logit, level = outputs.chunk(2, dim=1)
@@ -360,9 +433,46 @@ class GatedHead(Head):
         return where(logit > 0.0, within(level, 0.0, 1.0), level * 0.0)
 
 
+class GuidedHead(Head):
+    """Gives each throttled thruster a share of the command that guidance recommends, which the network chooses.
+
+    A mission recommends a change of velocity (`rans.tasks.observation_terms.AdvisedVelocityChange`), from which
+    each thruster's command follows by the craft's mass and its thrust. Shares may be above 1 and below 0; the
+    command is clipped to [0, 1]. A network that has learnt nothing gives all of it, which is guidance. What an
+    error of a share leaves to be done is recommended in the next period, so that errors shrink from period
+    to period.
+
+    Compare residual policies (T. Silver et al., "Residual policy learning", 2018; T. Johannink et al., "Residual
+    reinforcement learning for robot control", ICRA 2019), which add a network's command to that of guidance: a
+    craft that coasts for 1,000 s would need it to be zero within a thousandth of full thrust.
+    """
+
+    outputs = 1
+    weights = 1
+    is_advised = True
+
+    def expect(self, bias: Tensor, duty: float) -> None:
+        """See `Head`: all of what is recommended, whatever duty that is."""
+        bias.fill_(1.0)
+
+    def distribution(
+        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
+    ) -> Guided:
+        """See `Head`."""
+        assert log_std is not None
+        assert advice is not None
+        return Guided(outputs, advice, log_std)
+
+    def command(self, *outputs: Field) -> Field:
+        """See `Head`."""
+        share, advice = outputs
+        return within(share * advice, 0.0, 1.0)
+
+
 HEADS: dict[str, Head] = {
     "on-off": OnOffHead(),
     "gaussian": GaussianHead(),
     "gated": GatedHead(),
+    "guided": GuidedHead(),
 }
 """By their names in settings and agents' files."""

@@ -60,6 +60,8 @@ class Network(Remembering):
         self._nominal = self._mean.new_tensor(
             architecture.nominal or (1.0,) * architecture.privileged
         )
+        # Before a CUDA graph is recorded, which may not copy from a CPU.
+        self._levers = self._mean.new_tensor(architecture.levers or [[]]).mT
         super().__init__(architecture, self._mean, preprocessor)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
@@ -191,7 +193,9 @@ class Network(Remembering):
         A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
         sees T steps one after the other; of its memories those of the first step count.
         """
-        return self._heads(*self.features(preprocessed, memory, privileged, going_on))
+        return self._heads(
+            *self.features(preprocessed, memory, privileged, going_on), self._advice(preprocessed)
+        )
 
     def features(
         self,
@@ -210,6 +214,14 @@ class Network(Remembering):
             return features, features
         known = self._nominal.expand(len(preprocessed), -1) if privileged is None else privileged
         return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
+
+    def _advice(self, preprocessed: Tensor) -> Tensor | None:
+        """Commands (N, n) that guidance recommends, of columns (N, k); None for heads that are not advised."""
+        architecture = self.architecture
+        if not architecture.last.is_advised:
+            return None
+        first, last = architecture.columns.advice
+        return preprocessed[:, first:last] @ self._levers
 
     def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
@@ -289,8 +301,8 @@ class Network(Remembering):
             inputs, state.select(-3, 0), begins, lambda x: product(x, *of_memory)
         ).flatten(-3, -2)
 
-    def _heads(self, features: Tensor, critic: Tensor) -> Output:
-        """Actor and critic, in one product where they share features."""
+    def _heads(self, features: Tensor, critic: Tensor, advice: Tensor | None) -> Output:
+        """Actor and critic, in one product where they share features; recommended commands are (N, n)."""
         architecture = self.architecture
         head = architecture.last
         worth, constant = self.layer("value_net")
@@ -307,7 +319,7 @@ class Network(Remembering):
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Output(head.distribution(action, spread), value, self._flat(features))
+        return Output(head.distribution(action, spread, advice), value, self._flat(features))
 
     @torch.no_grad()
     def update_statistics(

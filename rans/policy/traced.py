@@ -107,6 +107,11 @@ def _commands(
         else program.apply("GatherElements", one, view.place, name=f"placed_{k}", axis=1)
         for k, one in enumerate(outputs)
     ]
+    if architecture.last.is_advised:
+        first, last = architecture.columns.advice
+        change = program.joined(*program.single("body", architecture.column_count)[first:last])
+        levers = program.constant(np.asarray(architecture.levers).T, "levers")
+        placed.append(program.apply("MatMul", change, levers))
     return program.apply("Identity", program.each(architecture.last.command, *placed), name=command)
 
 

@@ -193,6 +193,14 @@ class InformationInW(VectorInW):
 
 
 @dataclass(frozen=True)
+class AdvisedVelocityChange(InformationInW):
+    """A change of velocity in W that guidance recommends for the control period that begins now.
+
+    Agents with the head `rans.policy.heads.GuidedHead` choose which share of it is flown.
+    """
+
+
+@dataclass(frozen=True)
 class TaskDependent(ObservationTerm):
     """Columns whose classes depend on the task flag: those of the task that an episode draws."""
 
@@ -274,6 +282,16 @@ class Layout(NamedTuple):
         return next(
             (mine for block, mine in [*self.split(columns)][3:] if block.kind is VectorInW), None
         )
+
+    @property
+    def advice(self) -> tuple[int, int]:
+        """First of the columns that are a recommended change of velocity, and the one after them; none: equal."""
+        start = 0
+        for block in self.blocks:
+            if block.kind is AdvisedVelocityChange:
+                return start, start + block.width
+            start += block.width
+        return start, start
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
         """Columns in the layout `body` under a symmetry of the spacecraft."""

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import Any, ClassVar
 
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift, velocity_to_reach
 from rans.model.dynamics import State
-from rans.model.fields import Field, Vector, absolute, at_least, where
+from rans.model.fields import (
+    Field,
+    Vec3,
+    Vector,
+    absolute,
+    at_least,
+    floor,
+    map_leaves,
+    sin,
+    where,
+)
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import (
+    AdvisedVelocityChange,
     Dimension,
     Information,
     InformationInW,
@@ -22,10 +33,22 @@ from rans.tasks.observation_terms import (
     VectorInW,
 )
 from rans.tasks.rewards import Transition, is_used
-from rans.tasks.shapes import Shape
+from rans.tasks.shapes import Ball, Shape, SpeedLimit
 
 PLANS = 24
-"""Number of arrival times that are compared for the plan of an episode, evenly up to its deadline."""
+"""Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
+COAST_POINTS = 7
+"""Points of a coast that are checked against keep-out balls."""
+LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
+"""Times before the planned arrival at which a part of the velocity to gain may be burnt later, s."""
+_WORTH = 0.005
+"""Share of the velocity to gain that burning a part of it later must save."""
+_SLOW = 0.9
+"""Share of the speed of arrival below which burns may be made later."""
+_NOTHING = 1e-9
+"""Added to determinants, m^2 per (m/s)^2."""
+REFINEMENTS = 3
+"""How often the distance between these times is halved around the best one."""
 _PENALTY = 10.0
 """Price of a plan that violates a limit, m/s per unit of its margin."""
 _INSTANT = 1e-3
@@ -64,9 +87,9 @@ class OrbitalMission(SingleTask):
     position_tolerance: float = 0.5
     """Distance from the goal at which the mission succeeds, m."""
     velocity_tolerance: float = 0.2
-    """Speed at which the mission succeeds, m/s."""
-    shortest_aim: float = 10.0
-    """Least coasting time of the velocity to gain, s: a control period."""
+    """Speed at which it is won there, m/s."""
+    shortest_aim: float = 1.0
+    """The velocity to gain is at least for so long a time, s, however little is left."""
     impulse_weight: float = 0.1
     """Reward lost per newton-second of thruster impulse."""
     gain_weight: float = 1.2
@@ -82,6 +105,12 @@ class OrbitalMission(SingleTask):
     symmetric = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     optimal_problem = "rendezvous"
+    braking_time: float = 20.0
+    """Time between the last planned arrival and the deadline where missions count braking, s."""
+    speed_reserve: float = 0.03
+    """Share of a speed limit that recommended velocities stay below it: limits fall on the way of a period."""
+    keep_out_reserve: float = 4.0
+    """By how much recommended velocities pass beside keep-out balls, m: coasts are checked at a few points."""
     brakes: ClassVar[bool] = False
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
 
@@ -102,26 +131,62 @@ class OrbitalMission(SingleTask):
     def planned(self, random: Random, start: State, goal: State) -> State:
         """Goal with a drawn deadline and the plan for a start in its notes."""
         deadline = random.uniform(*self.deadline)
-        arrival = deadline
-        cheapest = self._planned_price(start, goal, arrival)
-        for k in range(1, PLANS):
-            earlier = deadline * (1.0 - k / PLANS)
-            price = self._planned_price(start, goal, earlier)
-            better = price < cheapest
-            arrival = where(better, earlier, arrival)
-            cheapest = where(better, price, cheapest)
+        latest = self._whole(deadline - self.braking_time if self.brakes else deadline)
+        arrival = latest
+        cheapest = self._planned_price(start, goal, arrival, latest)
+        step = latest * (1.0 / PLANS)
+        tried = [latest * (1.0 - k / PLANS) for k in range(1, PLANS)]
+        for earlier in tried:
+            arrival, cheapest = self._cheaper(start, goal, latest, earlier, arrival, cheapest)
+        # Between the best of them and its neighbours.
+        for k in range(1, REFINEMENTS + 1):
+            width = step * 0.5**k
+            middle = arrival
+            for time in (middle - width, middle + width):
+                near = where(time < latest, time, latest)
+                arrival, cheapest = self._cheaper(start, goal, latest, near, arrival, cheapest)
         return replace(goal, notes=(deadline, arrival, deadline * 0.0))
 
-    def _planned_price(self, start: Any, goal: Any, time: Field) -> Field:
-        """Velocity change for an arrival after a time, m/s, with a penalty if the coast to it violates a limit."""
+    def _cheaper(
+        self, start: State, goal: State, latest: Field, time: Field, arrival: Field, price: Field
+    ) -> tuple[Field, Field]:
+        """A time of arrival and its price, where that is cheaper; else those that are known."""
+        whole = at_least(self._whole(time), self.timing.control_period)
+        new = self._planned_price(start, goal, whole, latest)
+        better = new < price
+        return where(better, whole, arrival), where(better, new, price)
+
+    def _whole(self, time: Field) -> Field:
+        """A time, s, no later than this one, that a command begins at: within a period no aim can be taken."""
+        period = self.timing.control_period
+        return floor(time * (1.0 / period) + 1e-3) * period
+
+    def _planned_price(self, start: Any, goal: Any, time: Field, latest: Field) -> Field:
+        """Velocity that an arrival after this time costs, m/s; more where limits delay it beyond the latest one."""
         gain = self.velocity_to_gain(start, goal, time)
         begun = start.v + gain
         price = self._price(start, goal, time, gain)
-        for share in (0.0, 1 / 3, 2 / 3, 1.0):
+        delay = time * 0.0
+        braked = time * 0.0
+        for k in range(COAST_POINTS + 1):
+            share = (k + 0.5) / (COAST_POINTS + 1)
             p, v = self.drift.carry(start.p, begun, at_least(time, self.shortest_aim) * share)
             for limit in self.limits(goal).values():
-                price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _PENALTY
-        return price
+                if isinstance(limit, SpeedLimit):
+                    # This part of the way takes longer, and what is too fast is braked.
+                    speed = v.norm()
+                    allowed = self._allowed(limit, p, v)
+                    over = at_least(speed - allowed, 0.0)
+                    braked = where(over > braked, over, braked)
+                    delay = delay + time * (over / (at_least(allowed, 1e-3) * (COAST_POINTS + 1)))
+                else:
+                    price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _PENALTY
+        late = at_least(time + delay - latest, 0.0)
+        return price + braked + late * (_PENALTY / latest)
+
+    def _allowed(self, limit: SpeedLimit, p: Any, v: Any) -> Field:
+        """Speed that is recommended at most at a position, m/s."""
+        return limit.gap(p, v.scale(0.0)) * (1.0 - self.speed_reserve)
 
     def arrival(self, goal: State) -> Field:
         """Time until the planned arrival, s."""
@@ -156,6 +221,91 @@ class OrbitalMission(SingleTask):
         time = at_least(left, self.shortest_aim)
         return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
 
+    def recommended(self, state: Any, goal: Any, left: Field) -> Any:
+        """Velocity in W, m/s, with which to go to the goal in the time left, s, within the limits.
+
+        Beside keep-out balls the point of the coast that is nearest to a ball's centre is moved out of it, as
+        far as it takes. Speeds are at most `most_gain`, and below speed limits by `speed_reserve`.
+        """
+        time = at_least(left, self.shortest_aim)
+        velocity = velocity_to_reach(self.drift, state.p, goal.p, time)
+        if not self.brakes and isinstance(velocity, Vec3):
+            velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
+        return self._within_limits(state, goal, velocity, time)
+
+    def _within_limits(self, state: Any, goal: Any, velocity: Any, time: Field) -> Any:
+        """A velocity for a coast of this time, s, changed so far that it keeps the limits."""
+        limits = self.limits(goal).values()
+        for limit in limits:
+            if isinstance(limit, Ball):
+                velocity = velocity + self._around(limit, state, velocity, time)
+        most: Field = self.most_gain
+        for limit in limits:
+            if isinstance(limit, SpeedLimit):
+                allowed = self._allowed(limit, state.p, state.v)
+                most = where(allowed < most, allowed, most)
+        speed = velocity.norm()
+        return velocity.scale(where(speed > most, most / at_least(speed, 1e-9), 1.0))
+
+    def _now_or_later(self, state: Any, goal: Any, gain: Vec3, time: Field) -> Vec3:
+        """The part of the velocity to gain that is worth burning now, m/s.
+
+        Thrusters along the axes pay for the sum of the components. Across the orbital plane a burn does most a
+        quarter of an orbit before the arrival. In the plane, burns along one axis now and along one later, or
+        along both later, are compared with all of it now; later ones are at `LATER_BURNS` before the arrival.
+        """
+        n = self.mean_motion
+        missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
+        m = (missed.x, missed.y)
+        now = _burn_effects(n, time)
+        x, y = gain.x, gain.y
+        cheapest = (absolute(x) + absolute(y)) * (1.0 - _WORTH)
+        nothing = gain.x * 0.0
+        for k, before in enumerate(LATER_BURNS):
+            possible = time > before + _INSTANT
+            later = _burn_effects(n, before)
+            for axis, first in enumerate(now):
+                for second in later:
+                    u, w = _solved(first, second, m)
+                    price = absolute(u) + absolute(w)
+                    better = possible & (price < cheapest)
+                    cheapest = where(better, price, cheapest)
+                    x = where(better, u if axis == 0 else nothing, x)
+                    y = where(better, u if axis == 1 else nothing, y)
+            others = [later, *(_burn_effects(n, other) for other in LATER_BURNS[k + 1 :])]
+            for first in later:
+                for other in others:
+                    for second in other:
+                        if second is first:
+                            continue
+                        u, w = _solved(first, second, m)
+                        price = absolute(u) + absolute(w)
+                        better = possible & (price < cheapest)
+                        cheapest = where(better, price, cheapest)
+                        x = where(better, nothing, x)
+                        y = where(better, nothing, y)
+        z = where(time > 0.5 * math.pi / n, nothing, gain.z)
+        # Whoever waits arrives faster: nobody waits until that is too fast.
+        _, at_goal = self.drift.carry(state.p, state.v + gain, time)
+        slow = at_goal.norm() < self.velocity_tolerance * _SLOW
+        return map_leaves(partial(where, slow), Vec3(x, y, z), gain)
+
+    def _around(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Any:
+        """What is added to a velocity, m/s, so that the coast for this time passes beside a ball."""
+        nearest = state.p - ball.centre
+        distance = nearest.norm()
+        when = time
+        for k in range(1, COAST_POINTS + 1):
+            share = k / (COAST_POINTS + 1)
+            p, _ = self.drift.carry(state.p, velocity, time * share)
+            way = p - ball.later(time * share).centre
+            nearer = way.norm() < distance
+            nearest = map_leaves(partial(where, nearer), way, nearest)
+            distance = where(nearer, way.norm(), distance)
+            when = where(nearer, time * share, when)
+        short = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
+        return nearest.scale(short / (at_least(distance, 1e-3) * when))
+
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
         deadline, arrival, _ = goal.notes
@@ -163,7 +313,8 @@ class OrbitalMission(SingleTask):
         time = at_least(arrival, self.shortest_aim)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
-        # The velocity to gain is unbounded just before an arrival that misses the goal.
+        advised = self.recommended(state, goal, arrival) - state.v
+        # Just before an arrival that misses it the velocity to gain has no bound.
         nearby = 0.1 / self.position_tolerance
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
@@ -173,6 +324,7 @@ class OrbitalMission(SingleTask):
             InformationInW("miss_", "m", missed.scale(1.0 / (1.0 + missed.norm() * nearby))),
             Information("time left", "s", deadline),
             Information("time to arrival", "s", arrival),
+            AdvisedVelocityChange("advised_dv_", "m/s", advised),
             *(
                 entry
                 for name, shape in self.limits(goal).items()
@@ -202,10 +354,13 @@ class OrbitalMission(SingleTask):
             terms["gain"] = (past - where(won > 0.5, 0.0, now)) * self.gain_weight
         return {**terms, **self.prices(transition)}
 
-    def _counted(self, state: State, goal: State, left: Field) -> Field:
-        """Price of the velocity to gain in rewards, m/s, bounded by `most_gain`."""
-        gain = self._price(state, goal, left, self.velocity_to_gain(state, goal, left))
-        return where(gain < self.most_gain, gain, self.most_gain)
+    def _counted(self, state: Any, goal: Any, left: Field) -> Field:
+        """Velocity to gain as rewards count it, m/s."""
+        time = at_least(left, self.shortest_aim)
+        whole = velocity_to_reach(self.drift, state.p, goal.p, time)
+        gain = self._within_limits(state, goal, whole, time) - state.v
+        price = self._price(state, goal, left, gain)
+        return where(price < self.most_gain, price, self.most_gain)
 
     def _price(self, state: Any, goal: Any, left: Field, gain: Any) -> Field:
         """Velocity change of gaining ``gain`` now, m/s, and of braking at the arrival if the mission brakes."""
@@ -223,6 +378,27 @@ class OrbitalMission(SingleTask):
         """Whether the craft is too far away, or the deadline has passed."""
         distance = self.errors(state, goal)["position"]
         return (distance > self.fail_distance) | (goal.notes[0] < _INSTANT)
+
+
+def _burn_effects(n: float, time: Field) -> tuple[tuple[Field, Field], tuple[Field, Field]]:
+    """Change of position in the orbital plane after a time, m, by 1 m/s along x and by 1 m/s along y."""
+    s = sin(n * time)
+    half = sin(0.5 * n * time)
+    across = 4.0 * half * half / n
+    return (s / n, 0.0 - across), (across, 4.0 * s / n - 3.0 * time)
+
+
+def _solved(
+    first: tuple[Field, Field], second: tuple[Field, Field], missed: tuple[Field, Field]
+) -> tuple[Field, Field]:
+    """Factors of two vectors in the plane whose sum is a third."""
+    determinant = first[0] * second[1] - first[1] * second[0]
+    # Vectors along one line solve nothing: factors are huge then.
+    scale = 1.0 / (determinant + _NOTHING)
+    return (
+        (missed[0] * second[1] - missed[1] * second[0]) * scale,
+        (first[0] * missed[1] - first[1] * missed[0]) * scale,
+    )
 
 
 def _sum_of_sizes(v: Vector) -> Field:

@@ -13,22 +13,33 @@ import pytest
 import torch
 
 from rans.deploy.export import Form, write_agent
+from rans.effectors.commands import per_velocity
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
+from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
+from rans.tasks import Dock
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
 from validation.records.exports import ANSWERS
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)
+DEPUTY = load_spacecraft("afrl-deputy")
+GUIDED = {
+    "task": Dock(),
+    "head": "guided",
+    "levers": per_velocity(DEPUTY, Dock.timing.control_period),
+    "sided": False,
+    "zoom": 2.0,
+}
 POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "on/off": (PLATFORM, {}),
     "space": (FLYER, {}),
@@ -40,6 +51,8 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "throttles": (THROTTLED, {}),
     "gated throttles": (THROTTLED, {"head": "gated"}),
     "gated throttles, one side": (THROTTLED, {"head": "gated", "sided": False}),
+    "guided throttles": (DEPUTY, GUIDED),
+    "guided throttles, history": (DEPUTY, {**GUIDED, "history": 2}),
     "history": (PLATFORM, {"history": 2}),
     "averages of commands": (PLATFORM, {"averages": (0.5, 0.9), "commands_only": True}),
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
@@ -164,7 +177,8 @@ def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
 def test_flights_as_machine_code(kind: str) -> None:
     """What the processor's own code flies is what torch and NumPy fly; what it has no code for, they fly."""
     network, _, _ = known(kind)
-    given = setup(POLICIES[kind][0])
+    craft, settings = POLICIES[kind]
+    given = setup(craft, settings.get("task", WIDE))
     ours, theirs = (Flights(network, given, generated=generated) for generated in (True, False))
     found, expected = (one.fly(1000, COUNT, 2**40 + 5) for one in (ours, theirs))
     assert found.ways == {"stepping, cpu" if kind in ROWS_ALONE else "CPU, float32"}

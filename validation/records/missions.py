@@ -30,6 +30,7 @@ from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.control.lqr import LQR
+from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
@@ -166,6 +167,10 @@ class Missions:
                 makers: dict[str, tuple[Callable[[], Controller], Scenario]] = {
                     "guidance": (
                         lambda task=task: VelocityToGain(craft, task, task.timing),
+                        starts,
+                    ),
+                    "mission guidance": (
+                        lambda task=task: MissionGuidance(craft, task, task.timing),
                         starts,
                     ),
                     "convex guidance": (

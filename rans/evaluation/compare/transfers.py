@@ -14,8 +14,10 @@ from rans.evaluation.measure.metrics import impulses
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.lqr import LQR
+from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.convex.rendezvous import Answer, Meeting, rendezvous
 from rans.progress import Progress
 from rans.reference.flight import fly_in_drake
@@ -116,7 +118,7 @@ class Table:
 def contestants_of(
     craft: Spacecraft, agents: Sequence[str] = ()
 ) -> dict[str, Callable[[OrbitalMission], Controller]]:
-    """Guidance to the planned arrival and to the deadline, LQR, and agents by their run folders' names."""
+    """Guidance of every kind, LQR, and agents by their run folders' names."""
 
     def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
         agent = contestant(spec).controller
@@ -128,6 +130,8 @@ def contestants_of(
         "guidance to the deadline": lambda task: VelocityToGain(
             craft, task, task.timing, deadline=task.deadline[1]
         ),
+        "mission guidance": lambda task: MissionGuidance(craft, task, task.timing),
+        "convex guidance": lambda task: ConvexGuidance(craft, task, task.timing),
         "LQR": lambda task: LQR(craft, task, task.timing),
     }
 

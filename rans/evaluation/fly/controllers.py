@@ -66,6 +66,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "guidance": "rans.optimal.control.guidance:VelocityToGain",
         "convex": "rans.optimal.control.convex_guidance:ConvexGuidance",
         "landing": "rans.optimal.control.landing_guidance:LandingGuidance",
+        "mission": "rans.optimal.control.mission_guidance:MissionGuidance",
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,

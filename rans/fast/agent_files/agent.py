@@ -46,6 +46,7 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "nominal": float,
     "bounds": float,
     "tokens": lambda row: tuple(map(float, row)),
+    "levers": lambda row: tuple(map(float, row)),
 }
 
 
@@ -267,6 +268,10 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         raise ValueError("it has symmetries or filters, which its preprocessor has no columns for")
     if BACKBONES[given.backbone].has_tokens and [*map(len, given.tokens)] != [8] * given.thrusters:
         raise ValueError("its tokens are of another spacecraft")
+    if given.last.is_advised:
+        first, last = given.columns.advice
+        if first == last or [*map(len, given.levers)] != [last - first] * given.thrusters:
+            raise ValueError("what guidance recommends to it is of another spacecraft or task")
     numbers = {
         "filters": bank or (),
         "symmetries": views or (),
@@ -274,6 +279,7 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         "averages": given.averages,
         "zoom": given.zoom,
         "tokens": given.tokens,
+        "levers": given.levers,
         "clip": given.clip,
     }
     for name, values in numbers.items():

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Activation = str
 else:
     Activation = Literal[tuple(ACTIVATIONS)]
-Head = Literal["auto", "gated"]
+Head = Literal["auto", "gated", "guided"]
 BackboneName = Literal["dense", "attention"]
 PreprocessorName = Literal["body", "world"]
 Memory = Literal["none", "history", "commands", "recurrent"]
@@ -84,7 +84,8 @@ class PPOSettings:
     effectors, whose weights fit any craft."""
     head: Head = "auto"
     """How outputs become commands: "auto" opens on/off thrusters or not, and commands the others by a Gaussian;
-    "gated" first decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
+    "gated" first decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0; "guided"
+    gives shares of the commands that a mission's guidance recommends, and begins as guidance."""
     symmetric: bool = True
     """Whether what is learnt on one side of the spacecraft serves all that look the same."""
     zoom: float = 0.0

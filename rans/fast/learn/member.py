@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from rans.compile.preprocess import compiled_preprocessor
+from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.ppo import PPOLearner
-from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import BACKBONES, Architecture
 from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
@@ -41,7 +41,10 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         zoom=settings.zoom,
         symmetries=symmetries(craft) if settings.symmetric else None,
         bf16=settings.matmul == "bf16",
-        head=_head(craft, settings.head),
+        head=_head(engine, settings),
+        levers=per_velocity(craft, engine.timing.control_period)
+        if settings.head == "guided"
+        else (),
         preprocessor=settings.preprocessor,
         backbone=settings.backbone,
         tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
@@ -115,8 +118,19 @@ def begin(
     return make(engine, network, settings, generators)
 
 
-def _head(craft: Spacecraft, wanted: str) -> str:
-    """Key of `rans.policy.heads.HEADS`; ConfigError where the craft cannot follow it."""
+def _head(engine: Engine, settings: PPOSettings) -> str:
+    """Key of `rans.policy.heads.HEADS`; ConfigError where craft or task cannot follow it."""
+    craft = engine.craft
+    wanted = settings.head
+    if wanted == "guided":
+        first, last = engine.layout.advice
+        if first == last:
+            raise ConfigError(
+                "the head 'guided' gives shares of what guidance recommends, which "
+                f"{type(engine.task).__name__} does not observe: it is for missions on an orbit."
+            )
+        if settings.symmetric:
+            raise ConfigError("the head 'guided' needs symmetric to be false.")
     if wanted == "auto":
         return "gaussian" if craft.is_continuous else "on-off"
     odd = [

@@ -1,0 +1,79 @@
+"""Guidance that missions on an orbit recommend, and agents that have learnt nothing, which fly it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from rans.effectors.commands import per_velocity
+from rans.errors import ConfigError
+from rans.evaluation.compare.transfers import row_of
+from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
+from rans.reference.flight import fly_in_drake
+from rans.scenario import scenarios
+from rans.tasks import Dock
+from rans.tasks.base import observation
+from rans.tasks.derived import layout
+
+DEPUTY = load_spacecraft("afrl-deputy")
+
+
+def test_it_docks_in_a_hurry_below_the_speed_limit() -> None:
+    task = Dock(deadline=(600.0, 600.0))
+    starts = scenarios(task, DEPUTY, 7, 64)
+    row = row_of("", fly(DEPUTY, task, MissionGuidance(DEPUTY, task), starts, task.timing))
+    assert row.docked.all()
+    assert not row.violated.any()
+
+
+@pytest.mark.filterwarnings("ignore:.* does not know the constraints")
+def test_later_burns_save_impulse() -> None:
+    """By 2,000 s there is time for burns where they do most; whoever burns all at once spends more."""
+    task = Dock(deadline=(2000.0, 2000.0))
+    starts = scenarios(task, DEPUTY, 7, 64)
+    ours, theirs = (
+        row_of("", fly(DEPUTY, task, kind(DEPUTY, task), starts, task.timing))
+        for kind in (MissionGuidance, VelocityToGain)
+    )
+    assert ours.docked.all()
+    both = ours.docked & theirs.docked
+    assert ours.impulse[both].mean() < 0.97 * theirs.impulse[both].mean()
+
+
+def test_drake_flies_the_same() -> None:
+    task = Dock(deadline=(600.0, 600.0))
+    starts = scenarios(task, DEPUTY, 7, 1)
+    guidance = MissionGuidance(DEPUTY, task)
+    ours = row_of("", fly(DEPUTY, task, guidance, starts, task.timing))
+    drake = row_of("", fly_in_drake(DEPUTY, task, guidance, starts, task.timing))
+    assert drake.docked.all()
+    np.testing.assert_allclose(drake.impulse, ours.impulse, rtol=1e-6)
+
+
+def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
+    task = Dock()
+    given = Architecture(
+        layout(task, 3), 6, (8, 8), head="guided", levers=per_velocity(DEPUTY, 10.0)
+    )
+    tensors, _ = given.initial(0, 0.5)
+    for kind in ("weight", "bias"):
+        tensors[f"action_net.{kind}"].zero_()
+    given.last.expect(tensors["action_net.bias"], 0.5)
+    network = Network.stacked(given, [tensors], torch.device("cpu"), torch.float64)
+    starts = scenarios(task, DEPUTY, 3, 20)
+    wanted = MissionGuidance(DEPUTY, task).act(starts.start, starts.goal, np.zeros((20, 0)))
+    columns = observation(task, starts.start, starts.goal)
+    rows = np.stack([np.broadcast_to(np.asarray(x, float), 20) for x in columns], axis=1)
+    command, _ = network.deterministic_action(torch.from_numpy(rows), network.initial_state(20))
+    np.testing.assert_allclose(command.numpy(), wanted, atol=1e-12)
+
+
+def test_craft_with_other_thrusters_are_refused() -> None:
+    with pytest.raises(ConfigError, match="one throttled or pulsed thruster either way"):
+        MissionGuidance("mars-lander-steered", Dock())
