@@ -131,7 +131,9 @@ class Missions:
             evidence = {
                 "mission": self.mission,
                 "seed": self.seed,
+                "episodes": self.episodes,
                 "bounded": self.bounded,
+                "drake": self.drake,
                 "environment": environment(),
                 "rows": [vars(row) for row in rows],
             }
@@ -266,11 +268,22 @@ def in_document(docs: Path, mission: str) -> Table:
     ]
     return Table(
         f"missions/{mission}.md",
-        f"python -m validation.records.missions {mission} --docs docs",
+        _command(mission, evidence),
         _HEADINGS,
         [row.cells(_unit(mission)) for row in rows],
         f"The values are in [{name}](../validation/{name}).",
     )
+
+
+def _command(mission: str, evidence: dict[str, Any]) -> str:
+    """What measured it, with the options that were not left at their defaults."""
+    usual = Missions(mission=cast(Mission, mission))
+    options = [
+        f" --{name} {evidence[name]}"
+        for name in ("episodes", "bounded", "drake")
+        if evidence.get(name, getattr(usual, name)) != getattr(usual, name)
+    ]
+    return f"python -m validation.records.missions {mission} --docs docs{''.join(options)}"
 
 
 def _unit(mission: str) -> str:
