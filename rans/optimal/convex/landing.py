@@ -306,6 +306,8 @@ def _least(
     else:
         best = round(guess / period)
         step = 1
+        if math.isinf(used(best)):
+            best = min(range(low, high + 1), key=used)
     if math.isinf(used(best)) and guess is None:
         return None
     while step:
