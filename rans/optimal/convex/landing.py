@@ -282,7 +282,8 @@ def _least(
 ) -> Landing | None:
     """Landing with the least propellant between two times (s), of which the propellant has one minimum.
 
-    Without a guess of the time nine times are tried first, because short and long flights are infeasible.
+    Without a guess of the time nine times are tried first, because short and long flights are infeasible; where all
+    nine are, 33.
     """
     known: dict[int, Landing | None] = {}
 
@@ -296,11 +297,17 @@ def _least(
     low = max(1, round(times[0] / period))
     high = max(low, round(times[1] / period))
     if guess is None:
-        best = min({round(low + (high - low) * k / 8.0) for k in range(9)}, key=used)
-        step = max(1, (high - low) // 16)
+        best, step = low, 0
+        for parts in (8, 32):
+            best = min({round(low + (high - low) * k / parts) for k in range(parts + 1)}, key=used)
+            step = max(1, (high - low) // (2 * parts))
+            if not math.isinf(used(best)):
+                break
     else:
         best = round(guess / period)
         step = 1
+        if math.isinf(used(best)):
+            best = min(range(low, high + 1), key=used)
     if math.isinf(used(best)) and guess is None:
         return None
     while step:
@@ -473,7 +480,8 @@ class _Problem:
                 # The chord between the masses that can be reached.
                 light, heavy = lightest[k], heaviest[k]
                 above = most * math.exp(-light)
-                slope = (most * math.exp(-heavy) - above) / (heavy - light)
+                # Both are the dry mass in flights that are too long.
+                slope = (most * math.exp(-heavy) - above) / max(heavy - light, 1e-9)
                 add(
                     above + slope * (full - light),
                     (self._sigma(k), 1.0),

@@ -385,14 +385,20 @@ def rendezvous(
 
 
 def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
-    """A flight that meets at the same check and keeps every limit at every check; None: none was found."""
+    """A flight that meets at the same check and keeps every limit at every check; None: none was found.
+
+    Where the solver fails in a round, the flight of the rounds before counts.
+    """
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
     result: Transfer | None = None
     cost = np.inf
     for _ in range(_ROUNDS):
-        trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
+        try:
+            trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
+        except SolverFailed:
+            return found
         if trial is None:
             return result
         states = trajectory(meeting, start, trial)
