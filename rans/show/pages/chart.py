@@ -94,6 +94,7 @@ class Chart:
             yield from _finite(one.marks)
 
     def _xs(self) -> Iterator[float]:
+        yield from (high for _, high, _ in self.shaded)
         for mark in self._marks():
             yield from (mark.x, *(x for x in mark.x_interval or () if math.isfinite(x)))
 
@@ -169,13 +170,15 @@ class _Axis(NamedTuple):
 
 
 def number(value: float) -> str:
-    """A tick's number; millions as "5 M".
+    """A tick's number; millions as "5 M", thousands from 10,000 on as "20 k".
 
-    >>> number(2_500_000.0), number(0.3), number(-0.0)
-    ('2.5 M', '0.3', '0')
+    >>> number(2_500_000.0), number(20_000.0), number(0.3), number(-0.0)
+    ('2.5 M', '20 k', '0.3', '0')
     """
     if abs(value) >= 1e6:
         return f"{value / 1e6:g} M"
+    if abs(value) >= 1e4:
+        return f"{value / 1e3:g} k"
     return f"{round(value, 9) + 0.0:g}"
 
 
@@ -205,7 +208,7 @@ def _drawn(one: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
                 )
         text = escape(mark.text)
         yield (
-            f'<g class="mark" tabindex="0" role="img" aria-label="{text}" '
+            f'<g class="point" tabindex="0" role="img" aria-label="{text}" '
             f'transform="translate({x:.1f} {y:.1f})"><title>{text}</title>{_marker(one.marker)}</g>'
         )
     yield "</g>"

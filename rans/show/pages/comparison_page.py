@@ -262,7 +262,7 @@ def _front(comparison: Comparison, front: Front) -> Section:
 def _plane(comparison: Comparison) -> Section:
     text = (
         (
-            "Left of the line no controller's median can be. The bars are medians of what each start needs "
+            "In the shaded range no controller's median can be. The bars are medians of what each start needs "
             "at least to be there at the marked time: from no start does less suffice, but who is quick from "
             "some starts and late from others may have a median below a bar. The dotted line only guides the "
             "eye."

@@ -32,6 +32,8 @@ from rans.show.pages.page import (
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
+_MOST_POINTS = 100
+"""Of a learning curve."""
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
 """Metrics of an evaluation that belong into a summary."""
 
@@ -176,6 +178,7 @@ def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
         points = [
             (row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row
         ]
+        points = points[:: math.ceil(len(points) / _MOST_POINTS) or 1]
         marks = [Mark(x, y, f"{name} after {x:,} steps: {y:.4g}{unit}") for x, y in points]
         return Series(name, marks, colour, "." if len(marks) == 1 else "", "solid")
 
