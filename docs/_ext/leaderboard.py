@@ -80,11 +80,11 @@ def task_tables() -> Iterable[Table]:
                 f"{settling[0]:.3g}",
                 f"{impulse[0]:.4g}",
                 str(card.get("date", "")),
-                str(card["training"]["environment"].get("revision", "")),
+                str(card.get("evaluation_environment", {}).get("revision", "")),
             ]
             title = f"{task}, {'plane' if '-2d' in name else 'space'}"
             rows.setdefault(title, []).append((key, row))
-    columns = ("solved, %", "settling time, s", "impulse, N s", "date", "trained at revision")
+    columns = ("solved, %", "settling time, s", "impulse, N s", "date", "judged at revision")
     for title, found in sorted(rows.items()):
         yield Table(
             title,
