@@ -44,4 +44,6 @@ def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    assert re.search(r"\d+ steps, .* of a core\): solved [\d.]+, settling time \S+, impulse [\d.]+", run.stdout)
+    assert re.search(
+        r"\d+ steps, .* of a core\): solved [\d.]+, settling time \S+, impulse [\d.]+", run.stdout
+    )

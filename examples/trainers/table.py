@@ -56,7 +56,9 @@ def row(name: str) -> str:
 
 if __name__ == "__main__":
     chosen = [name for name in RUNS if not sys.argv[1:] or any(a in name for a in sys.argv[1:])]
-    print("| trainer | file | lines | steps | steps/s | training | solved | settling, s | impulse, N s |")
+    print(
+        "| trainer | file | lines | steps | steps/s | training | solved | settling, s | impulse, N s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for name in chosen:
         print(row(name), flush=True)

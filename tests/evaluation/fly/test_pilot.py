@@ -19,7 +19,9 @@ from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 
 
-@pytest.mark.parametrize("name", sorted(set(CONTROLLERS.built_in) - {"convex", "landing", "visiting"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(CONTROLLERS.built_in) - {"convex", "landing", "visiting"})
+)
 @pytest.mark.parametrize(
     "env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"]
 )
