@@ -15,12 +15,15 @@ else
 COMPARE_OPTIONS := --episodes 16 --certified 2
 endif
 
+# Largest wheel that `make release` accepts.
+WHEEL_BYTES := 20000000
+
 # Commands are written as a user types them, with .venv active; but .venv is made by the Python outside it.
 override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup demo test lint docs clean
+.PHONY: help setup demo test lint docs release clean
 
 help:
 	@echo "make demo    set everything up, then validate, train two agents, evaluate, compare and report into"
@@ -29,6 +32,7 @@ help:
 	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
 	@echo "make lint    ruff, pyright and the words of the pages only"
 	@echo "make docs    build the documentation site into build/site, and run its tutorials"
+	@echo "make release build the packages into dist/, check them, and fly an agent from the wheel alone"
 	@echo "make clean   remove what was built; runs/ stays"
 
 demo: .venv/installed
@@ -52,6 +56,17 @@ docs: .venv/installed-docs
 	sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/site
 	@echo "Open build/site/index.html"
 
+# The wheel flies an agent in an environment of its own, in another folder, without this checkout.
+release: build/release/bin/twine build/bare/bin/pip
+	rm -rf dist
+	build/release/bin/python -m build --outdir dist .
+	build/release/bin/twine check --strict dist/*
+	@size=$$(stat -c %s dist/rans-*.whl); echo "The wheel has $$((size / 1000000)) MB."; test $$size -le $(WHEEL_BYTES) || { \
+		echo "It may have $(WHEEL_BYTES) bytes: leave out what no user needs." >&2; exit 1; }
+	build/bare/bin/pip install --quiet --force-reinstall --no-deps dist/rans-*.whl
+	build/bare/bin/pip install --quiet -c constraints.txt dist/rans-*.whl
+	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16
+
 setup: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
@@ -61,6 +76,13 @@ setup: .venv/installed
 .venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
 	python -m pip install -c constraints.txt -e '.[dev]'
 	@touch .venv/installed $@
+
+build/release/bin/twine:
+	$(PYTHON) -m venv --clear build/release
+	build/release/bin/pip install --quiet build twine
+
+build/bare/bin/pip:
+	$(PYTHON) -m venv --clear build/bare
 
 .venv/installed-docs: pyproject.toml constraints.txt | .venv/bin/pip
 	python -m pip install -c constraints.txt -e '.[docs]'

@@ -120,6 +120,7 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
             signal.setitimer(signal.ITIMER_REAL, _MOMENT)
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
+            os.write(2, b"\nrans: interrupted.\n")
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             signal.raise_signal(signal.SIGINT)
         frame = frame.f_back

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -53,6 +54,9 @@ TERMS = {
     "valve delay": "conditions",
 }
 """What engineers search for, and the page that must have it in these words."""
+
+
+sys.path.append(str(DOCS / "_ext"))  # as docs/conf.py does
 
 
 def extension(name: str) -> ModuleType:

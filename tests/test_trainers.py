@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,24 +14,28 @@ import pytest
 FOLDER = Path(__file__).parents[1] / "examples" / "trainers"
 LIBRARIES = {
     "cleanrl_ppo": "torch",
-    "torchrl_ppo": "torchrl",
-    "rsl_rl_ppo": "rsl_rl",
+    "rans_ppo": "torch",
     "rl_games_ppo": "rl_games",
+    "rsl_rl_ppo": "rsl_rl",
+    "sb3_agents": "stable_baselines3",
+    "skrl_ppo": "skrl",
+    "torchrl_ppo": "torchrl",
 }
+SHARED = {"shared", "table"}
 
 
 def test_every_example_is_run() -> None:
-    assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys()
+    assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys() | SHARED
 
 
 @pytest.mark.trainers
 @pytest.mark.parametrize("name", LIBRARIES)
-def test_it_trains(name: str, tmp_path: Path) -> None:
-    """One rollout and its update, in a process of its own."""
+def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:
+    """One rollout and its update, in a process of its own; then its agent flies in RANS."""
     if importlib.util.find_spec(LIBRARIES[name]) is None:
         pytest.skip(f"{LIBRARIES[name]} is not installed")
     run = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192"],
+        [sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192", "--episodes", "16"],
         cwd=tmp_path,
         env=os.environ | {"OMP_NUM_THREADS": "1"},
         capture_output=True,
@@ -39,5 +44,6 @@ def test_it_trains(name: str, tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    if name in ("cleanrl_ppo", "torchrl_ppo"):
-        assert "rollout 0: mean reward of a step " in run.stdout
+    assert re.search(
+        r"\d+ steps, .* of a core\): solved [\d.]+, settling time \S+, impulse [\d.]+", run.stdout
+    )

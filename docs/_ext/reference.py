@@ -14,7 +14,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from leaderboard import leaderboard_page
+from task_pictures import save_task_picture
+
 import rans
+from rans.api.judging import FAULT_COLUMNS
 from rans.cli import COMMANDS
 from rans.cli.help import EXAMPLES, GROUPS, GUIDES
 from rans.display import default, meanings
@@ -70,6 +74,8 @@ API = {
 }
 """Public names by what they are for; `check_api` compares them with `rans.__all__`."""
 
+PICTURES = Path(__file__).parents[1] / "_pictures"
+"""Of spacecraft and tasks; drawn once, never committed."""
 FLOWN = (
     "go-to-pose-2d",
     "go-to-pose-2d-robust",
@@ -94,6 +100,7 @@ def pages() -> dict[str, str]:
         "conditions.md": conditions_page(),
         "recipes.md": recipes_page(),
         "agents.md": agents_page(),
+        "leaderboard.md": leaderboard_page(),
         "controllers.md": controllers_page(),
         "api.md": api_page(),
     }
@@ -199,8 +206,15 @@ def spacecraft_page() -> str:
             listing(spacecraft_listing(craft)),
             listing(_authority(craft)),
             listing(thruster_listing(craft)),
+            *_faults(craft),
         ]
     return "\n".join(lines) + "\n"
+
+
+def _faults(craft: Spacecraft) -> Iterable[str]:
+    """Which thrusters may fail while every force and torque stays possible, as `rans faults` prints it."""
+    if len(craft.thrusters) > 1:
+        yield listing(Listing("Recoverable faults", FAULT_COLUMNS, rans.faults(craft).rows()))
 
 
 def _authority(craft: Spacecraft) -> Listing:
@@ -251,10 +265,21 @@ def task_page(name: str) -> str:
     ids = gymnasium_ids(name)
     registered = ", ".join(f"`{ids[dimension - 2]}`" for dimension in dimensions(task))
     parts = "\n".join(listing(part) for part in task_listings(task, "settings."))
+    caption = _task_picture(name)
+    picture = f"```{{figure}} ../../_pictures/task-{name}.svg\n:width: 30em\n\n{caption}\n```\n\n"
     return (
         f"# {name}\n\n{_first_line(type(task))}\n\nGymnasium: {registered}. Class: "
-        f"[rans.{type(task).__name__}](../api/tasks.rst).\n\n{parts}"
+        f"[rans.{type(task).__name__}](../api/tasks.rst).\n\n{picture if caption else ''}{parts}"
     )
+
+
+def _task_picture(name: str) -> str:
+    """The caption of a task's picture, which is drawn once; "" where there is none."""
+    file = PICTURES / f"task-{name}.svg"
+    caption = file.with_suffix(".txt")
+    if not caption.exists():
+        caption.write_text(save_task_picture(name, file), "utf-8")
+    return caption.read_text("utf-8")
 
 
 def settings_page() -> str:
@@ -477,6 +502,7 @@ def slug(title: str) -> str:
 def _write(app: Sphinx) -> None:
     """Write what has changed, and remove what is no longer made."""
     check_api()
+    PICTURES.mkdir(exist_ok=True)
     folder = Path(app.srcdir) / "reference"
     made = pages()
     for name, text in made.items():
@@ -491,11 +517,9 @@ def _write(app: Sphinx) -> None:
     playgrounds.mkdir(parents=True, exist_ok=True)
     for name in FLOWN:
         rans.load_agent(name).playground(playgrounds / f"{name}.html")
-    pictures = Path(app.srcdir) / "_pictures"
-    pictures.mkdir(exist_ok=True)
     for name in spacecraft_names():
-        if not (pictures / f"{name}.svg").exists():
-            save_picture(draw_layout(SPACECRAFT[name].craft), pictures / f"{name}.svg")
+        if not (PICTURES / f"{name}.svg").exists():
+            save_picture(draw_layout(SPACECRAFT[name].craft), PICTURES / f"{name}.svg")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

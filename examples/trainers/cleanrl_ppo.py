@@ -6,17 +6,11 @@ is ours: tensors throughout, and a Bernoulli choice for each valve.
 
 from __future__ import annotations
 
-import argparse
-
-import gymnasium
 import torch
+from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
 from torch import Tensor, nn
 from torch.distributions import Bernoulli
 
-import rans  # registers the environments
-
-N_ENVS = 128
-N_STEPS = 64
 EPOCHS = 4
 MINIBATCHES = 4
 GAMMA = 0.98
@@ -34,10 +28,9 @@ def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(layers[0], nn.Tanh(), layers[1], nn.Tanh(), layers[2])
 
 
-def train(steps: int) -> list[float]:
-    """Mean reward of a step in every rollout."""
-    torch.manual_seed(0)
-    envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=N_ENVS)
+def train(steps: int) -> Act:
+    """The likeliest commands of an agent that was trained for so many steps."""
+    envs = Spacecraft()
     width = envs.single_observation_space.shape[0]
     valves = envs.single_action_space.shape[0]
     actor = network(width, valves, 0.01)
@@ -46,7 +39,6 @@ def train(steps: int) -> list[float]:
     adam = torch.optim.Adam(weights, RATE, eps=1e-5)
     updates = max(1, steps // (N_ENVS * N_STEPS))
     seen, _ = envs.reset(seed=0)
-    told = []
     for update in range(updates):
         adam.param_groups[0]["lr"] = RATE * (1 - update / updates)
         rows: list[tuple[Tensor, ...]] = []
@@ -58,12 +50,10 @@ def train(steps: int) -> list[float]:
                 after, reward, terminated, truncated, info = envs.step(action)
                 # Time that runs out is no end of the task: what would have followed counts.
                 rest = critic(info["final_obs"])[:, 0] * truncated
-                said = policy.log_prob(action).sum(1)
-                rows.append(
-                    (seen, action, said, value, reward + GAMMA * rest, terminated | truncated)
-                )
+                log_prob = policy.log_prob(action).sum(1)
+                over = terminated | truncated
+                rows.append((seen, action, log_prob, value, reward + GAMMA * rest, over))
                 seen = after
-            told.append(float(torch.stack([row[4] for row in rows]).mean()))
             follows = critic(seen)[:, 0]
             advantages = []
             advantage = torch.zeros(N_ENVS)
@@ -74,7 +64,7 @@ def train(steps: int) -> list[float]:
                 follows = value
         flat = [torch.cat(column) for column in zip(*rows, strict=True)]
         learn(actor, critic, adam, flat, torch.cat(advantages))
-    return told
+    return lambda rows: actor(rows) > 0
 
 
 def learn(
@@ -103,7 +93,4 @@ def learn(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    for number, reward in enumerate(train(parser.parse_args().steps)):
-        print(f"rollout {number}: mean reward of a step {reward:.3f}")
+    main(train)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
-import gymnasium
+import torch
 from gymnasium.spaces import Discrete, Tuple
 from rl_games.common import env_configurations, vecenv
 from rl_games.torch_runner import Runner
-
-import rans  # registers the environments
+from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
 
 
 class Valves(vecenv.IVecEnv):
     """The glue."""
 
     def __init__(self, _: str, num_actors: int, **__: Any) -> None:
-        self.envs: Any = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=num_actors)
+        self.envs: Any = Spacecraft(num_actors)
 
     def reset(self) -> Any:
         """What is seen first."""
@@ -59,8 +57,8 @@ def config(steps: int) -> dict[str, Any]:
                 "env_name": "rans",
                 "device": "cpu",
                 "device_name": "cpu",
-                "num_actors": 128,
-                "horizon_length": 64,
+                "num_actors": N_ENVS,
+                "horizon_length": N_STEPS,
                 "minibatch_size": 2048,
                 "mini_epochs": 4,
                 "gamma": 0.98,
@@ -79,9 +77,9 @@ def config(steps: int) -> dict[str, Any]:
                 "normalize_value": True,
                 "value_bootstrap": True,
                 "normalize_advantage": True,
-                "reward_shaper": {"scale_value": 0.1},
+                "reward_shaper": {"scale_value": 1.0},
                 "score_to_win": 1e9,
-                "max_epochs": max(1, steps // (128 * 64)),
+                "max_epochs": max(1, steps // (N_ENVS * N_STEPS)),
                 "save_best_after": 10**9,
                 "save_frequency": 0,
                 "torch_compile": False,
@@ -90,17 +88,23 @@ def config(steps: int) -> dict[str, Any]:
     }
 
 
-def train(steps: int) -> Runner:
-    """The runner, trained."""
+def train(steps: int) -> Act:
+    """The likeliest commands of an agent that was trained for so many steps."""
     vecenv.register("rans", lambda name, actors, **others: Valves(name, actors, **others))
     env_configurations.register("rans", {"vecenv_type": "rans", "env_creator": None})
     runner = Runner()
     runner.load(config(steps))
-    runner.run({"train": True, "play": False})
-    return runner
+    torch.set_num_threads(1)  # rl_games asks for more, which crowded cores are slower with
+    agent = runner.algo_factory.create("a2c_discrete", base_name="rans", params=runner.params)
+    agent.train()
+    agent.set_eval()
+
+    def act(rows: torch.Tensor) -> torch.Tensor:
+        choices = agent.get_action_values({"obs": rows})["logits"]
+        return torch.stack([choice.argmax(1) for choice in choices], dim=1)
+
+    return act
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    train(parser.parse_args().steps)
+    main(train)

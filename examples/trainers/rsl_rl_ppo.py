@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
-import gymnasium
 import torch
 from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
+from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
 from tensordict import TensorDict
 
-import rans  # registers the environments
-
 CONFIG: dict[str, Any] = {
-    "num_steps_per_env": 64,
+    "num_steps_per_env": N_STEPS,
     "save_interval": 10_000,
     "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
     "actor": {
@@ -47,7 +44,7 @@ class Valves(VecEnv):
         self.device = envs.device
         self.cfg = {}
         self.num_actions = envs.single_action_space.shape[0]
-        self.max_episode_length = envs.spec.max_episode_steps
+        self.max_episode_length = envs.engine.timing.episode_steps
         self.episode_length_buf = torch.zeros(envs.num_envs, dtype=torch.long, device=envs.device)
         self.seen, _ = envs.reset(seed=0)
 
@@ -63,15 +60,13 @@ class Valves(VecEnv):
         return self.get_observations(), reward, terminated | truncated, {"time_outs": truncated}
 
 
-def train(steps: int) -> OnPolicyRunner:
-    """The runner, trained."""
-    torch.manual_seed(0)
-    runner = OnPolicyRunner(Valves(gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=128)), CONFIG)
-    runner.learn(max(1, steps // (128 * 64)))
-    return runner
+def train(steps: int) -> Act:
+    """The likeliest commands of an agent that was trained for so many steps."""
+    runner = OnPolicyRunner(Valves(Spacecraft()), CONFIG)
+    runner.learn(max(1, steps // (N_ENVS * N_STEPS)))
+    policy = runner.get_inference_policy()
+    return lambda rows: policy(TensorDict({"policy": rows}, [len(rows)])) > 0
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    train(parser.parse_args().steps)
+    main(train)

@@ -53,18 +53,20 @@ class Spacecraft(rans.SpacecraftVectorEnv):
         return body_frame(rows), 0.1 * reward, terminated, truncated, info
 
 
-def judged(act: Act, episodes: int = 1024) -> dict[str, float]:
+def judged(
+    act: Act, episodes: int = 1024, spacecraft: rans.Spacecraft | None = None
+) -> dict[str, float]:
     """Success (%), settling time (s) and impulse (N s) of an agent, as `rans evaluate` prints them."""
 
     def policy(observation: np.ndarray) -> np.ndarray:
         with torch.no_grad():
             return np.asarray(act(body_frame(torch.as_tensor(observation))), dtype=np.float32)
 
-    metrics = rans.load_agent(policy, "go-to-pose").evaluate(episodes=episodes)
+    metrics = rans.load_agent(policy, "go-to-pose", spacecraft).evaluate(episodes=episodes)
     return {name: metrics[name].value for name in ("solved", "settling time", "impulse")}
 
 
-def main(train: Callable[[int], Act]) -> None:
+def main(train: Callable[[int], Act], spacecraft: rans.Spacecraft | None = None) -> None:
     """Train by the command line's number of steps and print one row of the table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--steps", type=int, default=1_000_000)
@@ -75,6 +77,6 @@ def main(train: Callable[[int], Act]) -> None:
     begun, used = time.perf_counter(), time.process_time()
     act = train(given.steps)
     seconds, processor = time.perf_counter() - begun, time.process_time() - used
-    found = judged(act, given.episodes)
+    found = judged(act, given.episodes, spacecraft)
     told = ", ".join(f"{name} {value:.4g}" for name, value in found.items())
     print(f"{given.steps} steps, {seconds:.1f} s ({processor:.1f} s of a core): {told}")

@@ -232,10 +232,13 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
     card = pretrained_card(name)
     training = card["training"]
     yield f"{name}: {card['task']} with {card['spacecraft']}, in {pretrained_folder(name)}"
+    judged = card.get("evaluation_environment", {}).get("revision", "")
+    trained = training.get("environment", {}).get("revision", "")
     yield (
         f"Trained with seed {training['seed']} for {training['steps']:,} steps in "
-        f"{training['seconds']:.1f} s on {training['device']}; judged on {card['episodes']:,} episodes of "
-        f"seed {card['evaluation_seed']}."
+        f"{training['seconds']:.1f} s on {training['device']}"
+        f"{f', at revision {trained}' if trained else ''}; judged on {card['episodes']:,} episodes of "
+        f"seed {card['evaluation_seed']}{f', at revision {judged}' if judged else ''}."
     )
     if (recipe := RECIPE_FOLDER / f"{name}.toml").exists():
         yield f"rans train {name} trains it again, by the recipe {recipe}."

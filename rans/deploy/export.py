@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +27,7 @@ from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
 from rans.files import (
+    environment,
     inside,
     plain,
     read_json,
@@ -129,15 +131,7 @@ def export(
     write_text(folder / "golden.json", pairs)
 
     if "evaluation" not in card:
-        card |= {
-            "episodes": episodes,
-            "evaluation_seed": seed,
-            "date": datetime.now(UTC).date().isoformat(),
-            "evaluation": {
-                protocol: _judged(str(run), protocol, episodes, seed)
-                for protocol in fitting_protocols(craft)
-            },
-        }
+        card |= evaluated(str(run), fitting_protocols(craft), episodes, seed)
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
@@ -210,6 +204,19 @@ def _card(run: RunFolder) -> dict[str, Any]:
             "the agent was trained: export the run itself."
         )
     return {key: value for key, value in card.items() if key not in ("name", "task", "spacecraft")}
+
+
+def evaluated(
+    spec: str, protocols: Iterable[ProtocolName], episodes: int, seed: int
+) -> dict[str, Any]:
+    """What a card says of an agent's flights: their number and seed, the figures, and what made these, when."""
+    return {
+        "episodes": episodes,
+        "evaluation_seed": seed,
+        "date": datetime.now(UTC).date().isoformat(),
+        "evaluation_environment": environment(),
+        "evaluation": {protocol: _judged(spec, protocol, episodes, seed) for protocol in protocols},
+    }
 
 
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:

@@ -40,7 +40,7 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
 @pytest.mark.parametrize(
     ("moment", "code", "said"),
     [
-        ("loading", -signal.SIGINT, ""),
+        ("loading", -signal.SIGINT, "\nrans: interrupted.\n"),
         ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
         ("leaving", None, ""),
         ("never", 0, ""),

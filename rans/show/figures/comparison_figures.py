@@ -12,16 +12,12 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from rans.errors import counted
-from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
-from rans.evaluation.compare.run import Comparison
-from rans.evaluation.measure.statistics import Bootstrap, Estimate
+from rans.evaluation.measure.statistics import Estimate
 from rans.flight import Flight
-from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, PLAIN, RED, label, series_style
+from rans.show.figures.panels import GREY, INK, PLAIN, label, series_style
 from rans.show.tables.comparison_tables import RETURN, Scores
 from rans.tasks.quantities import QUANTITIES
 
@@ -39,141 +35,6 @@ def logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(subs=marks, numticks=20))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(PLAIN)
-
-
-@styled
-def plane(comparison: Comparison) -> Figure:
-    """First arrival, and thrust-time until then: bounds, controls found and contestants, by medians.
-
-    All are over the same starts: the certified ones if there are any, otherwise all.
-    """
-    starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
-    bootstrap = Bootstrap(len(starts))
-    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
-    cells = figure.add_gridspec(1, 2, width_ratios=(1.4, 1.0))
-    left = figure.add_subfigure(cells[0])
-    right = figure.add_subfigure(cells[1])
-    axes = left.subplots()
-    if comparison.certified_starts():
-        _draw_certified(axes, comparison)
-    _draw_relaxed(axes, comparison, starts)
-    _draw_sweep(axes, comparison, starts)
-    for k, entry in enumerate(comparison.entries):
-        _draw_contestant(axes, entry, starts, bootstrap, k)
-    for axis in (axes.xaxis, axes.yaxis):
-        logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
-    label(
-        axes,
-        f"first arrival in the goal set, medians over {counted(len(starts), 'start')}",
-        "time of first arrival, s",
-        "thrust-time until then, N s",
-    )
-    panels.legend_beside(right, axes)
-    return figure
-
-
-def _draw_certified(axes: Axes, comparison: Comparison) -> None:
-    """Least time as a line, least thrust-time as bars with what was found on or above them."""
-    least = float(np.median(comparison.bounds(Event())[0].values))
-    horizons = np.array(comparison.horizons())
-    others = [
-        [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
-        for horizon in comparison.horizons()
-    ]
-    axes.axvspan(
-        1e-3, least, color=GREY, alpha=0.15, linewidth=0, label="provably impossible (medians)"
-    )
-    axes.axvline(least, color=INK, linewidth=1.2, label="certified least time to arrive")
-    lower, upper = np.transpose(others)
-    shown = np.isfinite(lower)
-    axes.plot(horizons[shown], lower[shown], linestyle=":", color=INK, linewidth=0.8)
-    axes.plot(
-        horizons[shown],
-        lower[shown],
-        linestyle="",
-        marker="_",
-        markersize=16,
-        markeredgewidth=2.5,
-        color=INK,
-        label="certified least thrust-time at these times",
-    )
-    if np.isfinite(upper).any():
-        axes.plot(
-            horizons,
-            upper,
-            linestyle="",
-            marker="o",
-            markersize=8,
-            markerfacecolor="none",
-            markeredgecolor=RED,
-            markeredgewidth=1.3,
-            label="best on/off controls found, replayed",
-        )
-    axes.set_xlim(0.8 * least, 1.15 * horizons[-1])
-
-
-def _draw_relaxed(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
-    points = []
-    lost = False
-    for rows in comparison.relaxed.values():
-        chosen = [rows[k] for k in starts if rows[k].solved]
-        if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
-            lost = lost or len(chosen) < len(starts)
-            points.append(
-                [np.median([getattr(row, key) for row in chosen]) for key in ("arrival", "thrust")]
-            )
-    if points:
-        axes.plot(
-            *np.transpose(points),
-            linestyle="",
-            marker="x",
-            color=INK,
-            label=f"relaxed thrust, exact goal (no controller{', where found' if lost else ''})",
-        )
-
-
-def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
-    """The LQR of all weights as a curve, in their order."""
-    points = np.array(
-        [[np.median(x[starts]) for x in (e.arrival, e.arrival_thrust)] for e in comparison.curve]
-    )
-    for k in (0, -1) if len(points) else ():
-        axes.annotate(
-            comparison.curve[k].name, points[k], (4, 4), textcoords="offset points", fontsize=7
-        )
-    if len(points):
-        axes.plot(
-            *points[np.isfinite(points).all(axis=1)].T,
-            color=GREY,
-            marker=".",
-            linewidth=1.0,
-            label=f"LQR, {counted(len(points), 'weight')}",
-        )
-
-
-def _draw_contestant(
-    axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int
-) -> None:
-    """A point with its intervals; in the legend, how many never arrive."""
-    colour, marker = series_style(k)
-    x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
-    count = int(np.isfinite(entry.arrival[starts]).sum())
-    name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
-    axes.errorbar(
-        [x.value],
-        [y.value],
-        xerr=_bars(x),
-        yerr=_bars(y),
-        color=colour,
-        marker=marker,
-        markersize=7,
-        linestyle="",
-        elinewidth=1.4,
-        capsize=2.5,
-        markeredgecolor="white",
-        label=name,
-        zorder=5,
-    )
 
 
 def _bars(estimate: Estimate) -> np.ndarray:

@@ -15,7 +15,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
-from rans.show.figures.front_figure import front_figure
+from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
 from rans.show.pages.race import Race, Track, race
 from rans.show.pages.report import comparison_section
@@ -245,23 +245,24 @@ def _front(comparison: Comparison, front: Front) -> Section:
     """The figure, everybody's place in it, and who dominates whom."""
     starts = front.starts()
     text = _FRONT + (_FRONT_BOUNDS.format(starts=counted(len(starts), "start")) if starts else "")
-    picture = Picture.of(
-        front_figure(front, comparison.curve), "Time first at rest against impulse."
-    )
     findings = [Finding(sentence) for sentence in front_tables.sentences(front)]
     if starts:
         findings.append(
             Finding("No flight beats the certified front.", not list(front.impossible()))
         )
     return Section(
-        "Front of time and impulse", text, [Table(*front_tables.table(front))], [picture], findings
+        "Front of time and impulse",
+        text,
+        [Table(*front_tables.table(front))],
+        findings=findings,
+        charts=[front_chart(front, comparison.curve)],
     )
 
 
 def _plane(comparison: Comparison) -> Section:
     text = (
         (
-            "Left of the line no controller's median can be. The bars are medians of what each start needs "
+            "In the shaded range no controller's median can be. The bars are medians of what each start needs "
             "at least to be there at the marked time: from no start does less suffice, but who is quick from "
             "some starts and late from others may have a median below a bar. The dotted line only guides the "
             "eye."
@@ -269,10 +270,7 @@ def _plane(comparison: Comparison) -> Section:
         if comparison.certified_starts()
         else ""
     )
-    picture = Picture.of(
-        figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals."
-    )
-    return Section("Time and thrust", text, pictures=[picture])
+    return Section("Time and thrust", text, charts=[plane_chart(comparison)])
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:

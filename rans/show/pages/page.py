@@ -18,6 +18,7 @@ from rans.files import write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from rans.show.pages.chart import Chart
     from rans.show.pages.race import Race
 
 
@@ -97,6 +98,8 @@ class Section:
     """Whether readers have to ask for it."""
     race: Race | None = None
     """A replay."""
+    charts: Sequence[Chart] = ()
+    """Charts whose marks say their values."""
 
 
 @dataclass(frozen=True)

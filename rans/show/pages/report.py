@@ -14,8 +14,9 @@ from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import inside, number, read_json, read_json_lines, read_text
-from rans.show.figures.figures import learning_curve
+from rans.show.figures.panels import series_style
 from rans.show.pages.assure_counts import counts, is_over, verdict
+from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import (
     Finding,
     Page,
@@ -31,6 +32,8 @@ from rans.show.pages.page import (
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
+_MOST_POINTS = 100
+"""Of a learning curve."""
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
 """Metrics of an evaluation that belong into a summary."""
 
@@ -159,9 +162,42 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
     """Learning curve from the lines of ``metrics.jsonl``; see `learning_curve` for their keys."""
     last = rows[-1]
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
-    picture = Picture.of(learning_curve(rows), "Success and return by term while training.")
     return Section(
-        "Training", "", [Table(("at the end", "value"), summary)], [picture], summary=summary
+        "Training",
+        "",
+        [Table(("at the end", "value"), summary)],
+        summary=summary,
+        charts=[*learning_charts(rows)],
+    )
+
+
+def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
+    """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
+
+    def series(key: str, factor: float, colour: str, name: str, unit: str) -> Series:
+        points = [
+            (row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row
+        ]
+        points = points[:: math.ceil(len(points) / _MOST_POINTS) or 1]
+        marks = [Mark(x, y, f"{name} after {x:,} steps: {y:.4g}{unit}") for x, y in points]
+        return Series(name, marks, colour, "." if len(marks) == 1 else "", "solid")
+
+    yield Chart(
+        "environment steps",
+        "episodes, %",
+        [series("success", 100.0, series_style(0)[0], "success", " %")],
+        "Success while training.",
+        y_range=(0.0, 100.0),
+    )
+    terms = sorted({key for row in rows for key in row if key.startswith("return/")})
+    yield Chart(
+        "environment steps",
+        "mean return of an episode",
+        [
+            series(term, 1.0, series_style(k)[0], term.removeprefix("return/"), "")
+            for k, term in enumerate(terms)
+        ],
+        "Return by term while training.",
     )
 
 

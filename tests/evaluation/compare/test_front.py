@@ -16,11 +16,11 @@ from rans.evaluation.compare import certified
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, Point, certify_front, judged, least, point
-from rans.show.figures.front_figure import front_figure
+from rans.show.pages.comparison_charts import front_chart
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import to_json
 from rans.show.tables.front_tables import sentences, table
-from tests.support.comparisons import NOBODY, comparison, entry, points
+from tests.support.comparisons import NOBODY, comparison, entry
 
 LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4.0, 0.02, 1.0)]
 HORIZONS = (2.0, 5.0)
@@ -228,22 +228,16 @@ def test_words_and_figures_of_a_front() -> None:
         "Everybody together against the whole certified front from 2 to 5 s: epsilon indicator 2.5 (median), "
         "17.9 % of its hypervolume (mean), 3 starts.",
     ]
-    axes, _ = front_figure(found).axes
-    drawn = points(axes)
+    chart = front_chart(found)
+    drawn = {one.name: [(mark.x, mark.y) for mark in one.marks] for one in chart.series}
     assert drawn["agent, trade-off at 2 positions"] == [
-        pytest.approx([8 / 3, 1.0]),
-        pytest.approx([8 / 3, 0.5]),
+        pytest.approx((8 / 3, 1.0)),
+        pytest.approx((8 / 3, 0.5)),
     ]
-    assert drawn["dear (66.7 % get there)"] == [pytest.approx([8 / 3, 4.0])]
-    time, bars = (
-        drawn[f"certified least {what}, mean of 3 starts"]
-        for what in (
-            "time to be at rest\nin the goal set",
-            "impulse to be at rest in it\nat this time from each start",
-        )
-    )
-    assert [x for x, _ in time] == [0.5, 0.5]
-    assert bars == [pytest.approx([2.0, 1 / 3]), pytest.approx([5.0, 0.2])]
+    assert drawn["dear (66.7 % get there)"] == [pytest.approx((8 / 3, 4.0))]
+    bars = drawn["certified least impulse at this time from each start, mean of 3 starts"]
+    assert bars == [pytest.approx((2.0, 1 / 3)), pytest.approx((5.0, 0.2))]
+    assert [bounds for *bounds, _ in chart.shaded] == [[0.0, 0.5]]
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -1,0 +1,188 @@
+"""Charts of a comparison's page: time against impulse, above what is certified to be impossible."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from rans.errors import counted
+from rans.evaluation.compare.bounds import Event
+from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.front import Front, point
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.statistics import Bootstrap
+from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
+from rans.show.figures.panels import RED, series_style
+from rans.show.pages.chart import Chart, Mark, Series
+
+INK = "var(--ink)"
+GREY = "var(--soft)"
+
+
+def plane_chart(comparison: Comparison) -> Chart:
+    """First arrival and impulse until then: bounds, controls found and contestants, by medians.
+
+    All are over the same starts: the certified ones if there are any, otherwise all.
+    """
+    starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
+    bootstrap = Bootstrap(len(starts))
+    series = [*_relaxed(comparison, starts), *_swept(comparison, starts)]
+    series += [
+        _contestant(entry, starts, bootstrap, k) for k, entry in enumerate(comparison.entries)
+    ]
+    shaded = []
+    if comparison.certified_starts():
+        least = float(np.median(comparison.bounds(Event())[0].values))
+        shaded.append((0.0, least, f"provably impossible: the median is at least {least:.2f} s"))
+        series = [*_certified(comparison), *series]
+    return Chart(
+        "time of first arrival, s",
+        "thrust-time until then, N s",
+        series,
+        f"First arrival in the goal set, medians over {counted(len(starts), 'start')} with 95 % intervals"
+        f"{'; the shaded times are provably impossible' if shaded else ''}.",
+        shaded,
+        logarithmic=True,
+    )
+
+
+def _certified(comparison: Comparison) -> Iterator[Series]:
+    """Least thrust-time at each horizon, and the best controls that were found."""
+    horizons = comparison.horizons()
+    lower, upper = np.transpose(
+        [
+            [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
+            for horizon in horizons
+        ]
+    )
+    yield Series(
+        "certified least thrust-time at these times",
+        [
+            Mark(h, y, f"certified least thrust-time by {h:.3g} s: {y:.3g} N s")
+            for h, y in zip(horizons, lower, strict=True)
+        ],
+        INK,
+        "_",
+        "dotted",
+    )
+    if np.isfinite(upper).any():
+        yield Series(
+            "best on/off controls found, replayed",
+            [
+                Mark(h, y, f"best on/off controls found by {h:.3g} s: {y:.3g} N s")
+                for h, y in zip(horizons, upper, strict=True)
+            ],
+            RED,
+            "ring",
+        )
+
+
+def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
+    """Optima of thrust that may be throttled."""
+    marks = []
+    lost = False
+    for name, rows in comparison.relaxed.items():
+        chosen = [rows[k] for k in starts if rows[k].solved]
+        if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
+            lost = lost or len(chosen) < len(starts)
+            x, y = (
+                float(np.median([getattr(row, key) for row in chosen]))
+                for key in ("arrival", "thrust")
+            )
+            marks.append(Mark(x, y, f"relaxed optimum of {name}: {x:.3g} s, {y:.3g} N s"))
+    if marks:
+        found = ", where found" if lost else ""
+        yield Series(f"relaxed thrust, exact goal (no controller{found})", marks, INK, "x")
+
+
+def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
+    """The LQR of all weights, in their order."""
+    marks = []
+    for entry in comparison.curve:
+        x, y = (
+            float(np.median(values[starts])) for values in (entry.arrival, entry.arrival_thrust)
+        )
+        marks.append(Mark(x, y, f"{entry.name}: {x:.3g} s, {y:.3g} N s"))
+    if marks:
+        yield Series(f"LQR, {counted(len(marks), 'weight')}", marks, GREY, ".", "solid")
+
+
+def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:
+    """A mark with its intervals; the name says how many never arrive."""
+    colour, marker = series_style(k)
+    x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
+    count = int(np.isfinite(entry.arrival[starts]).sum())
+    name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
+    text = f"{entry.name}: {x.text()} s, {y.text()} N s"
+    mark = Mark(x.value, y.value, text, (x.low, x.high), (y.low, y.high))
+    return Series(name, [mark], colour, marker)
+
+
+def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
+    """Everybody's mean time and impulse above the bounds; the curve is of a controller's weights."""
+    series = []
+    shaded = []
+    if bounds := front.front():
+        least = bounds[Event()]
+        starts = f"mean of {counted(len(front.starts()), 'start')}"
+        shaded.append((0.0, least, f"provably impossible: {starts} is at least {least:.2f} s"))
+        series.append(
+            Series(
+                f"certified least impulse at this time from each start, {starts}",
+                [
+                    Mark(
+                        event.horizon,
+                        y,
+                        f"certified least impulse by {event.horizon:.3g} s: {y:.3g} N s",
+                    )
+                    for event, y in bounds.items()
+                    if event.horizon is not None
+                ],
+                INK,
+                "_",
+                "dotted",
+            )
+        )
+    if curve:
+        name = f"LQR, {counted(len(curve), 'weight')}"
+        series.append(Series(name, [*map(_placed, curve)], GREY, ".", "solid"))
+    lines = front.lines()
+    for k, (agent, line) in enumerate(lines.items()):
+        colour, marker = series_style(k)
+        name = f"{agent}, trade-off at {counted(len(line), 'position')}"
+        series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
+        found = [(one, own) for one in line if (own := front.multiple(one))]
+        marks = [
+            Mark(
+                own.time,
+                own.bound,
+                f"certified least impulse when {one.name} was there: {own.bound:.3g} N s",
+            )
+            for one, own in found
+        ]
+        if marks:
+            name = f"certified least impulse when {agent} was there, from each start"
+            series.append(Series(name, marks, colour, "x"))
+    for k, other in enumerate(front.others(), len(lines)):
+        colour, marker = series_style(k)
+        there = point(other).there
+        name = other.name if there == 1.0 else f"{other.name} ({100.0 * there:.3g} % get there)"
+        series.append(Series(name, [_placed(other)], colour, marker))
+    contest = front.contest
+    return Chart(
+        "time first at rest in the goal set, s",
+        f"impulse of {contest.duration:g} s, N s",
+        series,
+        f"Time against impulse, means over {counted(contest.episodes, 'start')}"
+        f"{'; the shaded times are provably impossible' if shaded else ''}.",
+        shaded,
+        logarithmic=True,
+    )
+
+
+def _placed(entry: Entry) -> Mark:
+    found = point(entry)
+    return Mark(
+        found.time, found.impulse, f"{entry.name}: {found.time:.3g} s, {found.impulse:.3g} N s"
+    )

@@ -1,0 +1,90 @@
+"""What the charts of a comparison hold: the flights and bounds behind them are worked out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.contest import Contestant
+from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Comparison
+from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
+from rans.show.figures.panels import BLUE, ORANGE, RED
+from rans.show.pages.chart import Chart, Series
+from rans.show.pages.comparison_charts import plane_chart
+from tests.support.comparisons import NOBODY, comparison, entry
+
+HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
+"""0.24, 0.32, 0.4, 0.6, 0.8 and all of 5 s, s: whole periods of 0.5 s."""
+
+
+def bounded(**changes: Any) -> Comparison:
+    """Starts 0 and 1: times of 0.4 and 0.6 s, thrust-times of 3 and 5 over the horizon, and 2 more found."""
+    bounds = [Bound(k, None, time, time, 2.0) for k, time in ((0, 0.4), (1, 0.6))]
+    bounds += [Bound(k, None, 0.1, kind="settling") for k in (0, 1)]
+    bounds += [
+        Bound(k, h, share / h, share / h, share / h + 2.0)
+        for k, share in ((0, 3.0), (1, 5.0))
+        for h in HORIZONS
+    ]
+    return comparison(certified=bounds, **changes)
+
+
+def drawn(chart: Chart) -> dict[str, list[tuple[float, float]]]:
+    return {one.name: [(mark.x, mark.y) for mark in one.marks] for one in chart.series}
+
+
+def test_the_plane_draws_bounds_below_what_was_found() -> None:
+    found = bounded()
+    assert found.horizons() == HORIZONS
+    chart = plane_chart(found)
+    marks = drawn(chart)
+    assert marks["certified least thrust-time at these times"] == [
+        pytest.approx((h, 4.0 / h)) for h in HORIZONS
+    ]
+    assert marks["best on/off controls found, replayed"] == [
+        pytest.approx((h, 4.0 / h + 2.0)) for h in HORIZONS
+    ]
+    ((low, high, text),) = chart.shaded
+    assert (low, high) == (0.0, 0.5)  # the median of 0.4 and 0.6
+    assert "impossible" in text
+    # there after 1 and 2 s, both with 1 N s; the third start, from where it never gets there, has no bound
+    assert marks["agent"] == [(1.5, 1.0)]
+    assert "medians over 2 starts" in chart.caption
+
+
+def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
+    """Relaxed points are medians of what was solved, and say so; curves go through the medians of weights."""
+    one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
+    fuel, reward = (
+        replace(one, objective=kind, arrival=6.0, thrust=2.0)
+        for kind in (MinimumFuel(5.0, 0.5), MaximumReward(5.0, 0.5))
+    )
+    other = replace(one, start=1, arrival=6.0, thrust=9.0)
+    lost = replace(one, start=2, solved=False)
+    rows = {"time": [one, other, lost], "fuel": [fuel] * 3, "reward": [reward] * 3}
+    chart = plane_chart(comparison(relaxed=rows, curve=[entry()]))
+    marks = drawn(chart)
+    # 1 s, 2 s and never; 1 N s, 1 N s and never
+    assert marks["agent (2 of 3 arrive)"] == [(2.0, 1.0)]
+    # the greatest reward arrives nowhere: two points
+    name = "relaxed thrust, exact goal (no controller, where found)"
+    assert marks[name] == [(5.0, 8.0), (6.0, 2.0)]
+    assert marks["LQR, 1 weight"] == [(2.0, 1.0)]
+    assert chart.shaded == []
+    assert "medians over 3 starts" in chart.caption
+
+
+def test_who_comes_next_has_another_look() -> None:
+    found = bounded()
+    again = Contestant("second", NOBODY, "observation", "none")
+    found.entries.append(replace(found.entries[0], contestant=again))
+    looks: dict[str, Series] = {one.name: one for one in plane_chart(found).series}
+    assert [(looks[x].colour, looks[x].marker) for x in ("agent", "second")] == [
+        (BLUE, "o"),
+        (ORANGE, "s"),
+    ]
+    assert looks["best on/off controls found, replayed"].colour == RED
