@@ -36,7 +36,7 @@ ASSURANCE_SEED = 2026
 class Scenario:
     """Start and goal of an episode.
 
-     from rans.scenario import scenario
+    >>> from rans.scenario import scenario
     >>> one = scenario(rans.GoToPose(), 2, seed=3, episode=7)
     >>> one.goal.p
     Vec2(x=0.0, y=0.0)

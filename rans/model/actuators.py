@@ -58,7 +58,7 @@ class Actuators:
 class OnOff(Actuators):
     """On/off valves, which stay open or shut for a whole control period.
 
-     rans.load_spacecraft("floating-platform").actuators
+    >>> rans.load_spacecraft("floating-platform").actuators
     OnOff()
     """
 
