@@ -281,4 +281,4 @@ def test_who_waits_forever_hears_a_signal() -> None:
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert errors.startswith("rans: told to stop while waiting for another process")
+    assert errors.startswith("rans: stopped while waiting for another process")

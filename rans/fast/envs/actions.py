@@ -1,4 +1,4 @@
-"""Actions as other libraries give them, refused or converted as the single environment does."""
+"""Checks and conversion of actions from other libraries, as in the single environment."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from rans.fast.engine import Engine
 
 
 class Actions:
-    """Checks actions for an engine's thrusters without making a GPU wait.
+    """Checker of actions for an engine that does not synchronise with a GPU.
 
-    There a wrong action is told by the first later call that finds it checked, usually the next.
+    On a GPU a wrong action is reported by a later call, usually the next.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -27,53 +27,53 @@ class Actions:
             torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
         ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
-        """Whether any was wrong."""
+        """Whether any action was wrong."""
         self._wrong = torch.zeros((), dtype=torch.bool, pin_memory=engine.device.type == "cuda")
         self._done: torch.cuda.Event | None = None
 
     def checked(self, actions: Any) -> Tensor:
-        """Actions (N, commands) on the engine's device, without gradients, in a dtype that it knows.
+        """Actions (N, commands) on the engine's device, without gradients, in a dtype that it supports.
 
         Raises:
-            ConfigError: they have another shape or kind, or the craft cannot follow them.
+            ConfigError: the actions have another shape or type, or are out of range.
         """
-        given = dense(actions)
-        if not isinstance(given, Tensor):
-            given = self._tensor(array(given))
-        given = given.to(self._engine.device)
-        if given.is_floating_point() and given.dtype not in (torch.float32, torch.float64):
-            given = given.float()  # exactly: from half precision
-        if tuple(given.shape) != self._shape:
-            return given  # which the engine refuses
-        if given.is_complex():
-            self._refuse(given.cpu().numpy())
-        possible = self._possible(given)
-        if given.device.type != "cuda":
+        values = dense(actions)
+        if not isinstance(values, Tensor):
+            values = self._tensor(array(values))
+        values = values.to(self._engine.device)
+        if values.is_floating_point() and values.dtype not in (torch.float32, torch.float64):
+            values = values.float()  # exact for half precision
+        if tuple(values.shape) != self._shape:
+            return values  # the engine rejects them
+        if values.is_complex():
+            self._refuse(values.cpu().numpy())
+        possible = self._possible(values)
+        if values.device.type != "cuda":
             if not possible:
-                self._refuse(given.numpy())
+                self._refuse(values.numpy())
         elif not torch.cuda.is_current_stream_capturing():
             self._remember(possible)
-        return given
+        return values
 
-    def _possible(self, given: Tensor) -> Tensor:
+    def _possible(self, values: Tensor) -> Tensor:
         craft = self._engine.craft
         if not craft.is_continuous:
-            return ((given == 0) | (given == 1)).all()
+            return ((values == 0) | (values == 1)).all()
         low, high = self._limits
-        within = ((given >= low) & (given <= high)).all()
+        within = ((values >= low) & (values <= high)).all()
         if craft.actuators.is_continuous:
             return within
-        chosen = given[:, : len(craft.thrusters)]
+        chosen = values[:, : len(craft.thrusters)]
         return within & ((chosen == 0) | (chosen == 1)).all()
 
-    def _tensor(self, given: np.ndarray) -> Tensor:
-        """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
-        if given.dtype.kind not in "biufc":
-            self._refuse(given)
-        return torch.from_numpy(np.require(given, requirements=["C", "W"]))
+    def _tensor(self, values: np.ndarray) -> Tensor:
+        """Tensor of an array, copied if the array is read-only or not contiguous."""
+        if values.dtype.kind not in "biufc":
+            self._refuse(values)
+        return torch.from_numpy(np.require(values, requirements=["C", "W"]))
 
-    def _refuse(self, given: np.ndarray) -> None:
-        check(self._engine.craft, given, self._shape[0])
+    def _refuse(self, values: np.ndarray) -> None:
+        check(self._engine.craft, values, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
         self._found |= ~possible
@@ -84,7 +84,7 @@ class Actions:
                 self._done = None
                 self._found.zero_()
                 raise ConfigError(
-                    "an action of before was not what the craft takes: "
+                    "an earlier action was out of the craft's ranges: "
                     f"{allowed(self._engine.craft)}."
                 )
         self._wrong.copy_(self._found, non_blocking=True)

@@ -196,7 +196,7 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
             "averages must be numbers between 0 and 1, got 0.5",
         ),
         ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
-        ({"memory": "commands", "history": 0}, "with history 0 and no averages remembers nothing"),
+        ({"memory": "commands", "history": 0}, "with history 0 and no averages stores nothing"),
         ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
         (
             {"filtered_steady": (1.0,)},
