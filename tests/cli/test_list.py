@@ -92,7 +92,7 @@ def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys, "go-to-pose")
     for field, meaning in (
         ("spawn_distance", "0.5, 4.5"),
-        ("fail_distance", "An episode fails beyond"),
+        ("fail_distance", "Distance from the goal beyond"),
     ):
         assert field in text
         assert meaning in text
@@ -104,7 +104,7 @@ def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
     text = refused(capsys, "floating-plattform")
     for part in (
         "'floating-plattform' (did you mean floating-platform?)",
-        "`rans list` tells all",
+        "`rans list` prints all",
         ".toml",
     ):
         assert part in text
@@ -276,7 +276,7 @@ def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str
     for told in (
         "0.5 exp(-position / 1.5)",
         "settings.thrust_weight",
-        "Too far away",
+        "too far away",
         "125 control periods of 0.2 s",
     ):
         assert told in text
