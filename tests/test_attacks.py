@@ -227,7 +227,7 @@ def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFix
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
     assert "would run that module's code" in said(capsys, "evaluate", "run")
-    assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
+    assert "it belongs to Python's library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
 
 

@@ -145,7 +145,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     said = refused(capsys, "--config", "first/config.json", "--run", "other")
     assert "my craft.toml has changed since" in said
     assert f"--spacecraft {then} uses that of the run" in said
-    assert "--spacecraft 'my craft.toml' that of now" in said
+    assert "--spacecraft 'my craft.toml' the present one" in said
     for given, mass in ((then, 5.32), (str(craft), 9.0)):
         run = f"of-{mass}"
         assert (
