@@ -339,7 +339,7 @@ def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
     shapes = {np.shape(field) for field in leaves(starts.start)}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 1 or shape[0] < 1:
         raise ConfigError(
-            "starts must have arrays of one length (N,), with one start at least, as "
+            "starts must have arrays of one length (N,), with at least one start, as "
             "rans.scenario.scenarios returns them."
         )
     dimension = len(starts.start.p.columns())

@@ -207,15 +207,15 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
-            r"conditions, .*no dict: rans.Conditions\(body=1\)",
+            r"conditions, .*not a dict: rans.Conditions\(body=1\)",
         ),
         (
             lambda: gymnasium.make("rans/GoToPose2D-v0", task={"thrust_weight": 1.0}),
-            r"no dict: rans.GoToPose\(thrust_weight=1.0\)",
+            r"not a dict: rans.GoToPose\(thrust_weight=1.0\)",
         ),
         (
             lambda: gymnasium.make("rans/GoToPose2D-v0", timing={"episode_steps": 5}),
-            "no dict: rans.Timing",
+            "not a dict: rans.Timing",
         ),
         (
             lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
@@ -275,10 +275,10 @@ def test_names_do_where_objects_do() -> None:
             lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
             r"sensors.position takes an object, not a dict: rans.SensorConditions\(noise=0.1\)",
         ),
-        (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
+        (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"not a dict: rans.GoToPose\("),  # type: ignore[arg-type]
         (
             lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
-            r"no dict: rans.optimal.control.regulator.Weights\(position=1.0\)",
+            r"not a dict: rans.optimal.control.regulator.Weights\(position=1.0\)",
         ),
         (
             lambda: rans.Engine("atmos", "go-to-pose", 2, seed="x"),  # type: ignore[arg-type]

@@ -164,7 +164,7 @@ def test_what_is_no_file_is_not_waited_for(
     odd = Path("/dev/zero") if kind == "device" else tmp_path / "odd"
     if kind != "device":
         (os.mkfifo if kind == "pipe" else os.mkdir)(odd)
-    with pytest.raises(ConfigError, match="it is no file, but a folder, a pipe or a device"):
+    with pytest.raises(ConfigError, match="it is not a file, but a folder, a pipe or a device"):
         reader(odd)
 
 
@@ -193,7 +193,7 @@ def test_no_command_waits_for_a_pipe(
 ) -> None:
     for name in ("odd.toml", "odd.csv", "odd.json"):
         os.mkfifo(name)
-    assert "it is no file" in said(capsys, *command)
+    assert "it is not a file" in said(capsys, *command)
 
 
 @pytest.mark.parametrize("name", ["config.json", "metrics.jsonl", "policy.zip", "spacecraft.toml"])
@@ -202,7 +202,7 @@ def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: s
     Path("run", name).unlink()
     os.mkfifo(Path("run", name))
     command = ["train", "--resume"] if name == "metrics.jsonl" else ["evaluate"]
-    assert "it is no file" in said(capsys, *command, "run")
+    assert "it is not a file" in said(capsys, *command, "run")
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFix
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
     assert "would run that module's code" in said(capsys, "evaluate", "run")
-    assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
+    assert "it belongs to Python's library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
 
 

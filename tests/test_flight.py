@@ -255,8 +255,8 @@ def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence:
             scenarios(GoToPose(), SPATIAL, 7, 3),
             "the starts are for 3 dimensions, but floating-platform",
         ),
-        (scenario(GoToPose(), 2, 7, 3), r"starts must be of arrays of one length \(N,\)"),
-        (scenarios(GoToPose(), PLANAR, 7, 0), "of one start at least"),
+        (scenario(GoToPose(), 2, 7, 3), r"starts must have arrays of one length \(N,\)"),
+        (scenarios(GoToPose(), PLANAR, 7, 0), "with at least one start"),
         ([], r"starts must be a rans\.Scenario, got \[\]"),
     ],
 )

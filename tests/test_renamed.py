@@ -63,7 +63,7 @@ def test_a_former_entry_is_changed() -> None:
 
 
 def test_an_agent_keeps_its_former_name() -> None:
-    with pytest.warns(DeprecationWarning, match="called go-to-pose-2d-trade-off now"):
+    with pytest.warns(DeprecationWarning, match="now called go-to-pose-2d-trade-off"):
         assert pretrained_folder("go-to-pose-2d-knob").name == "go-to-pose-2d-trade-off"
-    with pytest.warns(DeprecationWarning, match="called go-to-pose-2d-trade-off now"):
+    with pytest.warns(DeprecationWarning, match="now called go-to-pose-2d-trade-off"):
         assert training("go-to-pose-2d-knob", device="cpu").task == "go-to-pose-priced"

@@ -1,4 +1,4 @@
-"""The command line: ``rans COMMAND``; each is a dataclass, named as its module, whose fields are options."""
+"""Command line ``rans COMMAND``: every command is a dataclass with the name of its module and options as fields."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rans.files import first_line
 from rans.registry import trust_files
 
 STARTED = time.monotonic()
-"""When this process began to work, s: commands state their wall time from here."""
+"""Start of this process, s, from which commands report their wall time."""
 COMMANDS = (
     "train",
     "sweep",
@@ -49,18 +49,18 @@ optimal control. `rans COMMAND --help` explains a command, `rans --version` prin
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command: 0 when all went well, 1 when a check or a run failed.
+    """Run one command and return its exit code: 0 for success, 1 if a check or a run failed.
 
-    A user's mistake ends in one sentence and exit code 2. Interrupted, the exit code is 130 and nothing but a
-    sentence is shown; it is 1 when the reader of the output has left, as in ``rans list | head -1``.
+    A wrong input ends with one sentence and exit code 2, an interrupt with one sentence and 130. The code is 1 if
+    the reader of the output has closed it, as in ``rans list | head -1``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
-    if sys.stdout is None:  # a process without one, as Python has it where it was closed
+    if sys.stdout is None:  # the standard output was closed before the start
         with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
             return main(arguments)
     if isinstance(
         sys.stdout, io.TextIOWrapper
-    ):  # which may know fewer letters than tables have, as in ASCII
+    ):  # its encoding may lack characters of tables, as ASCII does
         sys.stdout.reconfigure(errors="replace")
     try:
         with warnings.catch_warnings():
@@ -73,15 +73,15 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _end("\nrans: interrupted; what was written is kept.", 130)
     except BrokenPipeError:
-        # Python would flush once more on its way out, and complain.
+        # Python would flush once more at exit and report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         return _end(f"rans: {error}.", 2)
-    except UnicodeEncodeError as error:  # a file's name, of bytes that are no letters
+    except UnicodeEncodeError as error:  # a file name with bytes that are not characters
         return _end(
             f"rans: {brief(error.object)} cannot be written in {error.encoding}; rename the file or "
-            "the folder that is called so.",
+            "the folder of this name.",
             2,
         )
     except OverflowError as error:
@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (
         MemoryError,
         RuntimeError,
-    ) as error:  # torch has its own for a GPU, and a sentence for a CPU
+    ) as error:  # torch raises its own class on a GPU, and a RuntimeError on a CPU
         name = type(error).__name__
         line = first_line(error)
         if (
@@ -97,21 +97,21 @@ def main(arguments: list[str] | None = None) -> int:
             or name == "OutOfMemoryError"
             or "DefaultCPUAllocator: can't allocate memory" in str(error)
         ):
-            return _end(f"rans: out of memory, fewer at once may do: {line}.", 2)
+            return _end(f"rans: out of memory, a smaller batch may fit: {line}.", 2)
         if name == "InductorError" and line.startswith("ImportError: "):
             return _end(
-                f"rans: torch's compiler cannot load what it has kept: {line}. The usual cause is a "
-                "process that writes it, or was ended as it did: try again, or delete that file.",
+                f"rans: torch's compiler cannot load a file of its cache: {line}. The usual cause is a "
+                "process that is writing it, or was ended while it did: try again, or delete that file.",
                 2,
             )
         raise
 
 
 def check_count(option: str, value: int | None) -> None:
-    """Refuse what is no number of flights or processes, which 31 bits number; None is left to others.
+    """Reject a number of flights or processes that is not from 1 to 2^31 - 1; None is accepted.
 
     Raises:
-        ConfigError: it is less than 1 or too large.
+        ConfigError: the number is out of range.
     """
     if value is not None and not 1 <= value < 2**31:
         raise ConfigError(f"{option} must be >= 1 and < 2^31, got {value}.")
@@ -126,8 +126,8 @@ def _run(arguments: list[str]) -> int:
     for word in arguments:
         if any(
             unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word
-        ):  # which tyro would repeat
-            raise ConfigError(f"an option has characters that command terminals: {brief(word)}.")
+        ):  # tyro would print them
+            raise ConfigError(f"an option has control characters: {brief(word)}.")
     _warn_of_repeated_options(arguments)
     command = _parse(arguments or ["--help"])
     if getattr(command, "trust", False):
@@ -136,18 +136,18 @@ def _run(arguments: list[str]) -> int:
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:
-    """Warn that only the last of a repeated option counts; `--set` and parts of a spacecraft may be repeated."""
-    given: set[str] = set()
+    """Warn about options that are repeated; `--set` and parts of a spacecraft may be repeated."""
+    seen: set[str] = set()
     for word in arguments:
         name = word.partition("=")[0].replace("_", "-")
-        if name in given:
-            _show_warning(f"{brief(name)} is given twice; what stands last counts.")
+        if name in seen:
+            _show_warning(f"{brief(name)} is given twice; the last value is used.")
         if name.startswith("--") and name not in ("--", "--set", "--thruster", "--wheel", "--help"):
-            given.add(name)
+            seen.add(name)
 
 
 def _parse(arguments: list[str]) -> Any:
-    """Import only the command that was asked for, so that ``rans train`` loads no Drake."""
+    """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
 
     from rans.cli.numbers import registry
@@ -157,7 +157,7 @@ def _parse(arguments: list[str]) -> Any:
             f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
             f"commands are {', '.join(COMMANDS)}."
         )
-    # Not list(COMMANDS): once it is imported, `list` is the module of the command.
+    # Not list(COMMANDS): after its import, `list` is the module of that command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {
         c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted
@@ -167,7 +167,7 @@ def _parse(arguments: list[str]) -> Any:
 
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
-    if arguments[0] in commands:  # so that messages name this command's own help
+    if arguments[0] in commands:  # messages then name the help of this command
         parse = partial(
             tyro.cli,
             commands[arguments[0]],
@@ -186,7 +186,7 @@ def _parse(arguments: list[str]) -> Any:
         )
     if arguments[0].startswith(
         "--tyro-"
-    ):  # completion, which takes every line of a text for a word
+    ):  # completion, which treats every line of a text as a word
         from rans.cli.help import explain
 
         explain(commands.values())
@@ -203,7 +203,7 @@ def _end(sentence: str, code: int) -> int:
 
 
 def _tell(sentence: str) -> None:
-    """On a terminal lines break between words, not within them."""
+    """Print a sentence to standard error; on a terminal lines are broken between words."""
     if sys.stderr.isatty():
         from rans.terminal import Terminal
 
@@ -213,5 +213,5 @@ def _tell(sentence: str) -> None:
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Say what a warning says, without the line of code it comes from."""
+    """Print the message of a warning without its line of code."""
     _tell(f"rans: warning: {' '.join(str(message).split())}")

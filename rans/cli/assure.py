@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _EPISODES = 100_000
 _MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
 _KEPT = 10.0
-"""Seconds between two moments at which what was flown is written."""
+"""Seconds between two writes of the results so far."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Assure:
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
     (none), or your own TOML file; by default those of the training."""
     episodes: int | None = None
-    """Number of flights, by default 100,000; with --failure-below the most that are flown."""
+    """Number of flights, by default 100,000; with --failure-below the largest number."""
     failure_below: float | None = None
     """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
     confidence: float = 0.99
@@ -62,13 +62,13 @@ class Assure:
     restart: bool = False
     """Discard an interrupted campaign and begin again."""
     output: Path | None = None
-    """Folder of the results; by default the agent's."""
+    """Folder of the results; by default that of the agent."""
     trust: bool = False
     """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
     its author."""
 
     def run(self) -> int:
-        """Fly, fly again what failed, write and print."""
+        """Fly, repeat failed flights, write and print the results."""
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
         from rans.evaluation.assure.search import unit
@@ -81,7 +81,7 @@ class Assure:
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
         if self.search:
-            unit(self.search)  # a wrong name is told before anything flies
+            unit(self.search)  # reject a wrong name before the flights
         episodes = (
             _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         )
@@ -105,9 +105,9 @@ class Assure:
         return 0 if shown or not first else 1
 
     def _fly(self, assurance: Assurance, file: Path) -> bool:
-        """Until the plan ends; whatever happens, what was flown is written and shown.
+        """Fly until the plan ends; the results so far are written and printed even after an error.
 
-        Whether this is the first of torchrun's processes, which share the flights: the others only fly.
+        Returns whether this is the first of torchrun's processes; the others only fly.
         """
         from rans.evaluation.assure.assurance import chosen_device
         from rans.fast.distributed import join

@@ -1,4 +1,4 @@
-"""``rans benchmark``: speed on this machine, beside what its memory can move and what others reach on it."""
+"""``rans benchmark``: speed on this machine, compared with its memory bandwidth and with other packages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _SHORT = 4
-"""Columns of the table of measurements that are printed without ``--full``."""
+"""Number of columns of the table that are printed without ``--full``."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class Benchmark:
     output: Path | None = None
     """JSON file to write all values to, with a figure next to it."""
     full: bool = False
-    """Print warm-up times and notes too; the JSON file always has them."""
+    """Also print warm-up times and notes; the JSON file always has them."""
 
     def run(self) -> int:
-        """Print ratios first, then every figure behind them; all there is, if it is interrupted."""
+        """Print ratios first, then the measurements; after an interrupt, those so far."""
         from rans.api.speed import chosen_device
 
         laboratory.enter()
@@ -81,7 +81,7 @@ class Benchmark:
     def _compare(
         self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]
     ) -> None:
-        """Peers, and ratios over them."""
+        """Measure peers, and ratios to them."""
         from benchmarks.peers.runner import default_folder
         from validation.speed.ratios import compare_peers
         from validation.speed.suite import effort
@@ -107,7 +107,7 @@ class Benchmark:
         measured: list[Measurement],
         compared: list[tuple[PeerResult, list[Ratio]]],
     ) -> None:
-        """Print what there is, and write it; nothing, where nothing was measured."""
+        """Print and write the results so far, if there are any."""
         import torch
 
         from benchmarks.peers.unmeasured import UNMEASURED
@@ -120,7 +120,7 @@ class Benchmark:
         shares = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
-        # The first column of a table never breaks, and names are long.
+        # The first column of a table is not broken, and names are long.
         console.print(
             table(
                 _hardware(about),
@@ -185,7 +185,7 @@ def _measured(m: Measurement) -> tuple[str, ...]:
 
 
 def _digits(value: float) -> str:
-    """Four significant digits at most, without an exponent."""
+    """Number with at most four significant digits and no exponent."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     decimals = 3 - math.floor(math.log10(abs(value)))
@@ -194,13 +194,13 @@ def _digits(value: float) -> str:
 
 
 def _peer(p: PeerResult) -> tuple[str, ...]:
-    theirs = p.figures
-    rate = theirs.get("steps_per_s") or theirs.get("trained_steps_per_s")
+    figures = p.figures
+    rate = figures.get("steps_per_s") or figures.get("trained_steps_per_s")
     return (
         p.package,
-        theirs.get("version", "-"),
-        f"{theirs['num_envs']:,}" if theirs else "-",
+        figures.get("version", "-"),
+        f"{figures['num_envs']:,}" if figures else "-",
         _digits(rate / 1e6) if rate else "-",
-        theirs.get("task") or p.reason,
+        figures.get("task") or p.reason,
         p.command,
     )

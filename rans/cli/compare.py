@@ -30,7 +30,7 @@ _FIRST = (
     "impulse of the episode",
     "thrust-time of the episode",
 )
-"""Beginnings of the scores that are printed without ``--full``; errors are too."""
+"""Beginnings of the names of scores that are printed without ``--full``, besides errors."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Compare:
     episodes: int = 128
     """Number of starts."""
     engine: Literal["fast", "drake"] = "fast"
-    """What computes the motion: the shared equations, or Drake as an independent judge."""
+    """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
@@ -63,7 +63,7 @@ class Compare:
     """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
     minutes in space. They are kept for the next run."""
     front: bool = False
-    """Draw time against impulse as well: the line of an agent with a trade-off, all others, and the certified
+    """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front."""
     positions: int = 9
     """Number of values of the trade-off input at which such an agent flies for the front, evenly from 0
@@ -126,7 +126,7 @@ class Compare:
         return 1 if comparison.failures else 0
 
     def _interrupted(self, comparison: Comparison) -> str:
-        """How far an interrupted comparison got."""
+        """Sentence about the progress of an interrupted comparison."""
         flown = counted(len(comparison.entries), "contestant")
         bounded = 0
         if comparison.certified:
@@ -137,15 +137,15 @@ class Compare:
         )
 
     def _controllers(self) -> list[str]:
-        """The first controller that joined, to see beside the first contestant."""
+        """First further controller, to view beside the first contestant."""
         return [name for name in self.beside if name != "optimal"][:1]
 
     def _check(self) -> None:
-        """What can be told before anything is loaded; raises `ConfigError`."""
+        """Reject (`ConfigError`) wrong options before anything is loaded."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         for name in set(self.beside) - {"optimal"}:
-            CONTROLLERS[name]  # a wrong name is told before anybody flies
+            CONTROLLERS[name]  # reject a wrong name before the flights
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:

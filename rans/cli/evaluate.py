@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from rans.flight import Flight
 
 _KEPT = 2**16
-"""So many flights are kept whole."""
+"""Largest number of flights whose trajectories are stored."""
 _LISTED = 1000
-"""Failed flights that a file lists."""
+"""Largest number of failed flights that a file lists."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Evaluate:
     """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
     exits with 1 if they disagree."""
     trajectories: bool = False
-    """Write all states and commands into episodes.npz too."""
+    """Also write all states and commands into episodes.npz."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
@@ -74,7 +74,7 @@ class Evaluate:
     its author."""
 
     def run(self) -> int:
-        """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""
+        """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
@@ -84,7 +84,7 @@ class Evaluate:
         return 0 if all(passed) else 1
 
     def judge(self) -> bool:
-        """Evaluate on one task; whether the engines agree, where both were asked for."""
+        """Evaluate on one task; returns whether the engines agree, if both are compared."""
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
@@ -92,7 +92,7 @@ class Evaluate:
         run = contestant(self.contestant, self.protocol, trust=self.trust).under(self.conditions)
         run = run.guarded(self.guard)
         ready_folder(output_folder(self.contestant))
-        self._file(run)  # a link in its place is told before anybody flies
+        self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
             self._judge_many(run)
             return True
@@ -125,7 +125,7 @@ class Evaluate:
         )
 
     def _many(self, run: LoadedRun) -> bool:
-        """Whether flights are too many to be kept, and can be judged without."""
+        """Whether there are too many flights to store, and their metrics can be computed without that."""
         from rans.evaluation.fly.agent import Agent
 
         return (
@@ -176,7 +176,7 @@ class Evaluate:
         Terminal().say(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
-        """The flights by engine."""
+        """Flights by engine."""
         from rans.evaluation.fly.episodes import EngineName, fly_episodes
         from rans.evaluation.measure.metrics import outran
 
@@ -193,7 +193,7 @@ class Evaluate:
                 if stopped:
                     bars.console.print(
                         f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
-                        "times; the plan before was flown on.",
+                        "times; the previous plan was continued.",
                         soft_wrap=True,
                     )
                 if engine == "fast" and (said := outran(flights[engine])):
@@ -201,7 +201,7 @@ class Evaluate:
         return flights
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
-        """Write all files; results of the other engine under the same conditions are kept."""
+        """Write all files; results of the other engine with the same options are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures.figures import save_flight_figures
 
@@ -218,7 +218,7 @@ class Evaluate:
         return file
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
-        """Folder of the results, and what their files' names end in."""
+        """Folder of the results, and the suffix of their file names."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
@@ -232,21 +232,23 @@ class Evaluate:
         return output_folder(self.contestant), "".join(f"-{name}" for name in names)
 
     def _file(self, run: LoadedRun) -> Path:
-        """Of the results of both engines; ConfigError where it is a link."""
+        """File of the results of both engines; ConfigError if it is a symbolic link."""
         folder, suffix = self._output(run)
         return inside(folder, f"evaluation{suffix}.json")
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
-        """Under which results are comparable."""
-        given = {
+        """Options under which results are comparable."""
+        options = {
             "contestant": self.contestant,
             "protocol": self.protocol,
             "episodes": self.episodes,
             "seed": self.seed,
         }
         if run.guard is not None:
-            given["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
-        return given if run.conditions is None else given | {"conditions": asdict(run.conditions)}
+            options["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
+        if run.conditions is None:
+            return options
+        return options | {"conditions": asdict(run.conditions)}
 
 
 def _about() -> dict[str, Any]:

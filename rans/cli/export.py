@@ -38,20 +38,20 @@ class Export:
     """Number of flights at each latency, mass and sensor noise, from which the contract states what the agent
     tolerates. 0: it does not state it."""
     guard: bool = False
-    """Refused: exported files hold the agent without the safety filter, which needs RANS. The contract names the
-    filter, and `rans fly` on the folder puts it before the valves (docs/missions/guard.md)."""
+    """Not available: exported files contain the agent without the safety filter, which needs RANS. The contract
+    names the filter, and `rans fly` on the folder applies it (docs/missions/guard.md)."""
     trust: bool = False
     """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
     its author."""
 
     def run(self) -> int:
-        """Print what was written."""
+        """Write the export and print its files."""
         from rans.deploy.export import export
         from rans.evaluation.fly.contestants import agent_folder, picked_task
 
         if self.guard:
             raise ConfigError(
-                "exported files hold the agent without a safety filter, which predicts the motion with RANS. "
+                "exported files contain the agent without a safety filter, which predicts the motion with RANS. "
                 "Export as numpy without --guard and fly the folder by rans fly FOLDER --trust --guard; in "
                 "Python, rans.guard.safety_filter(setup).admitted filters any command."
             )
@@ -59,11 +59,11 @@ class Export:
         folder = agent_folder(self.run_folder)
         if part := picked_task(self.run_folder):
             raise ConfigError(
-                "an agent leaves whole, with its trade-off and all its tasks as observations: name "
+                "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
                 f"it without #{part}."
             )
         if folder.parent == FOLDER and self.format == "rans":
-            raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
+            raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
         if self.margins:
             check_count("--margins", self.margins)
         card = export(folder, self.output, self.format, self.episodes, margins=self.margins)
@@ -71,7 +71,7 @@ class Export:
         from rans.terminal import Terminal
 
         Terminal().say(
-            f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB."
+            f"{self.output} has the agent, its contract and its card, {size / 1000:.0f} kB."
         )
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(self.output))} && python agent.py")
@@ -82,5 +82,5 @@ class Export:
 
             Terminal().say(compiled_check(self.output))
         if card["episodes"] != self.episodes:
-            Terminal().say(f"The card keeps its figures, of {card['episodes']:,} flights.")
+            Terminal().say(f"The card keeps its metrics from {card['episodes']:,} flights.")
         return 0

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 @dataclass(frozen=True)
 class Faults:
-    """Show which thrusters may fail, alone or two at once, while every force and torque stays possible.
+    """Show which thrusters may fail, alone or in pairs, while every force and torque remains possible.
 
     A dead thruster never opens, a stuck one is always open. After a fault that is not recoverable, no
     controller can hold a pose; it can only let the craft drift safely.
@@ -24,7 +24,7 @@ class Faults:
     """Save a figure to this file (.png, .svg or .pdf)."""
 
     def run(self) -> int:
-        """Print the table; exit code 0 whatever it says."""
+        """Print the table; the exit code is 0."""
         from rans.api.judging import FAULT_COLUMNS, faults
         from rans.model.spacecraft_file import load_spacecraft
         from rans.terminal import Terminal, table
@@ -40,7 +40,7 @@ class Faults:
                 f"{craft.name}: recoverable faults",
                 FAULT_COLUMNS,
                 result.rows(),
-                "Margin: how far the others stay from always shut and always open while they hold still.",
+                "Margin: distance of the others from always shut and always open while they balance the craft.",
             )
         )
         if self.picture is not None:

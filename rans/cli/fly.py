@@ -1,4 +1,4 @@
-"""``rans fly``: an agent on a robot."""
+"""``rans fly``: an agent in closed loop with a robot."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Fly:
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
-    """Run folder, name of an agent that comes with RANS, or with --trust the folder of an export as numpy. #TASK
-    picks one of the tasks of a multi-task agent."""
+    """Run folder, name of an agent of RANS, or with --trust the folder of an export as numpy. #TASK selects one of
+    the tasks of a multi-task agent."""
     bus: Bus = "dds"
     """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh), or udp (within this machine)."""
     robot: Robot = "ros"
@@ -40,11 +40,11 @@ class Fly:
     goal_velocity: tuple[float, ...] = ()
     """Velocity (m/s), then angular velocity (rad/s), of the goal, for agents that track a velocity."""
     zones: tuple[float, ...] = ()
-    """Keep-out zones of agents that avoid some: x, y (in space also z) and radius of each, m. They stand still;
-    a radius includes the spacecraft's own."""
+    """Fixed keep-out zones for agents that avoid some: x, y (in space also z) and radius of each, m; a radius
+    includes that of the spacecraft."""
     guard: bool = False
-    """Put the safety filter between the agent and the valves: it replaces commands that lead to a violated
-    constraint (docs/missions/guard.md)."""
+    """Apply the safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
     trade_off: float | None = None
     """Trade-off input of agents that have one, from 0 (fast) to 1 (fuel-efficient)."""
     seconds: float | None = None
@@ -60,10 +60,10 @@ class Fly:
     output: Path | None = None
     """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
     trust: bool = False
-    """Run the agent.py of an exported folder; only if you know its author."""
+    """Run the agent.py of an exported folder; only if you trust its author."""
 
     def run(self) -> int:
-        """Fly; 0 when the flight ended as it should, 1 when something was wrong."""
+        """Fly; the exit code is 0, or 1 after a fault."""
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.node import fly_over
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, export_for_flight
@@ -78,17 +78,17 @@ class Fly:
         name = name.partition("#")[0]
         output = self.output or Path("runs/flights") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
         if output.exists():
-            raise ConfigError(f"{output} exists already: a flight is never written over.")
+            raise ConfigError(f"{output} exists already: flights are never overwritten.")
         part = picked_task(self.agent)
-        given = Path(self.agent.partition("#")[0])
-        if all((given / file).exists() for file in AGENT_FILES):
+        source = Path(self.agent.partition("#")[0])
+        if all((source / file).exists() for file in AGENT_FILES):
             if not self.trust:
                 raise ConfigError(
-                    f"{given} is an export with code of its own, agent.py: add --trust if you made it, or "
+                    f"{source} is an export with code, agent.py: add --trust if you made it, or "
                     "name the run folder."
                 )
-            folder = given
-            known = read_json(given / "contract.json")
+            folder = source
+            known = read_json(source / "contract.json")
             task = {"name": known["task"], "settings": known["settings"]}
         else:
             run = agent_folder(self.agent)
@@ -97,7 +97,7 @@ class Fly:
             task = {"name": config.task, "settings": to_table(config)["settings"]}
             bus = open_bus(self.bus, self.domain, self.address)
             bus.close()
-            say(f"Writing the agent as it flies into {folder}.")
+            say(f"Writing the agent of this flight into {folder}.")
             export_for_flight(run, folder)
         if part and part in task["settings"].get("tasks", ()):
             settings = task["settings"][part.replace("-", "_")]
@@ -129,12 +129,12 @@ class Fly:
         finally:
             bus.close()
         say(report.text())
-        say(f"{bag} is the flight; rans replay {bag} gives its commands again.")
+        say(f"The flight is recorded in {bag}; rans replay {bag} repeats its commands.")
         return 1 if report.fault else 0
 
 
 def stop_on_signals() -> threading.Event:
-    """What is set when the process is asked to end, by Ctrl-C or otherwise."""
+    """Event that is set when the process receives SIGINT (Ctrl-C) or SIGTERM."""
     stop = threading.Event()
     if threading.current_thread() is threading.main_thread():
         for one in (signal.SIGINT, signal.SIGTERM):

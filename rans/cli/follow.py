@@ -1,4 +1,4 @@
-"""``rans follow``: an agent that tracks velocities, guided along a path."""
+"""``rans follow``: an agent that tracks velocities along a path."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Follow:
     its author."""
 
     def run(self) -> int:
-        """Print a table of how well the flights followed."""
+        """Print a table of the path errors."""
         from rans.api.judging import follow
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.fly.paths import LookAhead, find_path
@@ -50,7 +50,7 @@ class Follow:
 
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
-        contestant(self.contestant)  # refused before a folder is made
+        contestant(self.contestant)  # reject a wrong name before a folder is created
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.label}.json"
         following = follow(
             self.contestant,

@@ -1,4 +1,4 @@
-"""What ``--help`` prints: an overview in groups, and pages of commands with whole words and examples."""
+"""Help of the command line: an overview in groups, and pages of commands with examples."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Deploy": ("export", "fly", "twin", "replay"),
     "Check": ("init", "validate", "benchmark", "list"),
 }
-"""Commands by what they are for; those that are in none follow under "More"."""
+"""Commands by purpose; all others are listed under "More"."""
 
 START = {
     "rans train go-to-pose --output runs/first": "an agent in seconds",
     "rans compare runs/first": "with controllers and bounds",
     "rans view runs/first": "in three dimensions",
 }
-"""First commands, and what each gives."""
+"""First commands, each with its result."""
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "train": (
@@ -95,7 +95,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans list mine.toml --picture craft.svg",
     ),
 }
-"""Command lines that work once their folders and files exist."""
+"""Examples of each command; they need the folders and files that they name."""
 
 GUIDES = {
     "train": "training",
@@ -122,7 +122,7 @@ GUIDES = {
 
 
 class _Page(io.TextIOWrapper):
-    """Is printed later, on what stands for the output now: in its letters and colours."""
+    """Buffer of printed text, with the encoding and the colours of the present standard output."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -132,7 +132,7 @@ class _Page(io.TextIOWrapper):
 
 
 def overview(about: str, commands: Mapping[str, type]) -> str:
-    """What ``rans`` alone prints: usage, where to start, and every command in a line or two."""
+    """Text of ``rans`` without arguments: usage, first commands, and a summary of every command."""
     width = shutil.get_terminal_size().columns
     lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", "Start here:"]
     for command, gives in START.items():
@@ -153,7 +153,7 @@ def overview(about: str, commands: Mapping[str, type]) -> str:
 
 
 def _summary(command: type) -> str:
-    """The first clause of a command's text."""
+    """First clause of the docstring of a command."""
     text = " ".join((command.__doc__ or "").split())
     return re.split(r"[;:.]", text, maxsplit=1)[0] + "."
 
@@ -165,7 +165,7 @@ def _filled(text: str, width: int, indent: str = "") -> list[str]:
 
 
 def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
-    """What ``parse`` gives; the help that it prints is wrapped, and followed by examples."""
+    """Result of ``parse``; its printed help is wrapped and followed by examples."""
     explain(commands.values())
     page = _Page()
     try:
@@ -181,7 +181,7 @@ def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
 
 
 def _print_examples(command: str, width: int) -> None:
-    """Examples of one command, and the page about it."""
+    """Print the examples of a command, and its page in the documentation."""
     if command not in EXAMPLES:
         return
     print("\nExamples:")
@@ -192,9 +192,9 @@ def _print_examples(command: str, width: int) -> None:
 
 
 def explain(commands: Iterable[type]) -> None:
-    """Give tyro the texts of fields in one line each, plain names of values, and defaults that say something.
+    """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults.
 
-    It takes the second line of a text for a new paragraph, and by itself writes {None}|STR and (default: None).
+    By itself tyro treats the second line of a text as a new paragraph, and writes {None}|STR and (default: None).
     """
     from typing_extensions import Doc
 
@@ -210,14 +210,14 @@ def explain(commands: Iterable[type]) -> None:
 
 
 def _tyro_options(name: str, hint: Any) -> list[Any]:
-    """How tyro is to show one field's value and its default."""
+    """Options of tyro for the display of a field's value and its default."""
     from tyro.conf import FlagCreatePairsOff, arg
 
     plain = hint
-    own = ()
+    annotations = ()
     if get_origin(hint) is Annotated:
-        plain, *own = get_args(hint)
-    has_metavar = any(getattr(one, "metavar", None) for one in own)
+        plain, *annotations = get_args(hint)
+    has_metavar = any(getattr(one, "metavar", None) for one in annotations)
     results: list[Any] = [arg(help_behavior_hint=_default)]
     metavar = None if has_metavar else _metavar(name, plain)
     if metavar:
@@ -228,12 +228,12 @@ def _tyro_options(name: str, hint: Any) -> list[Any]:
 
 
 def _default(shown: str) -> str:
-    """The hint after a text; nothing where the default is nothing."""
+    """Text of a default value; empty if there is no default."""
     return "" if shown in ("", "None", "False") else f"(default: {shown})"
 
 
 def _metavar(name: str, hint: Any) -> str | None:
-    """What stands for an option's value; None: as tyro has it."""
+    """Placeholder of an option's value; None: that of tyro."""
     parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     kinds = [part for part in parts if part is not NoneType]
     if len(kinds) != 1:
@@ -249,9 +249,9 @@ def _metavar(name: str, hint: Any) -> str | None:
 
 
 def _wrapped(line: str, width: int) -> str:
-    """Lines of boxes, which fit, as they are."""
+    """Line wrapped to a width; lines of boxes are not changed."""
     plain = _STYLES.sub("", line)
     if len(plain) <= width or plain[:1] in "╭│╰":
         return line
-    names = re.sub(r"\{[\w,]{40,}\}", "COMMAND ...", plain)  # they are listed below
+    names = re.sub(r"\{[\w,]{40,}\}", "COMMAND ...", plain)  # commands are listed below
     return textwrap.fill(names, width, break_long_words=False, break_on_hyphens=False)

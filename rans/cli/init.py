@@ -1,4 +1,4 @@
-"""``rans init``: a commented file of your own spacecraft, from what a data sheet says."""
+"""``rans init``: a commented TOML file of your own spacecraft from the numbers of a data sheet."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Init:
     """
 
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
-    """The file to write."""
+    """File to write."""
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
     """Begin from this spacecraft (name or TOML file) and keep its values where you give none."""
     name: str | None = None
@@ -44,7 +44,7 @@ class Init:
     size: str | None = None
     """Sides of a uniform box, m, such as 0.1,0.1,0.33 (in the plane two numbers), instead of --inertia."""
     centre_of_mass: str | None = None
-    """In the frame in which thrusters are measured, m; by default its origin."""
+    """Centre of mass in the frame of the thruster positions, m; by default the origin."""
     thruster: Annotated[
         UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
     ] = ()
@@ -75,7 +75,7 @@ class Init:
     """Overwrite existing files."""
 
     def run(self) -> int:
-        """Ask, check, write and draw; 0."""
+        """Ask, check, write and draw; the exit code is 0."""
         from rans.api.drafting import check_free, check_target
 
         picture = self.picture or self.file.with_suffix(".svg")
@@ -93,11 +93,11 @@ class Init:
         return 0
 
     def _drafted(self, answers: dict[str, Any]) -> Draft:
-        """What the options and these answers describe."""
+        """Draft from the options and these answers."""
         from rans.api.drafting import init_spacecraft
         from rans.model.spacecraft_draft import numbers
 
-        given: dict[str, Any] = {
+        options: dict[str, Any] = {
             "base": self.base,
             "dimension": self.dimension,
             "mass": self.mass,
@@ -115,10 +115,10 @@ class Init:
             "thrust_sharing": self.thrust_sharing,
         }
         name = answers.pop("name", self.name or self.file.stem)
-        return init_spacecraft(name, **given | answers)
+        return init_spacecraft(name, **options | answers)
 
     def _asked(self) -> Draft:
-        """Ask for what no option says; a wrong answer is explained and asked for again."""
+        """Ask for values without an option; a wrong answer is explained and asked for again."""
         from rans.model.actuators import KINDS
         from rans.model.spacecraft_draft import numbers, thruster_of, wheel_of
         from rans.model.spacecraft_file import load_spacecraft
@@ -171,7 +171,7 @@ class Init:
         return self._drafted(answers)
 
     def _show(self, draft: Draft, picture: Path) -> None:
-        """Authority, faults, and what may come next."""
+        """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
         from rans.terminal import table
 
@@ -187,15 +187,15 @@ class Init:
         bearable = draft.bearable()
         others = [k for k in range(len(craft.thrusters)) if k not in bearable]
         if not bearable:
-            console.say("It can do without none of its thrusters.")
+            console.say("No thruster may be dead: each one is needed for some force or torque.")
         elif not others:
             console.say(
-                "Any one of its thrusters may be dead, and every force and torque stays possible."
+                "Any one of its thrusters may be dead, and every force and torque remains possible."
             )
         else:
             console.say(
-                f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; it cannot do "
-                f"without {', '.join(map(str, others))}."
+                f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; the others are needed: "
+                f"{', '.join(map(str, others))}."
             )
         console.say(f"Written: {self.file} and {picture}")
         console.suggest(
@@ -206,7 +206,7 @@ class Init:
 
 
 def ask(question: str, read: Callable[[str], Answer], default: str | None = None) -> Answer:
-    """The answer to a question, asked again as long as it is wrong; nothing typed is the default."""
+    """Ask a question until the answer is valid; an empty answer is the default."""
     hint = "" if default is None else f" [{default}]"
     while True:
         text = input(f"{question}{hint}: ").strip() or (default or "")
@@ -220,7 +220,7 @@ def ask(question: str, read: Callable[[str], Answer], default: str | None = None
 
 
 def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Answer, ...]:
-    """One answer a line until an empty one."""
+    """Ask for several answers, one per line, until an empty one."""
     results: list[Answer] = []
     while True:
         text = input(f"{noun} {len(results)} (empty: no more): ").strip()
@@ -236,7 +236,7 @@ def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Ans
 
 
 def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
-    """The moment or moments of inertia, or the sides of a box; nothing where the start's are taken."""
+    """Ask for moments of inertia or the sides of a box; empty if those of the base are kept."""
     from rans.model.spacecraft_draft import numbers
 
     counts = (1,) if dimension == 2 else (1, 3)

@@ -1,4 +1,4 @@
-"""``rans list``: the spacecraft, tasks and agents there are, and what one of them is made of."""
+"""``rans list``: available spacecraft, tasks, agents, controllers and conditions, and their details."""
 
 from __future__ import annotations
 
@@ -53,10 +53,14 @@ class List:
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
     json: bool = False
-    """Print JSON, for other programs, with numbers as numbers."""
+    """Print JSON for other programs."""
 
     def run(self) -> int:
-        """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
+        """Print the list or the details.
+
+        Raises:
+            ConfigError: the name or the file of the drawing is wrong.
+        """
         kind = self._kind()
         if self.picture is not None and kind != "spacecraft":
             raise ConfigError(
@@ -85,7 +89,7 @@ class List:
         return present_agent((self.name or "").removeprefix("pretrained:"))
 
     def _kind(self) -> str:
-        """What the name is of, as `_PARTS` knows it."""
+        """Kind of the named object, a key of `_PARTS`."""
         name = self._named
         if self.name is None:
             return "everything"
@@ -114,7 +118,7 @@ class List:
 
 
 def _kind_of_file(file: Path) -> str:
-    """Whether its keys are those of conditions; what is neither is told by the spacecraft's reader."""
+    """Kind of a TOML file: conditions if its keys are those of conditions, else spacecraft."""
     try:
         keys = read_toml(read_text(file, LARGEST_TOML)).keys()
     except ConfigError:
@@ -127,7 +131,7 @@ def _kind_of_file(file: Path) -> str:
 
 
 def _kind_of_object(reference: str) -> str:
-    """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
+    """Kind of the object of MODULE:NAME; anything else is treated as a spacecraft, whose reader rejects it."""
     try:
         result = resolve_typed(reference)
     except ConfigError as error:
@@ -197,12 +201,12 @@ def _filled(row: tuple[str, ...], count: int) -> tuple[str, ...]:
 
 
 def _named(registry: Registry[Any], name: str) -> str:
-    """The name, and the package it comes from if that is not RANS."""
+    """Name, with its package if that is not RANS."""
     return f"{name} (of {package})" if (package := registry.package(name)) else name
 
 
 def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, ...]:
-    """The cells of one name; of what does not work, the reason in the second of them."""
+    """Cells of one name; for an invalid object the second one is the reason."""
     try:
         return row(name)
     except ConfigError as error:
@@ -219,7 +223,7 @@ def _all_agents() -> Listing:
 
 
 def _solved(card: dict[str, Any]) -> str:
-    """Share of episodes; of a multi-task agent those of its worst and its best task."""
+    """Share of solved episodes; for a multi-task agent those of its worst and its best task."""
     shares = [values["solved"][0] for values in card["evaluation"]["own"].values()]
     low = min(shares)
     high = max(shares)
@@ -286,7 +290,7 @@ def _training_details(_: str) -> list[Listing]:
 
 
 def _conditions_details(name: str) -> Iterable[str]:
-    load_conditions(name)  # says what is wrong with it
+    load_conditions(name)  # raises an error if they are not valid
     if name.endswith(".toml"):
         text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
     else:
@@ -313,7 +317,7 @@ _PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
     "controller": _controller_details,
     "agent": _agent_details,
 }
-"""What is printed of a name, by what it is of."""
+"""Printed parts of an object, by its kind."""
 
 
 def _flag(task: object) -> str:
@@ -321,7 +325,7 @@ def _flag(task: object) -> str:
 
 
 def _environments(task: str) -> tuple[str, ...]:
-    """Their Gymnasium ids; those of MODULE:NAME are not registered."""
+    """Gymnasium ids of a task; none for MODULE:NAME, which is not registered."""
     if ":" in task:
         return ()
     pair = gymnasium_ids(task)
@@ -376,7 +380,7 @@ _FACTS: dict[str, Callable[[str], Any]] = {
         "controllers": list(CONTROLLERS),
     },
 }
-"""The same as plain values."""
+"""Plain values of an object for JSON, by its kind."""
 
 
 def _summary(described: object) -> str:

@@ -1,4 +1,4 @@
-"""Numbers on the command line: what is none is told in a sentence, and not in a library's own words."""
+"""Numbers on the command line, whose error messages are sentences."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _KINDS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 
 def registry() -> ConstructorRegistry:
-    """How tyro reads options of the types int and float, with or without None, and of many int."""
+    """Constructors of tyro for options of the types int and float, optional or not, and tuples of int."""
     made = ConstructorRegistry()
     made.primitive_rule(_many)
     made.primitive_rule(_one)
     return made
 
 
-def _one(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    if get_origin(asked.type) not in (None, Union, UnionType):
+def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if get_origin(info.type) not in (None, Union, UnionType):
         return None
-    types = set(get_args(asked.type)) or {asked.type}
+    types = set(get_args(info.type)) or {info.type}
     kind = next((kind for kind in _KINDS if types - {NoneType} == {kind}), None)
     if kind is None:
         return None
@@ -39,8 +39,8 @@ def _one(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     )
 
 
-def _many(asked: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    if asked.type != tuple[int, ...]:
+def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type != tuple[int, ...]:
         return None
     return PrimitiveConstructorSpec(
         nargs="*",

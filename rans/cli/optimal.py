@@ -1,4 +1,4 @@
-"""``rans optimal``: the best a spacecraft can do, from the starts that agents are judged on."""
+"""``rans optimal``: optimal trajectories from the starts of evaluations."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Optimal:
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """Task, see `rans list TASKS`."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the task's own, or
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
     floating-platform."""
     objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
     """What is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or minus
@@ -159,7 +159,7 @@ class Optimal:
         write_text(folder / "optimal.svg", svg(optimal_figure(answers)))
         write(
             folder, about, answers, craft, starts
-        )  # bounds can take long: an interrupt must not lose these
+        )  # before the bounds, which take long and may be interrupted
         if finer:
             meshes = [Mesh.of(answers)]
             for number, mesh in enumerate(finer, 1):
@@ -186,7 +186,7 @@ class Optimal:
         return 1 if lost else 0
 
     def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:
-        """Contestants beside the bounds of a mission on an orbit: print and write their table."""
+        """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
         from rans.evaluation.compare.transfers import contestants_of, judged
 
         if self.start or self.goal:
@@ -215,7 +215,7 @@ class Optimal:
         return 1 if lost else 0
 
     def _land(self, craft: Spacecraft, task: Land) -> int:
-        """Landings by convex programming, of which nothing but the starts and the ending is a choice."""
+        """Compute landings by convex programming; only starts and ending can be chosen."""
         from rans.evaluation.compare.landings import (
             landing_table,
             landings,
@@ -248,7 +248,7 @@ class Optimal:
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
     def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
-        """Scenarios of the seed, or the start and the goal that are named."""
+        """Scenarios of the seed, or the start and goal of the options."""
         from rans.optimal.trajectory.endpoints import endpoint
         from rans.scenario import batch, scenario
 
@@ -266,7 +266,7 @@ class Optimal:
         )
 
     def _limits(self) -> PathLimits | None:
-        """What trajectories keep to beside the task's constraints, None for nothing."""
+        """Path constraints of the options besides those of the task; None if there are none."""
         from rans.optimal.trajectory.limits import PathLimits
 
         if self.most_speed is None and self.most_spin is None and not self.keep_out:
@@ -289,7 +289,7 @@ class Optimal:
         starts: Scenario,
         answers: list[Optimum],
     ) -> list[Bound]:
-        """Of the trajectories' event, and of settling where that is a time; print them too."""
+        """Bounds of the event of the trajectories, and of settling for the objective time; printed too."""
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.scenario import each
@@ -298,18 +298,18 @@ class Optimal:
         period = self.control_period
         effort = Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
-        # One event a row: bounds are of the goal set, so only trajectories that end in it stand beside them.
+        # Bounds are for the goal set, so only trajectories that end in it are comparable.
         same = objective.ending == "set" and not (
             self.most_speed or self.most_spin or self.keep_out
         )
         costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
-        asked = {bounds.Event(horizon=horizon): (objective.measure, costs)}
-        if horizon is None:  # the trajectories arrive, so their costs are of another event
-            asked[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
+        events = {bounds.Event(horizon=horizon): (objective.measure, costs)}
+        if horizon is None:  # the trajectories arrive, which is another event
+            events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
         reason = bounds.no_certificate(craft, aims(task), period)
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         every: list[Bound] = []
-        for event, (measure, beside) in asked.items():
+        for event, (measure, beside) in events.items():
             questions = [
                 bounds.question(craft, task, period, event, effort, one) for one in each(starts)
             ]
@@ -325,8 +325,8 @@ class Optimal:
                     key=lambda pair: pair[0],
                 )
             ]
-            told = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
-            Terminal().print(bounds.table(told, measure, found, beside))
+            title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
+            Terminal().print(bounds.table(title, measure, found, beside))
             every += found
         return every
 

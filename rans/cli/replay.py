@@ -1,4 +1,4 @@
-"""``rans replay``: the commands of a flight again."""
+"""``rans replay``: repeat the commands of a recorded flight."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Replay:
     """Allow code: run the agent.py next to the bag. Only if you know its author."""
 
     def run(self) -> int:
-        """Print how many commands came out the same; 0 if all did."""
+        """Print the number of equal commands; the exit code is 0 if all are equal."""
         from rans.deploy.robot.node import replay
         from rans.terminal import Terminal
 
         if not self.trust:
             raise ConfigError(
-                f"{self.bag} is flown again by the agent.py beside it, which is code: add --trust if the flight is "
+                f"{self.bag} is replayed by the agent.py beside it, which is code: add --trust if the flight is "
                 "yours."
             )
         result = replay(self.bag, self.agent)

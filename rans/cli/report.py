@@ -1,4 +1,4 @@
-"""``rans report``: everything a run folder holds, on one page."""
+"""``rans report``: one page of all results in a run folder."""
 
 from __future__ import annotations
 

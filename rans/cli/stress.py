@@ -1,4 +1,4 @@
-"""``rans stress``: a robustness sweep, each disturbance at increasing size."""
+"""``rans stress``: a robustness sweep over disturbances of increasing size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rans.show.pages.stress_page import StressReport
 
 _SHOWN = 5
-"""Commands that the terminal lists."""
+"""Number of commands that the terminal lists."""
 _SHIPPED = ("lab", "roboran", "orbit", "harsh")
 
 
@@ -62,7 +62,7 @@ class Stress:
     its author."""
 
     def run(self) -> int:
-        """Print what each bears."""
+        """Print the largest tolerated size of each disturbance."""
         from rans.evaluation.compare.entrants import contest_of
         from rans.evaluation.fly.contestants import output_folder
         from rans.evaluation.stress.run import prepared
@@ -84,7 +84,7 @@ class Stress:
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         inside(
             folder, "stress"
-        )  # where conditions are written: a link is told before anybody flies
+        )  # folder of the conditions: reject a symbolic link before the flights
         report = StressReport(stress, folder, self.worst, command_line())
         with writing_at_end(partial(_show, report)), progress() as bars:
             stress.fly(stages(bars), self.workers)
@@ -107,8 +107,8 @@ def _show(report: StressReport) -> None:
                 report.effect_columns(),
                 report.effect_rows(),
             )
-        for world, who, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
-            console.say(f"{who}, {world}, episode {episode} ({errors}):")
+        for world, contestant, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
+            console.say(f"{contestant}, {world}, episode {episode} ({errors}):")
             console.command(command)
     for sentence in (*report.notes(), *stress.failures):
         console.say(sentence)

@@ -41,7 +41,7 @@ class Sweep:
     seeds: int = 8
     """Number of seeds, counted from 0."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
-    """Values for an entry of the config, e.g. --set ppo.learning_rate=1e-3,3e-4 --set ppo.n_steps=32."""
+    """Values of an entry of the config, e.g. --set ppo.learning_rate=1e-3,3e-4 --set ppo.n_steps=32."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
     device: str | None = None
@@ -66,7 +66,7 @@ class Sweep:
     Only if you know its author."""
 
     def run(self) -> int:
-        """Train with progress and print a table; 130 when it was stopped early."""
+        """Train with progress and print a table; the exit code is 130 if it was stopped early."""
         from rans.fast.learn.loggers import check
 
         compile_in_this_process()
@@ -105,7 +105,7 @@ class Sweep:
         return 130 if stop.requested else 0
 
     def _trainings(self) -> Trainings:
-        """Ready to train."""
+        """Sweep that is ready to train."""
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import unused_path
         from rans.fast.learn.sweep import Sweep as Trainings
@@ -114,7 +114,7 @@ class Sweep:
         if self.resume is not None:
             if replace(self, resume=None, trust=False, log=()) != Sweep():
                 raise ConfigError(
-                    "--resume takes everything from the sweep's folder; give nothing else."
+                    "--resume reads everything from the sweep's folder; give no other options."
                 )
             configs, command, parts = read_configs(self.resume)
             return Trainings(
@@ -128,7 +128,7 @@ class Sweep:
         return Trainings(configs, world.from_first(folder), command_line(), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
-        """Every combination, the seeds of one beside each other."""
+        """Configs of all combinations; the seeds of one combination are adjacent."""
         if self.seeds < 1:
             raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
         if self.seeds > 1 and any(text.startswith("seed=") for text in self.set):
@@ -151,7 +151,7 @@ class Sweep:
 
 
 def _changes(text: str) -> list[str]:
-    """KEY=V1,V2 as one ``--set`` of `rans train` a value; values are JSON, or else text."""
+    """Values of KEY=V1,V2, each as a ``--set`` of `rans train`; values are JSON, or else text."""
     key, equals, values = text.partition("=")
     if not equals or not values:
         raise ConfigError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
@@ -162,7 +162,7 @@ def _changes(text: str) -> list[str]:
 
 
 def _table(sweep: Trainings) -> Table:
-    """One row a member, the best in bold."""
+    """Table with one row per member, the best in bold."""
     from rans.fast.learn.sweep import short
     from rans.tasks.quantities import QUANTITIES
 

@@ -1,4 +1,4 @@
-"""``rans train``: an agent from a task, a spacecraft and a seed."""
+"""``rans train``: train an agent for a task and a spacecraft."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.trainer import Trainer
 
 _GENTLE = 30.0
-"""Most seconds that an iteration may go on after Ctrl-C."""
+"""Largest time that an iteration may continue after Ctrl-C, s."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Train:
     """Task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
     go-to-pose-2d, to repeat its whole training; or a recipe of your own, a .toml file (docs/training.md)."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default the mission's own, or
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
     floating-platform."""
     seed: int | None = None
     """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
@@ -67,7 +67,7 @@ class Train:
     config: Path | None = None
     """Start from the config.json of another run in place of a task's preset."""
     resume: Path | None = None
-    """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
+    """Continue the training in this run folder from its last checkpoint, or start it if there is none."""
     algorithm: Literal["ppo", "gradient", "imitation"] | None = None
     """Learner: ppo (the default); gradient, by the gradient of the simulation, for throttled thrusters;
     imitation of an expert, `--set imitation.expert=NAME` (docs/learners.md)."""
@@ -78,7 +78,7 @@ class Train:
     view: bool = False
     """Show the newest agent in the browser during the training."""
     guard: bool = False
-    """Learn behind the safety filter for the spacecraft and task, on a CPU (docs/missions/guard.md)."""
+    """Train behind the safety filter for the spacecraft and task, on a CPU (docs/missions/guard.md)."""
     plain: bool = False
     """Run the task's code as it is written, without compiling it, so that a breakpoint in it stops; many
     times slower, with the same results up to rounding (docs/plain.md)."""
@@ -92,7 +92,7 @@ class Train:
     Only if you know its author."""
 
     def _trainer(self) -> Trainer:
-        """Ready to train; a new run folder is begun only once its config has proved to work."""
+        """Trainer that is ready to train; a new run folder is created after its config has been checked."""
         from rans.evaluation.fly.controllers import expert_of, guard_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder, run_path
@@ -103,9 +103,9 @@ class Train:
             if replace(self, resume=None, **allowed) != Train():
                 file = self.resume / "config.json"
                 raise ConfigError(
-                    "--resume takes everything from the run folder; give nothing else. To "
-                    f"train longer, raise total_timesteps in {file} (and make solved_share "
-                    f"null, if it is solved); to change more, begin anew with --config {file}."
+                    "--resume reads everything from the run folder; give no other options. To "
+                    f"train longer, raise total_timesteps in {file} (and set solved_share to "
+                    f"null, if it is solved); to change more, start again with --config {file}."
                 )
             run = RunFolder(self.resume)
             config = run.config()
@@ -139,7 +139,7 @@ class Train:
         return trainer
 
     def resolved(self) -> TrainConfig:
-        """A preset or another run's config, with whatever else was given."""
+        """Config of a preset or of another run, with the changes of the options."""
         from rans.fast.learn.config import from_table, to_table
         from rans.fast.learn.recipes import by_gradient, training, training_of_quality
         from rans.fast.learn.run_folder import read_config
@@ -193,7 +193,7 @@ class Train:
         return config
 
     def run(self) -> int:
-        """Train with progress; 130 when it was stopped early."""
+        """Train with progress; the exit code is 130 if it was stopped early."""
         from rans.compile.cuda.driver import open_ahead
 
         if self.device != "cpu":
@@ -236,7 +236,7 @@ class Train:
         return 0
 
     def _next(self, trainer: Trainer) -> list[str]:
-        """What a user may want to run after this."""
+        """Commands that a user may want to run next."""
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []
         commands = [
@@ -245,33 +245,33 @@ class Train:
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:
-            given = ["rans", "train", self.task]
+            words = ["rans", "train", self.task]
             if self.spacecraft is not None:
-                given += ["--spacecraft", self.spacecraft]
+                words += ["--spacecraft", self.spacecraft]
             if self.conditions is not None:
-                given += ["--conditions", self.conditions]
-            given += guard
-            better = shlex.join([*given, "--quality", "good"])
+                words += ["--conditions", self.conditions]
+            words += guard
+            better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands
 
 
 def compile_in_this_process() -> None:
-    """Have torch's compiler start no worker for each core, unless the user says how many.
+    """Make torch's compiler run in this process instead of one worker per core, unless the user sets their number.
 
-    They take 2 to 5 s to start on a machine with an H200 and 16 cores; a warm cache needs none of them, and a
-    cold one loses 3 s without.
+    Workers take 2 to 5 s to start on a machine with an H200 and 16 cores. With a warm cache they are not needed,
+    and with a cold one compilation takes 3 s longer without them.
     """
     os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
 def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str:
-    """One paragraph: how it ended, from so many steps on, what it took, where it is."""
+    """Paragraph about a training: its ending, its steps since ``begun``, its time and its folder."""
     path = trainer.run.path
     if trainer.steps == begun and not stopped:
         return (
             f"Nothing was left to train: {path} has {begun:,} steps. To train longer, raise "
-            f"total_timesteps in {path}/config.json (and make solved_share null, if it is solved)."
+            f"total_timesteps in {path}/config.json (and set solved_share to null, if it is solved)."
         )
     ending = (
         "Stopped"
@@ -301,15 +301,14 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
 
 
 def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
-    """A process beside the training that shows its newest agent; see `rans.show.scene.watch`.
+    """Context with a process that shows the newest agent of a training; see `rans.show.scene.watch`.
 
-    Training does nothing for it but what it does anyway, writing checkpoints, and the process has the
-    lowest priority: on a busy machine it gets what training leaves over.
+    It reads the checkpoints of the training and has the lowest priority.
     """
     with socket.create_server(("localhost", 0)) as free:
         port: int = free.getsockname()[1]
     print(
-        f"The newest agent is to be seen at http://localhost:{port} from the first checkpoint on.",
+        f"The newest agent is shown at http://localhost:{port} from the first checkpoint on.",
         file=sys.stderr,
     )
     return beside(_watch, run, port)
@@ -317,17 +316,17 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 
 def _watch(run: Path, port: int) -> None:
     os.nice(19)
-    trust_files()  # it was checked before training began
+    trust_files()  # the training has checked its files
     from rans.show.scene.watch import watch
 
     try:
         watch(run, port)
     except RansError as error:
-        print(f"rans: nothing more to see, but training goes on: {error}", file=sys.stderr)
+        print(f"rans: the view has ended, but training continues: {error}", file=sys.stderr)
 
 
 def _change(table: dict[str, Any], change: str) -> None:
-    """Apply one KEY=VALUE to a nested table; the value is JSON, otherwise text."""
+    """Apply KEY=VALUE to a nested table; the value is JSON, or else text."""
     from rans.fast.learn.changes import change_entry
 
     key, equals, text = change.partition("=")
@@ -344,33 +343,33 @@ def _change(table: dict[str, Any], change: str) -> None:
 
 
 def _check_unchanged(spacecraft: str, config: Path) -> None:
-    """Refuse a spacecraft that is another one by now than that of the run whose config names it."""
+    """Reject a spacecraft that has changed since the run whose config names it."""
     flown = inside(config.parent, "spacecraft.toml")
     if not flown.exists():
         return
-    then = f"--spacecraft {shlex.quote(str(flown))} takes that of then"
+    then = f"--spacecraft {shlex.quote(str(flown))} uses that of the run"
     try:
         now = load_spacecraft(spacecraft)
     except ConfigError as error:
         raise ConfigError(f"{error} {config} names it; {then}.") from error
     if now != load_spacecraft(flown):
         raise ConfigError(
-            f"{spacecraft} is another spacecraft now than {config} was used with: {then}, "
-            f"--spacecraft {shlex.quote(spacecraft)} that of now."
+            f"{spacecraft} has changed since {config} was used: {then}, "
+            f"--spacecraft {shlex.quote(spacecraft)} the present one."
         )
 
 
 class StopGently:
-    """Within it Ctrl-C asks for a stop after this iteration; a second one interrupts, as does a long wait.
+    """Context in which Ctrl-C requests a stop after the iteration; a second Ctrl-C or a long wait interrupts it.
 
-    What is lost then is the iteration: any that took longer than seconds left a checkpoint.
+    An interrupt loses only the iteration, because checkpoints are frequent.
     """
 
     requested = False
 
     def __enter__(self) -> StopGently:
-        heard = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
-        self._before = {number: signal.signal(number, self._ask) for number in heard}
+        signals = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
+        self._before = {number: signal.signal(number, self._ask) for number in signals}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -383,5 +382,5 @@ class StopGently:
             self.requested = True
             signal.setitimer(signal.ITIMER_REAL, _GENTLE)
             return
-        interrupt = self._before[signal.SIGINT]  # which knows where it has to wait
+        interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(number, frame)

@@ -1,4 +1,4 @@
-"""``rans tune``: the best settings of a controller that needs no training."""
+"""``rans tune``: settings of a controller without training."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Tune:
     """
 
     controller: Annotated[str, Positional, arg(metavar="CONTROLLER")]
-    """Its name, see `rans list`, or MODULE:NAME."""
+    """Name of the controller (see `rans list`), or MODULE:NAME."""
     task: str = "go-to-pose"
     """Task to tune it for."""
     spacecraft: str = "floating-platform"
@@ -43,10 +43,10 @@ class Tune:
     conditions: str | None = None
     """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Where to write the result (.json); by default under runs/controllers, where commands look for it."""
+    """File of the result (.json); by default under runs/controllers, where commands find it."""
 
     def run(self) -> int:
-        """Print what was found and what it is worth."""
+        """Print default and tuned settings with their costs."""
         from rans.episode import Setup
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
@@ -70,7 +70,7 @@ class Tune:
         ready_folder(file.parent)
         known = (
             None if self.output else tuned(self.controller, setup)
-        )  # what is damaged is told before
+        )  # reject a damaged file before the search
         with progress() as bars:
             step = stages(bars)(f"tuning {self.controller}", self.candidates)
             result = tune(
@@ -104,7 +104,7 @@ class Tune:
             f"Written to {file}."
             if staying is None
             else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
-            "cost no more on the same; --output FILE writes these all the same."
+            "cost no more on the same starts; --output FILE writes the new ones anyway."
         )
         if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""``rans twin``: a robot to fly an agent against."""
+"""``rans twin``: a simulated robot for tests of `rans fly`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Twin:
     """Latency, noise, dropouts, faults and disturbances of the robot: a name (see `rans list CONDITIONS`) or
     your own TOML file."""
     rate: float = 100.0
-    """States published a second."""
+    """Number of states published per second."""
     start: tuple[float, ...] = ()
     """Start: x, y (m) and heading (degrees) in the plane; x, y, z in space. By default that of the episode."""
     seed: int = 0
@@ -48,7 +48,7 @@ class Twin:
     """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
 
     def run(self) -> int:
-        """Fly until the time is up or somebody interrupts."""
+        """Simulate until the time is up or an interrupt."""
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.twin import TwinPlan, run_twin
         from rans.model.spacecraft_file import load_spacecraft

@@ -1,4 +1,4 @@
-"""``rans validate``: what the fast engine computes, checked against Drake and the laws of mechanics."""
+"""``rans validate``: checks of the fast engine against Drake and the laws of mechanics."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Validate:
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     quick: bool = False
-    """Fewer states and flights and no compiler: about a quarter of a minute instead of some minutes."""
+    """Use fewer states and flights and no compiler: about 15 s instead of some minutes."""
     layer: str | None = None
     """Check this layer only: thrusters, commands, accelerations, period, flights, engine, draws, readings,
     onsets, tasks, ..."""
@@ -34,7 +34,7 @@ class Validate:
     seed: int = 0
     """Seed of the random states and commands."""
     output: Path | None = None
-    """Folder to write validation.json and validation.html into."""
+    """Folder for validation.json and validation.html."""
 
     def run(self) -> int:
         """Print the table of checks."""

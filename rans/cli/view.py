@@ -1,4 +1,4 @@
-"""``rans view``: agents and controllers in flight, in three dimensions."""
+"""``rans view``: three-dimensional views of flights of agents and controllers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class View:
     controller is enough, such as lqr. Folders of `rans optimal` show their trajectories, in Drake."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
-    your own TOML file; by default those that they were trained in."""
+    your own TOML file; by default those of their training."""
     episodes: int = 1
     """Number of flights of each contestant; contestants of the same task have the same starts."""
     episode: int = 0
@@ -63,12 +63,12 @@ class View:
     its author."""
 
     def run(self) -> int:
-        """Serve the page, or write what was asked for."""
+        """Serve the page, or write the requested files."""
         from rans.api.judging import flown
         from rans.api.pages import flyers
 
         if not self.contestants:
-            raise ConfigError("say who flies, such as `rans view runs/first`.")
+            raise ConfigError("name at least one contestant, as in `rans view runs/first`.")
         check_count("--episodes", self.episodes)
         if not 0 <= self.episode < 2**31 - self.episodes:
             raise ConfigError(
@@ -138,7 +138,7 @@ class View:
         return 0
 
     def _optima(self, folder: Path) -> list[Flight]:
-        """The trajectories of the starts that are asked for."""
+        """Optimal trajectories of the requested starts."""
         from rans.evaluation.compare.optima import flights
 
         if self.trust:
@@ -161,16 +161,18 @@ class View:
         page = Page()
         colours = page.show(flights, title_of(flights, self.conditions))
         names = [flight.controller for flight in flights]
-        who = ", ".join(f"{name} ({colour})" for name, colour in zip(names, colours, strict=True))
+        legend = ", ".join(
+            f"{name} ({colour})" for name, colour in zip(names, colours, strict=True)
+        )
         if self.save is not None:
             page.save(self.save)
-            Terminal().say(f"{self.save} replays {who} in any browser.")
+            Terminal().say(f"{self.save} replays {legend} in any browser.")
             return
         with contextlib.suppress(
             KeyboardInterrupt
-        ):  # from the first moment the sentence asks for it
+        ):  # Ctrl-C is expected from the first printed sentence on
             url = page.serve().url
-            Terminal().say(f"{who}: to be seen at {url} until Ctrl-C.")
+            Terminal().say(f"{legend}: shown at {url} until Ctrl-C.")
             open_browser(url)
             while True:
                 time.sleep(3600.0)
@@ -181,4 +183,4 @@ class View:
         with progress() as bars:
             save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
-        Terminal().say(f"{file} is a film of {', '.join(names)}.")
+        Terminal().say(f"{file} is a video of {', '.join(names)}.")

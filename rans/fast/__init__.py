@@ -1,6 +1,6 @@
-"""The fast engine: thousands of spacecraft stepped together in torch, and the trainer beside them.
+"""Fast engine: thousands of spacecraft stepped together in torch, environments, and trainers on the same device.
 
-Names are loaded when first used, so that the single environment needs no torch.
+Names are loaded on first use, so that the single environment does not need torch.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Several processes, started by torchrun: each has a GPU and its share of one training's environments.
+"""Distributed processes started by torchrun, each with a GPU and its share of the environments of a training.
 
-Or of the members of a sweep and of the flights of an assurance, where processes work apart. In one training
-process r of n owns every n-th environment of the batch, from environment r on, and draws the random numbers
-that these environments would get on one process. A minibatch so holds the same transitions however many
-processes share it, and averaged gradients are those of one process up to the order of summation.
+In sweeps and assurance the processes divide members or flights and work independently. In one training process r of
+n owns every n-th environment of the batch, from environment r on, with the random numbers that these environments
+have in a single process. A minibatch thus has the same transitions for any number of processes, and averaged
+gradients are those of one process up to the order of summation.
 """
 
 from __future__ import annotations
@@ -30,18 +30,22 @@ from rans.errors import ConfigError, WorkerLost
 
 @dataclass(frozen=True)
 class Processes:
-    """The processes of one training, seen from one of them; alone, everything is the identity."""
+    """Group of processes as seen from one of them; for a single process all operations are the identity."""
 
     rank: int = 0
     size: int = 1
 
     @property
     def is_first(self) -> bool:
-        """Whether this process writes the run folder and speaks to the user."""
+        """Whether this is the process that writes the run folder and prints."""
         return self.rank == 0
 
     def share(self, name: str, count: int) -> int:
-        """This process's part of a number of things; ConfigError where it cannot be divided."""
+        """Share of this process in a count.
+
+        Raises:
+            ConfigError: the count is not a multiple of the number of processes.
+        """
         if count % self.size:
             raise ConfigError(
                 f"{name} must be a multiple of the {self.size} processes, got {count}."
@@ -49,11 +53,11 @@ class Processes:
         return count // self.size
 
     def mine(self, whole: Any) -> Any:
-        """This process's rows of the whole batch's."""
+        """Rows of this process from those of the whole batch."""
         return whole[self.rank :: self.size] if self.size > 1 else whole
 
     def whole(self, mine: Tensor) -> Tensor:
-        """The whole batch's rows from every process's; all must ask."""
+        """Rows of the whole batch from those of every process; all processes must call it."""
         if self.size == 1:
             return mine
         parts = [torch.empty_like(mine) for _ in range(self.size)]
@@ -61,7 +65,7 @@ class Processes:
         return torch.stack(parts, dim=1).flatten(0, 1)
 
     def uniform_like(self, mine: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
+        """Random numbers in [0, 1) for the rows (T, rows, ...) of this process; all processes must call it."""
         draw = partial(torch.rand, dtype=mine.dtype, device=mine.device, generator=generator)
         if self.size == 1:
             return draw(mine.shape)
@@ -69,7 +73,7 @@ class Processes:
         return torch.stack([self.mine(draw(shape)) for _ in range(len(mine))])
 
     def average(self, tensor: Tensor) -> Tensor:
-        """Mean over the processes, which all must ask for."""
+        """Mean over the processes; all must call it."""
         if self.size == 1:
             return tensor
         total = tensor.clone()
@@ -77,12 +81,12 @@ class Processes:
         return total / self.size
 
     def pooled(self, variance: Tensor, mean: Tensor) -> tuple[Tensor, Tensor]:
-        """Variance and mean of all processes' values from those of each; all have as many."""
+        """Variance and mean over all processes from those of each, which has the same number of values."""
         together = self.average(mean)
         return self.average(variance + (mean - together).square()), together
 
     def standardised(self, values: Tensor) -> Tensor:
-        """Values (K, rows) less their mean over all processes' rows, over their spread, as SB3."""
+        """Values (K, rows) standardised over the rows of all processes, as in SB3."""
         if self.size == 1:
             spread, mean = torch.std_mean(values, dim=1, keepdim=True)
             return (values - mean) / (spread + 1e-8)
@@ -92,15 +96,15 @@ class Processes:
         return centred / (variance.sqrt() + 1e-8)
 
     def any(self, *flags: bool) -> tuple[bool, ...]:
-        """Per flag, whether it is set on any process: decisions that all must take alike."""
+        """Whether each flag is set on any process, for decisions that must be the same on all."""
         if self.size == 1:
             return flags
-        asked = torch.tensor(flags, dtype=torch.int32)
-        _collective(dist.all_reduce, asked, dist.ReduceOp.MAX)
-        return tuple(map(bool, asked.tolist()))
+        combined = torch.tensor(flags, dtype=torch.int32)
+        _collective(dist.all_reduce, combined, dist.ReduceOp.MAX)
+        return tuple(map(bool, combined.tolist()))
 
     def from_first(self, value: Any) -> Any:
-        """What the first process holds."""
+        """Value of the first process."""
         if self.size == 1:
             return value
         box = [value]
@@ -108,28 +112,34 @@ class Processes:
         return box[0]
 
     def part(self, count: int) -> tuple[int, int]:
-        """First of so many things that are this process's, and how many are."""
+        """First index and number of the items of this process among ``count``."""
         first, end = (count * place // self.size for place in (self.rank, self.rank + 1))
         return first, end - first
 
     def from_all(self, value: Any) -> list[Any]:
-        """What every process holds, in the order of their ranks; all must ask."""
-        said = [value] * self.size
+        """Values of all processes in the order of their ranks; all processes must call it."""
+        values = [value] * self.size
         if self.size > 1:
-            _collective(dist.all_gather_object, said, value)
-        return said
+            _collective(dist.all_gather_object, values, value)
+        return values
 
 
 ALONE = Processes()
 _PATIENCE = timedelta(days=30)
-"""For the slowest of processes that work apart."""
+"""Timeout for the slowest of processes that work independently."""
 
 
 def join(device: str, apart: bool = False) -> Processes:
-    """The processes torchrun started, this one among them; `ALONE` where it started none.
+    """Join the processes that torchrun has started; `ALONE` without torchrun.
 
-    From then on ``cuda`` means this process's own GPU; ConfigError where there are too few. Those that work
-    ``apart`` meet on the CPU alone, and wait for one another as long as it takes.
+    Afterwards ``cuda`` is the GPU of this process.
+
+    Args:
+        device: device of the computation.
+        apart: whether the processes work independently; they then communicate on the CPU, without a short timeout.
+
+    Raises:
+        ConfigError: there are fewer GPUs than processes.
     """
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
@@ -144,47 +154,47 @@ def join(device: str, apart: bool = False) -> Processes:
             )
         torch.cuda.set_device(local)
     if device.startswith("cuda") and not apart:
-        # Decisions travel through the CPU, so that asking does not wait for the GPU.
+        # Decisions are exchanged on the CPU, so that they do not wait for the GPU.
         dist.init_process_group(
             "cpu:gloo,cuda:nccl", device_id=torch.device("cuda", torch.cuda.current_device())
         )
     else:
         dist.init_process_group("gloo", timeout=_PATIENCE if apart else None)
-        # A thread of its own that still works while Python ends would abort the process.
+        # A thread that still runs while Python exits would abort the process.
         atexit.register(dist.destroy_process_group)
     leave_when_stuck()
     return Processes(dist.get_rank(), size)
 
 
 def leave_when_stuck(patience: float = 15.0) -> None:
-    """End this process so many seconds after it was told to, if it has not done so by itself.
+    """End this process ``patience`` seconds after a signal if it is still running.
 
-    Who waits on the GPU for a process that is gone hears no signal: Python handles them between two lines
-    of the main thread, which waits. torchrun would kill such a process without a word.
+    A process that waits on the GPU for a lost one does not handle signals, because Python does so between two
+    lines of the main thread. torchrun would kill it without a message.
     """
 
     def leave() -> None:
-        ears.recv(1)
+        receiver.recv(1)
         time.sleep(patience)
         sys.stderr.write(
-            "rans: told to stop while waiting for another process of this training; go on from "
+            "rans: stopped while waiting for another process of this training; continue from "
             "the last checkpoint with --resume.\n"
         )
         sys.stderr.flush()
         os._exit(1)
 
-    ears, mouth = socket.socketpair()
-    mouth.setblocking(False)
-    signal.set_wakeup_fd(mouth.detach())
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    signal.set_wakeup_fd(sender.detach())
     threading.Thread(target=leave, daemon=True).start()
 
 
 def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
-    """Do what all processes must do together; WorkerLost where another one is gone."""
+    """Call a collective operation; WorkerLost if another process has ended."""
     try:
         function(*arguments, **settings)
     except RuntimeError as error:
         raise WorkerLost(
-            "another process of this command is gone; the usual cause is lack of memory, "
-            "and its own message is above."
+            "another process of this command has ended; the usual cause is lack of memory, "
+            "and its message is above."
         ) from error

@@ -1,4 +1,4 @@
-"""Batched episodes on one device: the state lives in tensors, one call steps every spacecraft."""
+"""Batched episodes on one device: states are tensors, and one call steps every spacecraft."""
 
 from __future__ import annotations
 
@@ -46,40 +46,41 @@ from rans.tasks.rewards import Transition
 
 
 class Engine:
-    """N copies of one spacecraft flying one task.
+    """Batch of N episodes of one spacecraft and one task on one device.
 
     >>> engine = rans.Engine("floating-platform", "go-to-pose", num_envs=4, seed=0)
     >>> engine.step(torch.ones(4, 8)).reward.shape
     torch.Size([4])
 
     Args:
-        craft: what flies: a spacecraft, or its name or TOML file.
-        task: what it flies to: a task, or a name of `rans.tasks.TASKS`.
-        num_envs: N.
-        timing: control period, accuracy and length of an episode; None: the task's own.
-        seed: decides all starts and goals, with the episode's number. Several are those of as many members,
-            who own the environments in equal, contiguous parts and count their episodes each from zero.
+        craft: spacecraft, or its name or TOML file.
+        task: task, or its name in `rans.tasks.TASKS`.
+        num_envs: number of environments, N.
+        timing: control period, substeps, checks and length of an episode; None: those of the task.
+        seed: seed, which together with the number of an episode determines its start, goal and draws. Several seeds
+            are those of as many members, which own equal, contiguous parts of the environments and count their
+            episodes from zero.
         device: torch device of the state.
         dtype: torch.float32, or torch.float64 for comparisons.
-        compiled: whether a step is one compiled kernel; by default on a GPU only. On a CPU the same source
-            then runs on NumPy, without a compiler and two to six times faster than uncompiled torch.
-        generated: whether on a GPU that is the kernel of docs/decisions/007-generated-kernel.md, 1.4
-            to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
-        processes: those among which the batch is divided; ``num_envs`` are this one's.
-        body: other than the craft's, each number or (N,), one for each spacecraft.
-        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
-        guard: safety filter between actions and effectors; None: every action is taken.
-        remember: whether what episodes draw from their conditions lies in memory, for `privileged`; the
-            generated kernel else draws it again in every step. A step without one always remembers.
-        plain: whether every step is the equations as they are written, on torch's tensors, one operation
-            after the other: what a task's functions are given are numbers, and a breakpoint in them stops
-            (docs/plain.md). Equal to the fast ways but for rounding, and many times slower. What learns on a
-            plain engine is plain too.
+        compiled: whether a step is one compiled kernel; by default on a GPU only. Otherwise a CPU runs the same
+            source on NumPy, two to six times faster than uncompiled torch.
+        generated: whether a GPU uses the generated kernel of docs/decisions/007-generated-kernel.md, which is 1.4
+            to 2.7 times as fast as that of torch.compile, its replacement where it cannot be generated.
+        processes: processes that share the batch; ``num_envs`` is the number of this one.
+        body: mass properties and thruster health of each spacecraft, numbers or (N,); None: as designed.
+        conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
+            None: everything is nominal.
+        guard: safety filter between actions and effectors; None: every action is executed.
+        remember: whether the draws of the conditions are stored, for `privileged`. Otherwise the generated kernel
+            draws them again in every step; other steps always store them.
+        plain: whether every step evaluates the equations on torch tensors one operation at a time, so that
+            breakpoints in the functions of a task work (docs/plain.md). Results are equal up to rounding, and
+            steps are many times slower. Trainers on a plain engine are plain too.
 
     Raises:
-        ConfigError: it is to be plain and compiled, there is no such device here, spacecraft, task or
-            conditions, num_envs is not a positive whole number, dtype another one, or mass properties are not
-            those of rigid bodies or not so many.
+        ConfigError: plain and compiled are both set; the device, spacecraft, task or conditions do not exist;
+            num_envs is not a positive whole number; dtype is another one; or the body is not that of a rigid body
+            or of another number of spacecraft.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class Engine:
     ) -> None:
         if plain and compiled:
             raise ConfigError(
-                "plain=True steps by torch's operations as they are written, and compiled=True by a "
+                "plain=True steps by single operations of torch, and compiled=True by a "
                 "compiled kernel: give one of them."
             )
         seeds = seed if isinstance(seed, Sequence) else [seed]
@@ -119,12 +120,12 @@ class Engine:
         if getattr(guard, "by_values", False):
             if compiled:
                 raise ConfigError(
-                    f"the guard {brief(guard)} chooses by values, which no compiled step does: leave "
+                    f"the guard {brief(guard)} branches on values, which a compiled step cannot do: leave "
                     "compiled=True out."
                 )
             compiled = False
         self.plain = plain
-        """Whether everything is computed as it is written, see the class."""
+        """Whether steps evaluate single operations of torch, see the class."""
         self.compiled = not plain and (self.device.type == "cuda" if compiled is None else compiled)
         self.processes = processes
         self.members = len(seeds)
@@ -132,15 +133,15 @@ class Engine:
         self.layout = layout(task, craft.dimension)
         nominal = Body.of(craft)
         self.observation_width = self.layout.width
-        """Columns of an observation."""
+        """Number of columns of an observation."""
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
-        """What flies; fields (N,) of it may be written in place, which compiles nothing."""
+        """Body of the spacecraft; its fields (N,) may be changed in place without a new compilation."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(Setup(craft, task, how, conditions, guard), backend.nodes)
         self.privileged_quantities = PrivilegedObservation(
             self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
         )
-        """What `privileged` tells."""
+        """Quantities of `privileged`."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(
             *backend.words(seeds, each),
@@ -159,7 +160,7 @@ class Engine:
             self.episode = backend.episodes(*buffers, remember=True)
         self._step = stepping(backend, self.compiled and self._kernel is None, plain)
         self.state, self.goal = self.episode.state, self.episode.goal
-        """Of the running episodes; fields are what the next step overwrites, those that never vary floats."""
+        """State and goal of the running episodes; the next step overwrites their tensors; constants are floats."""
         self.reset(seeds)
 
     def __repr__(self) -> str:
@@ -185,10 +186,14 @@ class Engine:
         return tuple(reward_terms(self.task, transition, done, violated))
 
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
-        """Start a new episode everywhere, and observe (N, width).
+        """Start a new episode in every environment; returns the observation (N, width).
 
-        Episodes count from zero under a given seed, or one a member, ConfigError else; by default
-        they go on counting.
+        Args:
+            seed: seed, or one per member, whose episodes are counted from zero; None: continue with the next
+                episodes.
+
+        Raises:
+            ConfigError: the number of seeds is neither one nor that of the members.
         """
         _check_seeds(seed, self.members)
         world = self._world
@@ -197,7 +202,7 @@ class Engine:
             write([now.clock], [world.timing.next_episode(now.clock)])
         else:
             each = self.num_envs // self.members
-            # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
+            # Numbers are written without a copy from the CPU, which CUDA graphs cannot record.
             words = (
                 self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
             )
@@ -213,9 +218,10 @@ class Engine:
         return self.observe()
 
     def stagger(self, *generators: torch.Generator) -> None:
-        """Pretend the episodes started at random times, so that they do not all end together.
+        """Set the clocks of the episodes to random times, so that they do not all end together.
 
-        Each generator is of the times of an equal part of the batch; by default there is only torch's own.
+        Args:
+            generators: random generators of equal parts of the batch; by default that of torch for all.
         """
         limit = self.timing.episode_steps
         everywhere = self.num_envs * self.processes.size
@@ -229,32 +235,36 @@ class Engine:
         clock += self._backend.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:
-        """What a simulator knows of every spacecraft and a robot does not, (N, p), see `PrivilegedObservation`."""
+        """Privileged observations (N, p): quantities that a robot cannot measure, see `PrivilegedObservation`."""
         return self.privileged_of(self.episode)
 
     def privileged_of(self, episode: Episode) -> Tensor:
-        """What `privileged` gives, (N, p), of episodes as `stepped` returned them."""
+        """Privileged observations (N, p) of episodes from `stepped`."""
         return self.privileged_quantities.of(self._world.recalled(episode, self._draws))
 
     def observe(self) -> Tensor:
-        """The current observation, (N, width)."""
+        """Current observation, (N, width)."""
         if self._kernel is not None:
             return self._kernel.observe()
         now = self._world.recalled(self.episode, self._draws)
         return self._backend.stack(self._world.observe(now, self._draws)).T
 
     def errors(self) -> dict[str, Tensor]:
-        """The task's errors in the current state by name, each (N,)."""
+        """Errors of the task in the current state by quantity, (N,), SI units."""
         errors = self.task.errors(self.state, self.goal)
         return {name: torch.as_tensor(error) for name, error in errors.items()}
 
     def step(self, action: Tensor) -> Step:
         """Hold the commands for one control period.
 
-        Actions are a tensor (N, commands), ConfigError else, in the ranges of the craft's ``commands``, usually
-        0 (shut) to 1 (open), checked on a CPU where nothing is compiled; elsewhere 5 is five times the thrust,
-        and NaN ends the episode as ``terminated``. Only environments check that on/off thrusters are told
-        nothing between.
+        Args:
+            action: commands (N, commands) within the ranges of the craft's ``commands``, usually 0 (shut) to 1
+                (open). Ranges are checked only on a CPU without compilation; elsewhere 5 gives five times the
+                thrust, and NaN ends the episode as ``terminated``. Only environments check that commands of on/off
+                thrusters are 0 or 1.
+
+        Raises:
+            ConfigError: the action is not a tensor of this shape, or a command is out of range.
         """
         cheap = self.device.type == "cpu" and not self.compiled
         _check_actions(action, self.num_envs, self.craft, cheap, self._is_usual)
@@ -263,51 +273,55 @@ class Engine:
         return self._step(self._world, self.episode, action, self._draws)
 
     def stepped(self, episode: Episode, action: Tensor) -> tuple[Step, Episode]:
-        """One step from episodes of this engine, which changes nothing: gradients go through it.
+        """Differentiable step from episodes of this engine, whose own state does not change.
 
         Args:
-            episode: to act in: `running`, or what the call before returned.
-            action: (N, thrusters), each 0 to 1.
+            episode: episodes from `running` or from the last call.
+            action: commands (N, commands), each 0 to 1.
 
         Returns:
-            The step, and the episodes to act in next.
+            The step, and the episodes of the next step.
 
         Raises:
-            ConfigError: the engine is not plain, so that its numbers are not torch's.
+            ConfigError: the engine is not plain.
         """
         if not self.plain:
             raise ConfigError(
-                "gradients go through a plain engine only: make it with plain=True, as its numbers are "
-                "torch's tensors then."
+                "gradients go through a plain engine only: make it with plain=True, which computes with "
+                "torch tensors."
             )
         return stepped(self._world, episode, action, self._draws, plain=True)
 
     def running(self) -> Episode:
-        """A copy of the episodes that run now."""
+        """Copy of the running episodes."""
         return map_leaves(lambda x: x.clone() if isinstance(x, Tensor) else x, self.episode)
 
     def go_on(self, episode: Episode) -> None:
-        """Go on with these episodes, as `stepped` returned them."""
+        """Continue with episodes from `stepped`."""
         write(self.episode.memory(), [x.detach() for x in episode.memory()])
 
     def commands(self, outputs: Tensor) -> Tensor:
-        """Actions of a policy whose outputs (N, commands) are from 0 to 1, see `rans.effectors.commands`."""
+        """Actions from policy outputs (N, commands) in [0, 1], see `rans.effectors.commands.of_outputs`."""
         if self._is_usual:
             return outputs
         return torch.stack(tuple(of_outputs(self.craft, outputs.unbind(dim=1))), dim=1)
 
     def holding(self, held: Tensor) -> AbstractContextManager[None]:
-        """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
+        """Context in which the episodes where ``held`` (N,) bool is true do not change."""
         return holding(self.episode.memory(), held)
 
     def save_state(self) -> dict[str, Any]:
-        """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
+        """Complete state, from which `load_state` continues bit for bit; all processes must call it."""
         return snapshot(
             self._world, self.episode, (self._draws.low, self._draws.high), self.processes
         )
 
     def load_state(self, table: dict[str, Any]) -> None:
-        """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
+        """Continue from the result of `save_state`.
+
+        Raises:
+            ConfigError: it belongs to other environments or episodes.
+        """
         restore(
             table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes
         )
@@ -316,10 +330,9 @@ class Engine:
 def _check_actions(
     action: Tensor, count: int, craft: Spacecraft, with_range: bool, is_usual: bool
 ) -> None:
-    """Refuse (`ConfigError`) actions that are no tensor (environments, commands).
+    """Reject (`ConfigError`) actions that are not a tensor (environments, commands).
 
-    With their range also numbers that are in none of the commands' ranges, of a tensor on the CPU; usual ones
-    are from 0 to 1.
+    With ``with_range`` also numbers outside the ranges of the commands, of a tensor on the CPU.
     """
     if not isinstance(action, Tensor):
         checked("actions", action, Tensor)
@@ -334,9 +347,9 @@ def _check_actions(
 
 
 def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None:
-    """Refuse (`ConfigError`) what is outside the commands' ranges; NaN is one of these.
+    """Reject (`ConfigError`) actions outside the ranges of the commands, including NaN.
 
-    It takes half a per cent of a step of 16,384 environments.
+    It takes 0.5 % of a step of 16,384 environments.
     """
     if not is_usual:
         if not is_possible(craft, actions):
@@ -347,12 +360,12 @@ def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None
     if not (least >= 0 and most <= 1):
         raise ConfigError(
             f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {most}; "
-            "the usual cause is a policy's output that nobody clipped or rounded."
+            "the usual cause is a policy output that was not clipped or rounded."
         )
 
 
 def _check_seeds(seed: int | Sequence[int] | None, members: int) -> None:
-    """Refuse (`ConfigError`) several seeds that are not one for each member."""
+    """Reject (`ConfigError`) several seeds that are not one per member."""
     if isinstance(seed, Sequence) and len(seed) not in (1, members):
         raise ConfigError(
             f"an engine of {counted(members, 'member')} is reset by one seed or by one "

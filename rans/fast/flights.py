@@ -1,4 +1,4 @@
-"""Very many whole flights of one policy, one scenario each, of which only the verdicts are kept."""
+"""Very many flights of one policy, one scenario each, of which only statistics are stored."""
 
 from __future__ import annotations
 
@@ -29,32 +29,33 @@ from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
-"""Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
+"""Number of flights stepped together, which fits the caches of a processor or fills a GPU."""
 _LAUNCH = 2**26
-"""Flights of one launch of the kernel, about a second's."""
+"""Number of flights of one kernel launch, about one second."""
 _MANY = 2**17
-"""So many are divided among processes, which take seconds to start."""
+"""Number of flights from which several processes are used, which take seconds to start."""
 _SHARE = 2 * BATCH["cpu"]
-"""Flights that a process flies before it tells, about a second's: an interrupt loses those it is at."""
+"""Number of flights that a process runs between two results, about one second; an interrupt loses them."""
 LISTED = 100_000
-"""Failed flights that are listed by number."""
+"""Largest number of failed flights that are listed by number."""
 
 
 class Flights:
-    """Flies one policy's likeliest commands through the scenarios of a seed, in float32.
+    """Flights of a policy's deterministic actions through the scenarios of a seed, in float32.
 
     Args:
-        network: of one member.
-        setup: what flies, with the starts to fly from (`rans.evaluation.fly.agent.LoadedRun.judged`).
-        device: torch device that everything is computed on.
-        listed: failed flights whose numbers are kept.
-        products: of the network on a GPU, by their names in XLA: of bfloat16, which changes one command in a
-            thousand, or of two or three of them for each number (docs/decisions/016-flight-kernel.md).
-        generated: whether flights are generated programs, where they can be; else torch or NumPy steps them.
-        plain: whether torch steps them as the equations are written (docs/plain.md).
+        network: network of one member.
+        setup: spacecraft, task with its starts, timing and conditions
+            (`rans.evaluation.fly.agent.LoadedRun.judged`).
+        device: torch device of the computation.
+        listed: largest number of failed flights whose numbers are stored.
+        products: precision of the network's matrix products on a GPU, by the names of XLA: of one bfloat16 number,
+            which changes one command in a thousand, or of two or three (docs/decisions/016-flight-kernel.md).
+        generated: whether flights are generated programs where possible; else torch or NumPy steps them.
+        plain: whether torch steps them by single operations (docs/plain.md).
 
     Raises:
-        ConfigError: there is no such device here.
+        ConfigError: there is no such device.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class Flights:
     ) -> None:
         self._setup = setup
         self.backend = backend = Backend.of(device, torch.float32, None, plain)
-        """Library of the fields that are stepped."""
+        """Library of the fields."""
         self.device = backend.device
         self.listed = listed
         self.world = World(setup, backend.nodes)
@@ -80,7 +81,7 @@ class Flights:
         self._whole = self._made(products) if generated and not plain else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
-        """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""
+        """Generated program of whole flights; None if there is none, with a warning on a GPU."""
         if getattr(self._setup.guard, "by_values", False):
             return None
         if self.device.type == "cuda":
@@ -92,16 +93,16 @@ class Flights:
             program = None if lacking else trace_flight(self.world, architecture, tables)
             with one_thread():
                 return program and CpuFlights(self.world, program, tables)
-        except UNTRACEABLE:  # a task that does more than arithmetic on fields
+        except UNTRACEABLE:  # the task uses more than arithmetic on fields
             return None
 
     def fly(
         self, first: int, count: int, seed: int, progress: Progress = unseen
     ) -> FlightStatistics:
-        """Statistics of scenarios ``first`` to ``first + count - 1``; progress reports flights.
+        """Statistics of scenarios ``first`` to ``first + count - 1``; the unit of progress is a flight.
 
         Raises:
-            ConfigError: see `parts`.
+            ConfigError: the seed has more than 64 bits, or a scenario number more than 31.
         """
         result = FlightStatistics.none(self.world.timing.episode_steps, self.listed)
         with closing(self.parts(first, count, seed)) as parts:
@@ -111,11 +112,11 @@ class Flights:
         return result
 
     def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
-        """Statistics of consecutive scenarios part by part, in the order of their numbers, as they are flown.
+        """Yield statistics of consecutive scenarios in parts, in the order of their numbers.
 
         Raises:
-            ConfigError: the seed has more than 64 bits, or a scenario's number more than 31.
-            RansError: a process that flew died.
+            ConfigError: the seed has more than 64 bits, or a scenario number more than 31.
+            RansError: a worker process died.
         """
         if count < 1 or first < 0 or first + count > 2**31:
             raise ConfigError(
@@ -137,13 +138,13 @@ class Flights:
         return self._stepped(seed, np.arange(first, first + count, dtype=np.int32))
 
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[FlightStatistics]:
-        """Fly by one process a processor: threads would wait for Python's lock."""
+        """Fly with one process per processor, as threads would wait for Python's global lock."""
         jobs = [(*part, seed) for part in parts]
         state = self._network, self._setup, "cpu", self.listed
         yield from Workers(Flights, state, _processors(), "flew").ordered(Flights.fly, jobs)
 
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
-        """Statistics of one batch that is flown step by step."""
+        """Statistics of one batch, flown step by step."""
         verdict = self.judged(self.draws(seed, numbers), effort=True)
         values = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
         arrays = [torch.as_tensor(x).cpu().numpy() for x in values]
@@ -157,21 +158,21 @@ class Flights:
         )
 
     def draws(self, seed: int, numbers: np.ndarray) -> Draws:
-        """Random numbers of a seed's scenarios with these numbers, (N,) int32, on the device."""
+        """Random numbers of the scenarios with these numbers (N,) int32 of a seed, on the device."""
         first = self.backend.put(numbers, torch.int32)
         return Draws(*seed_words(seed), first, 0, self.backend.fields)
 
     def judged(self, draws: Draws, effort: bool = False, worst: bool = False) -> FlightAccumulator:
-        """Verdict on N flights, stepped, of fields (N,) of the device.
+        """Verdict on N flights, flown step by step, with fields (N,) on the device.
 
         Args:
-            draws: random numbers of the flights, see `draws`.
-            effort: see `rans.verdict.FlightAccumulator.begin`.
-            worst: see `rans.verdict.FlightAccumulator.begin`.
+            draws: random numbers of the flights (`draws`).
+            effort: whether to compute return and effort.
+            worst: whether to compute the largest errors.
         """
         world = self.world
         verdict = None
-        # A state that is no longer finite flies on and may overflow: nothing of it is counted.
+        # A state that is not finite continues and may overflow; it is not counted.
         with np.errstate(all="ignore"):
             for episode, outcome in self.steps(draws):
                 if verdict is None:
@@ -182,9 +183,12 @@ class Flights:
 
     @torch.no_grad()
     def steps(self, draws: Draws) -> Iterator[tuple[Episode, Outcome]]:
-        """Every step of N flights: the episodes acted in and the outcome, of fields (N,) of the device.
+        """Yield episodes and outcome of every step of N flights, with fields (N,) on the device.
 
-        All are flown for the full time, those that are over too. See `draws`.
+        All flights continue for the full time, even after their end.
+
+        Args:
+            draws: random numbers of the flights (`draws`).
         """
         world = self.world
         backend = self.backend
@@ -194,16 +198,16 @@ class Flights:
         now = world.begin(*world.scenario(clock, draws), clock, draws)
         memory = network.initial_state(count)
         for _ in range(world.timing.episode_steps):
-            seen = self._seen(world.observe(now, draws), count)
-            command, memory = network.deterministic_action(seen, memory)
+            observation = self._observation(world.observe(now, draws), count)
+            command, memory = network.deterministic_action(observation, memory)
             columns = command.T.contiguous()
             outputs = tuple(columns.numpy() if backend.on_numpy else columns)
             outcome = step(world, now, tuple(of_outputs(world.craft, outputs)), draws)
             yield now, outcome
             now = outcome.episode
 
-    def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
-        """Observations (N, width); columns that are the same for all are numbers or of one element."""
+    def _observation(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
+        """Observations (N, width) from columns, which may be numbers or have one element if all are equal."""
         rows = torch.empty((len(columns), count), dtype=torch.float32, device=self.device)
         into = rows.numpy() if self.backend.on_numpy else rows
         for row, column in enumerate(columns):
@@ -212,12 +216,12 @@ class Flights:
 
 
 def _processors() -> int:
-    """This process's share of the machine's, beside others that torchrun started here."""
+    """Number of processors of this process, a share among the processes of torchrun on this machine."""
     return max(1, processors() // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
 
 
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
-    """First number and count of every part of at most so many scenarios."""
+    """First number and count of every part of at most ``size`` scenarios."""
     return [
         (begin, min(size, first + count - begin)) for begin in range(first, first + count, size)
     ]

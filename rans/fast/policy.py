@@ -1,4 +1,4 @@
-"""The network in Stable-Baselines3's terms: the classes that a ``policy.zip`` names, and that file itself."""
+"""Stable-Baselines3 classes of the network, and the ``policy.zip`` file that refers to them."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _SHARED = (
     "vf_coef",
     "max_grad_norm",
 )
-"""Settings that SB3 knows by the same names."""
+"""Settings with the same names in SB3."""
 
 
 class NormalisedMlp(BaseFeaturesExtractor):
-    """Change to the body frame, observation normaliser, and trunk: a `Network` without its heads.
+    """SB3 features extractor: body frame, observation normaliser and trunk of a `Network`, without its heads.
 
-    As SB3's features extractor it travels with the policy's weights, statistics included. Arguments are
-    those of `Architecture`, with symmetries only in an `AgentPolicy`.
+    It is saved with the weights of the policy, statistics included. Arguments are those of `Architecture`;
+    symmetries work only in an `AgentPolicy`.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
         layers: Sequence[int] = (128, 128),
         **others: Any,
     ) -> None:
-        if "continuous" in others:  # files of before had one head for either kind of craft
+        if "continuous" in others:  # older files, with one head per kind of spacecraft
             others["head"] = "gaussian" if others.pop("continuous") else "on-off"
         architecture = Architecture(layout, thrusters, tuple(layers), **others)
         super().__init__(observation_space, architecture.features)
@@ -71,9 +71,11 @@ class NormalisedMlp(BaseFeaturesExtractor):
             self.register_buffer(name, statistic)
 
     def network(self, heads: Mapping[str, Tensor]) -> Network:
-        """The network with these heads, by their names in SB3's policy; weights are shared, not copied."""
-        own = {EXTRACTOR + name: x for name, x in (*self.named_parameters(), *self.named_buffers())}
-        return Network(self.architecture, {**own, **heads})
+        """Network with these heads, named as in the SB3 policy; weights are shared, not copied."""
+        body = {
+            EXTRACTOR + name: x for name, x in (*self.named_parameters(), *self.named_buffers())
+        }
+        return Network(self.architecture, {**body, **heads})
 
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
@@ -82,7 +84,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
 
 def network_of(policy: ActorCriticPolicy) -> Network:
-    """The network that an SB3 policy is, its weights shared; ConfigError where it has other layers."""
+    """Network of an SB3 policy, with shared weights; ConfigError if it has layers unknown to RANS."""
     extractor = policy.features_extractor
     if not isinstance(extractor, NormalisedMlp) or policy.net_arch:
         raise ConfigError(
@@ -94,12 +96,12 @@ def network_of(policy: ActorCriticPolicy) -> Network:
 
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
-    """SB3's ``policy_kwargs`` of an `AgentPolicy` with this architecture, and Adam in one kernel."""
+    """``policy_kwargs`` of SB3 for an `AgentPolicy` with this architecture, with fused Adam."""
     extractor = {
         field.name: getattr(architecture, field.name)
         for field in fields(Architecture)
         if field.name != "bounds"
-    }  # which the file has as its spaces
+    }  # bounds are saved as the spaces
     return {
         "features_extractor_class": NormalisedMlp,
         "features_extractor_kwargs": extractor,
@@ -116,16 +118,20 @@ def predict(
     episode_start: np.ndarray | None = None,
     deterministic: bool = True,
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-    """Commands (N, thrusters) of one member, whole numbers for on/off thrusters, and its memory after them.
+    """Commands (N, thrusters) of one member, integers for on/off thrusters, and its memory afterwards.
 
-    Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
-    none where all episodes begin, and (N,) bool say where some do.
+    Args:
+        network: of one member.
+        observation: (N, width) or (width,).
+        state: memory ((N, m),) after the previous step; None: all episodes begin.
+        episode_start: (N,) bool, true where an episode begins.
+        deterministic: whether the action is the mode of the policy rather than a sample.
 
     Raises:
-        ConfigError: the observations have another width than those that the network was trained on.
+        ConfigError: the width of the observations differs from that in training.
     """
-    network.architecture.check_width("the policy", observation)
     architecture = network.architecture
+    architecture.check_width("the policy", observation)
     device = next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(
         -1, architecture.layout.width
@@ -140,21 +146,21 @@ def predict(
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
     memory = network.next_state(columns, memory, command, output)
-    said = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
-    said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
-    return said, None if memory is None else (memory.cpu().numpy(),)
+    action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
+    action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
+    return action, None if memory is None else (memory.cpu().numpy(),)
 
 
 class AgentPolicy(ActorCriticPolicy):
-    """SB3's actor-critic whose every answer comes from `Network`.
+    """SB3 actor-critic policy that evaluates a `Network`.
 
-    SB3's own has no place for thrusters that swap roles with the side the spacecraft is seen from, and none
-    for a memory, which ``predict`` takes and gives as SB3's recurrent policies do. Trained on by SB3 itself,
-    such a policy learns as if every step were an episode's first.
+    The policies of SB3 support neither symmetries, in which thrusters swap roles, nor this memory, which
+    ``predict`` takes and returns as in recurrent policies of SB3. If SB3 itself continues the training, every
+    step is treated as the first of an episode.
     """
 
     def _build(self, lr_schedule: Any) -> None:
-        """As SB3, with the last layer that the agent's head needs."""
+        """As SB3, with the last layer required by the head of the agent."""
         super()._build(lr_schedule)
         extractor = self.features_extractor
         if not isinstance(extractor, NormalisedMlp):
@@ -176,8 +182,8 @@ class AgentPolicy(ActorCriticPolicy):
         """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""
         policy, value, _ = self._evaluated(obs)
         action = policy.mode() if deterministic else policy.sample(torch.rand_like(policy.mode()))
-        said = action.long() if isinstance(policy, OnOff) else action
-        return said, value[:, None], policy.log_prob(action)
+        returned = action.long() if isinstance(policy, OnOff) else action
+        return returned, value[:, None], policy.log_prob(action)
 
     def get_distribution(self, obs: Any) -> Distribution:
         """As SB3."""
@@ -213,9 +219,9 @@ class AgentPolicy(ActorCriticPolicy):
 
 
 class _Written(torch.optim.Adam):
-    """SB3's optimiser, for the form of its state alone.
+    """Adam for the format of its saved state only.
 
-    Nothing compiles it, so that torch need not load its compiler, which takes 0.6 s.
+    Without the wrappers of torch its compiler, which takes 0.6 s, is not loaded.
     """
 
     add_param_group = inspect.unwrap(torch.optim.Optimizer.add_param_group)
@@ -223,7 +229,7 @@ class _Written(torch.optim.Adam):
 
 
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
-    """What an agent observes and commands, in Gymnasium's terms."""
+    """Observation and action space (Gymnasium) of an agent."""
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
     most = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
     count = architecture.thrusters
@@ -243,11 +249,21 @@ def write_policy(
     adam: dict[Any, Any] | None = None,
     rate: float | None = None,
 ) -> None:
-    """Save one agent twice in one archive: as RANS reads it (`rans.fast.agent_files.agent`), and as SB3 does.
+    """Write an agent to one archive in two formats: that of RANS (`rans.fast.agent_files.agent`) and of SB3.
 
-    With it go the settings of its training, with which SB3 goes on too. Its tensors are as `Network.member`
-    gives them. Adam begins anew without what `Adam.member` gave, and its step size. ConfigError where the
-    disk refuses.
+    Training settings are included, so that SB3 can continue the training.
+
+    Args:
+        file: ``policy.zip`` to write.
+        architecture: of the network.
+        tensors: weights as returned by `Network.member`.
+        settings: hyper-parameters of the training.
+        steps: environment steps of the training.
+        adam: state as returned by `Adam.member`; None: Adam starts anew.
+        rate: step size of Adam; None: the learning rate of the settings.
+
+    Raises:
+        ConfigError: the file cannot be written.
     """
     seen, commanded = policy_spaces(architecture)
     kwargs = policy_kwargs(architecture)
@@ -271,7 +287,7 @@ def write_policy(
         **{name: getattr(settings, name) for name in _SHARED},
     }
 
-    ours = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
+    agent = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
 
     def write(draft: Path) -> None:
         with draft.open(
@@ -281,6 +297,6 @@ def write_policy(
                 stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer}
             )
             with zipfile.ZipFile(stream, "a") as archive:
-                archive.writestr(AGENT, ours)
+                archive.writestr(AGENT, agent)
 
     replace_file(file, write)

@@ -1,4 +1,4 @@
-"""Privileged observation of a critic: what a simulator knows of every spacecraft and a robot does not."""
+"""Privileged observation of a critic: parameters of every spacecraft that only the simulator knows."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rans.randomization.parameters import examples
 
 
 class PrivilegedObservation:
-    """The body's numbers over the craft's own; under conditions everything that episodes draw from them.
+    """Parameters of the body relative to the nominal ones; with conditions, all randomized parameters.
 
     Args:
-        world: that the episodes are of.
-        body: what flies in them.
+        world: setup of the episodes.
+        body: mass properties and thrusters in the episodes.
         everywhere: ones (N,), of the dtype and on the device of the observation.
     """
 
@@ -32,7 +32,7 @@ class PrivilegedObservation:
         self._craft = world.craft
         self._quantities = quantities(world)
         self._everywhere = everywhere
-        # In memory: a CUDA graph takes nothing from the CPU.
+        # On the device: a CUDA graph cannot read from the CPU.
         self._mean, self._scale = (
             everywhere.new_tensor(row)
             for row in (
@@ -41,14 +41,14 @@ class PrivilegedObservation:
             )
         )
         self.width = len(self._quantities) or len(leaves(body))
-        """How many a spacecraft has."""
+        """Number of columns."""
         self.nominal = (0.0,) * len(self._quantities) or tuple(
             relative(Body.of(world.craft), world.craft)
         )
-        """Those of the craft as designed, or under conditions of what is usual."""
+        """Values of the nominal spacecraft, or with conditions the mean values (zero)."""
 
     def of(self, episode: Episode) -> Tensor:
-        """All of them, (N, width), in N running episodes, which remember their parameters."""
+        """Privileged observation (N, width) of N running episodes, which must keep their parameters."""
         if not self._quantities:
             return torch.stack(
                 [self._everywhere * x for x in relative(self._body, self._craft)], dim=1
@@ -61,18 +61,18 @@ class PrivilegedObservation:
 
 
 class Quantity(NamedTuple):
-    """A number that differs from episode to episode, observed with zero mean and unit variance."""
+    """Randomized parameter, observed with zero mean and unit variance."""
 
     leaf: int
-    """Among the leaves of `rans.randomization.parameters.EpisodeParameters`."""
+    """Index among the leaves of `rans.randomization.parameters.EpisodeParameters`."""
     mean: float
-    """Over many episodes."""
+    """Mean over many episodes."""
     spread: float
-    """Standard deviation."""
+    """Standard deviation over many episodes."""
 
 
 def quantities(world: World) -> list[Quantity]:
-    """Everything that episodes draw from their conditions but their number; none where nothing is randomized."""
+    """All randomized parameters of the episodes except the episode number; empty if nothing is randomized."""
     if world.conditions is None:
         return []
     varied = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
@@ -84,7 +84,7 @@ def quantities(world: World) -> list[Quantity]:
 
 
 def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
-    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
+    """Parameters of a body over the nominal ones, or over a positive scale where those may be zero."""
     nominal = Body.of(craft)
     scales = replace(
         nominal,

@@ -1,4 +1,4 @@
-"""Control periods that have not been flown yet: what would happen, by the engine's own motion."""
+"""Prediction of control periods by the engine's equations of motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rans.tasks.base import goal_after
 
 
 class Arrival(NamedTuple):
-    """What one control period would lead to."""
+    """Predicted state, goal and margins of a control period."""
 
     state: Any
     goal: Any
@@ -23,7 +23,7 @@ class Arrival(NamedTuple):
 
     @property
     def least(self) -> Field:
-        """The least margin of all, (N,)."""
+        """Least of all margins, (N,)."""
         result = None
         for margins in self.margins:
             for margin in margins.values():
@@ -33,17 +33,17 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True)
 class Ahead:
-    """Flies a world's spacecraft ahead as designed: without faults, disturbances or late valves."""
+    """Predictor of a spacecraft's motion as designed, without faults, disturbances and delays."""
 
     world: World
 
     @cached_property
     def body(self) -> Body:
-        """The craft as designed."""
+        """Body of the craft as designed."""
         return Body.of(self.world.craft)
 
     def fly(self, state: Any, goal: Any, command: tuple[Field, ...]) -> Arrival:
-        """Hold a command for one control period."""
+        """Predict a control period in which a command is held."""
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks

@@ -1,4 +1,4 @@
-"""Safety filter of on/off and pulsed thrusters: a command passes if a way out of danger can be flown after it."""
+"""Safety filter of on/off and pulsed thrusters: a command passes if a backup manoeuvre is safe after it."""
 
 from __future__ import annotations
 
@@ -24,44 +24,45 @@ from rans.guard.rows import (
 from rans.model.fields import Field
 
 _FEW = 2
-"""Manoeuvres that are tried after commands near the wanted one."""
+"""Number of manoeuvres that are tried after commands near the desired one."""
 _BLENDS = (0.25, 0.5, 0.75)
-"""Shares of a manoeuvre in the commands of pulsed valves near the wanted one."""
+"""Shares of a manoeuvre in commands of pulsed valves near the desired one."""
 
 
 @dataclass(frozen=True)
 class FlownBackup:
-    """Safety filter by flown backups, a `rans.episode.Guard`.
+    """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
 
-    A state is safe if the craft may coast from now on (`rans.guard.coasting.Coasting`), or if one of
-    `rans.guard.manoeuvres.manoeuvres` brings it, within ``periods`` control periods and with every margin kept
-    at every check, to a state from which it may. A command passes if it keeps every margin at every check of its
-    control period and leads to a safe state. So there is always a command that passes once a start is safe:
-    to coast, or the next one of the manoeuvre by which the last command passed (a simplex filter with an
-    implicit safe set; K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems,
-    2023). All is flown by the engine's own motion: nothing is linearised.
+    A state is safe if the craft may coast from it (`rans.guard.coasting.Coasting`), or if one of
+    `rans.guard.manoeuvres.manoeuvres` brings it to such a state within ``periods`` control periods, with every
+    margin kept at every check. A command passes if it keeps every margin at every check of its control period and
+    leads to a safe state. From a safe start there is always a command that passes: coasting, or the next command
+    of the manoeuvre by which the last command passed. This is a simplex filter with an implicit safe set (K. Hobbs
+    et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems, 2023). All predictions use the
+    engine's equations of motion without linearisation.
 
-    Instead of a command that does not pass, the first of these is given that passes: commands that differ from
-    it in one thruster (of pulsed valves, mixtures with a manoeuvre's command), all thrusters shut, the first
+    A command that does not pass is replaced by the first of these that does: commands that differ from it in one
+    thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
     command of a manoeuvre. If none passes, the first manoeuvre is flown.
 
-    It knows the state as sensors tell it, and the craft as designed: of noise, late valves, faults and
-    disturbances it knows nothing.
+    The filter uses the measured state and the craft as designed; it does not account for noise, delays, faults and
+    disturbances.
     """
 
     periods: int = 20
-    """Control periods that a manoeuvre may take."""
+    """Largest number of control periods of a manoeuvre."""
     slack: float = 0.002
-    """Least margin that passes, in each margin's unit: for rounding, and for motion that is not quite ours."""
+    """Least margin that passes, in the unit of each margin, as a tolerance for rounding and model errors."""
     horizon: float | None = None
-    """Time for which coasting is checked where that is not for ever, s; None: the length of an episode."""
+    """Time for which coasting is checked if it cannot be checked for all times, s; None: the length of an
+    episode."""
     name: str = "flown backup"
     by_values: ClassVar[bool] = True
 
     def admitted(
         self, world: World, state: Any, goal: Any, command: Command
     ) -> tuple[Command, Field]:
-        """See `rans.episode.Guard`."""
+        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
         admitted, changed = self._filtered(world, state, goal, command)
         if single:
@@ -69,7 +70,7 @@ class FlownBackup:
         return admitted, changed
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
-        """(N,) whether states of arrays or tensors (N,) are safe: whether the filter holds from there on."""
+        """Whether states (N,) of arrays or tensors are safe: the filter can keep all margins from there, (N,)."""
         search = _Search.of(self, world)
         return search.safe(state, goal, search.ways)
 
@@ -94,19 +95,19 @@ class FlownBackup:
 
 
 class _Arrival(NamedTuple):
-    """What a control period leads to."""
+    """Predicted result of a control period."""
 
     state: Any
     goal: Any
     kept: Field
-    """Whether every margin was kept at every check."""
+    """Whether every margin is kept at every check."""
     free: Field
-    """Whether it was, and the craft may coast from there."""
+    """Whether every margin is kept and the craft may coast from there."""
 
 
 @dataclass(frozen=True)
 class _Search:
-    """A filter at work in one world."""
+    """Predictions of a filter in one world."""
 
     world: World
     ahead: Ahead
@@ -133,7 +134,7 @@ class _Search:
         )
 
     def safe(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
-        """Whether it may coast from these states, or leave them by one of some manoeuvres."""
+        """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
         safe = self.coasting.safe(state, goal)
         left = where_true(~safe)
         if len(left):
@@ -141,11 +142,11 @@ class _Search:
         return safe
 
     def _escapes(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
-        """Whether one of some manoeuvres brings these states to where it may coast."""
+        """Whether one of these manoeuvres leads to a state from which the craft may coast."""
         size = count(state)
         escaped = truths(state, size)
         left = numbers(state, size)
-        # Most are brought out of danger by the first manoeuvre; for the rest all others are flown at once.
+        # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
         for some in (ways[:1], ways[1:]):
             if some and len(left):
                 free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
@@ -154,7 +155,7 @@ class _Search:
         return escaped
 
     def leaves_by(self, ways: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
-        """(manoeuvres, N) whether a manoeuvre brings these states to where they may coast."""
+        """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N)."""
         size = count(state)
         way = repeated(state, ways, size)
         again = stacked([numbers(state, size)] * len(ways))
@@ -173,22 +174,22 @@ class _Search:
         return escaped.reshape(len(ways), size)
 
     def command(self, way: Manoeuvre, state: Any, goal: Any) -> Command:
-        """What a manoeuvre commands now."""
+        """Command of a manoeuvre in these states."""
         return self.thrusters.pushing(state, way.push(self.world, state, goal))
 
     def _manoeuvred(self, way: Manoeuvre, state: Any, goal: Any) -> _Arrival:
-        """What a control period of a manoeuvre leads to."""
+        """Predicted result of a control period of a manoeuvre."""
         return self.held(state, goal, self.command(way, state, goal))
 
     def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
-        """What holding a command for a control period leads to."""
+        """Predicted result of holding a command for a control period."""
         arrival = self.ahead.fly(state, goal, command)
         kept = arrival.least >= self.slack
         free = kept & self.coasting.safe(arrival.state, arrival.goal)
         return _Arrival(arrival.state, arrival.goal, kept, free)
 
     def passes(self, state: Any, goal: Any, command: Command, ways: tuple[Manoeuvre, ...]) -> Field:
-        """Whether commands keep every margin for a period, and lead to safe states."""
+        """Whether commands keep every margin for a period and lead to safe states."""
         arrival = self.held(state, goal, command)
         passed = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
@@ -199,13 +200,13 @@ class _Search:
         return passed
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:
-        """Commands in place of those that do not pass."""
+        """Replacements of commands that do not pass."""
         size = count(state)
         first = self.command(self.ways[0], state, goal)
         admitted = [copied(x) for x in first]
         open_ = numbers(state, size)
 
-        # Commands near the wanted one, all at once; the first that passes.
+        # Commands near the desired one, all at once; the first that passes.
         near = self._near(command, first)
         if near:
             again = stacked([open_] * len(near))
@@ -241,7 +242,7 @@ class _Search:
         return tuple(admitted)
 
     def _near(self, command: Command, first: Command) -> list[Command]:
-        """Commands near the wanted ones."""
+        """Commands near the desired ones."""
         thrusters = self.world.craft.thrusters
         if self.world.craft.actuators.is_continuous:
             return [

@@ -1,4 +1,4 @@
-"""Safety filter of throttles: the nearest command that keeps every margin, by quadratic programs."""
+"""Safety filter of throttles by quadratic programs: the nearest command that keeps every margin."""
 
 from __future__ import annotations
 
@@ -28,46 +28,47 @@ from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 
 _ROUNDS = 3
-"""Quadratic programs, each about the command that the last one gave."""
+"""Number of quadratic programs, each linearised about the solution of the last one."""
 _STEP = 0.05
-"""Share of a command's range over which slopes are taken: small beside it, large beside rounding."""
+"""Step of the difference quotients as a share of a command's range."""
 _ROOM = 0.5
-"""Share of the slack that may be missing from what a program found."""
+"""Share of the slack that may be missing in the predicted margins of a solution."""
 _BLENDS = (0.25, 0.5, 0.75)
-"""Shares of braking that are tried where the programs' command keeps too little."""
+"""Shares of braking that are tried if the solution does not keep the margins."""
 
 
 @dataclass(frozen=True)
 class BarrierProgram:
     """Safety filter by quadratic programs, a `rans.episode.Guard`.
 
-    It gives the command nearest to the wanted one (least sum of squared differences) after which the margin h
-    of every constraint, at every check of the control period, is at least (1 - decay) h_now + decay * slack: a
+    It returns the command nearest to the desired one (least sum of squared differences) for which the margin h of
+    every constraint, at every check of the control period, is at least (1 - decay) h_now + decay * slack. This is a
     discrete-time control barrier function (A. Agrawal and K. Sreenath, "Discrete Control Barrier Functions for
     Safety-Critical Control of Discrete Systems", RSS, 2017), as in active-set invariance filters (T. Gurriet et
     al., "Towards a Framework for Realizable Safety Critical Control through Active Set Invariance", ICCPS, 2018).
-    As commands now are felt by positions later, the margins must also keep the slack while the craft then
-    brakes, and it must be at rest against the goal within ``periods`` control periods. Margins are linearised
-    about the command by flying ahead, up to three times; what comes out is flown ahead too, and where it keeps
-    too little the command is mixed with braking, or is braking.
 
-    It knows the state as sensors tell it, and the craft as designed: of noise, late valves, faults and
-    disturbances it knows nothing.
+    A command affects positions later. The margins must therefore also keep the slack while the craft then brakes,
+    and the craft must be at rest relative to the goal within ``periods`` control periods. Margins are linearised
+    about the command by difference quotients of predictions, up to three times. The solution is checked by a
+    prediction; if it does not keep the margins, the command is mixed with braking, or is braking alone.
+
+    The filter uses the measured state and the craft as designed; it does not account for noise, delays, faults and
+    disturbances.
     """
 
     decay: float = 1.0
-    """Share of a margin that a control period may use up."""
+    """Share of a margin that may be lost in a control period."""
     periods: int = 20
     """Control periods in which the craft must be able to brake."""
     slack: float = 0.002
-    """Least margin that is aimed at, in each margin's unit."""
+    """Least margin of the program, in the unit of each margin."""
     name: str = "barrier program"
     by_values: ClassVar[bool] = True
 
     def admitted(
         self, world: World, state: Any, goal: Any, command: Command
     ) -> tuple[Command, Field]:
-        """See `rans.episode.Guard`."""
+        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
         size = count((state, command))
         command = tuple(x if is_array(x) else like(state, size, x) for x in command)
@@ -88,7 +89,7 @@ class BarrierProgram:
         return admitted, changed
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
-        """(N,) whether braking keeps every margin from these states on."""
+        """Whether braking keeps every margin from these states on, (N,)."""
         search = _Search.of(self, world)
         kept = truths(state, count(state)) | True
         for margin in (*search.braking(state, goal), *search.margins_now(state, goal)):
@@ -98,7 +99,7 @@ class BarrierProgram:
 
 @dataclass(frozen=True)
 class _Search:
-    """A filter at work in one world."""
+    """Predictions of a filter in one world."""
 
     guard: BarrierProgram
     world: World
@@ -115,15 +116,15 @@ class _Search:
         return [margin if is_array(margin) else like(state, size, margin) for margin in margins]
 
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
-        """Every margin at every check of the command's period, then the least of each while it brakes."""
+        """Every margin at every check of the command's period, then the least of each while the craft brakes."""
         arrival = self.ahead.fly(state, goal, command)
         margins = [margin for margins in arrival.margins for margin in margins.values()]
         return margins + self.braking(arrival.state, arrival.goal)
 
     def braking(self, state: Any, goal: Any) -> list[Any]:
-        """The least of each margin while the craft brakes, and what its speed is below rest then.
+        """Least value of each margin while the craft brakes, and the speed of rest less that at the end.
 
-        Rest is a speed that a control period of thrust takes off.
+        The speed of rest is the velocity change of a control period of thrust.
         """
         least: dict[str, Any] = {}
         rest = self._rest()
@@ -140,13 +141,13 @@ class _Search:
         return [*least.values(), rest - _speed(state, goal)]
 
     def _rest(self) -> float:
-        """Change of speed that a control period of the weakest thruster makes, m/s."""
+        """Velocity change by the weakest thruster in a control period, m/s."""
         craft = self.world.craft
         force = min(thruster.force for thruster in craft.thrusters)
         return force * self.world.timing.control_period / craft.mass
 
     def aims(self, now: list[Any]) -> list[Any]:
-        """What `margins` must be at least, in their order."""
+        """Lower bounds of `margins`, in their order."""
         slack = self.guard.slack
         decay = self.guard.decay
         barriers = [margin * (1.0 - decay) + decay * slack for margin in now]
@@ -154,7 +155,7 @@ class _Search:
         return barriers * self.world.timing.checks + later
 
     def kept(self, state: Any, goal: Any, command: Command, now: list[Any], share: float) -> Field:
-        """Whether commands keep margins, but for a share of the slack."""
+        """Whether commands keep all margins with this share of the slack."""
         missing = self.guard.slack * (1.0 - share)
         kept = truths(state, count((state, command))) | True
         for margin, aim in zip(self.margins(state, goal, command), self.aims(now), strict=True):
@@ -162,7 +163,7 @@ class _Search:
         return kept
 
     def instead(self, state: Any, goal: Any, command: Command, now: list[Any]) -> Command:
-        """The nearest commands that keep the margins."""
+        """Nearest commands that keep the margins."""
         ranges = self.world.craft.commands
         size = count((state, command))
         wanted = columns(list(command))
@@ -187,7 +188,7 @@ class _Search:
             if not len(open_):
                 return replacement
 
-        # What the programs could not keep is mixed with braking.
+        # If the programs have no solution that keeps the margins, mix it with braking.
         brake = braking_command(self.world, *taken((state, goal), open_))
         tried = taken(replacement, open_)
         for share in (*_BLENDS, 1.0):
@@ -203,7 +204,7 @@ class _Search:
         return replacement
 
     def _slopes(self, state: Any, goal: Any, command: Command, margins: Any) -> Any:
-        """(N, rows, commands) change of every margin with every command, by differences towards the middle."""
+        """Slopes of the margins over the commands by difference quotients, (N, rows, commands)."""
         ranges = self.world.craft.commands
         size = len(margins)
         number = len(ranges)
@@ -224,7 +225,7 @@ class _Search:
 
 
 def braking_command(world: World, state: Any, goal: Any) -> Command:
-    """Throttles that bring a craft to rest against the goal, and its spin to zero, in a period if they can."""
+    """Command that brings the craft to rest relative to the goal without spin, within a period if possible."""
     craft = world.craft
     period = world.timing.control_period
     shares = _Shares(craft)
@@ -251,29 +252,27 @@ def _speed(state: Any, goal: Any) -> Field:
 
 @dataclass(frozen=True)
 class _Shares:
-    """Which thrusters give a wrench."""
+    """Distribution of a wrench among the thrusters of a craft."""
 
     craft: Spacecraft
 
     @property
     def matrix(self) -> np.ndarray:
-        """(thrusters, 3 or 6) shares of full force per unit of the wrench, of which the negative ones are none.
+        """Shares of full force per unit of the wrench, (thrusters, 3 or 6); negative shares mean zero.
 
-        For thrusters in opposite pairs: the pseudo-inverse gives half to each of a pair, with opposite signs.
+        It is for thrusters in opposite pairs, of which the pseudo-inverse gives half to each with opposite signs.
         """
         return 2.0 * np.linalg.pinv(np.array(self.craft.wrench_map).T)
 
 
 def check_throttles(craft: Spacecraft) -> None:
-    """Refuse a craft that the filter cannot brake.
+    """Reject a craft that the filter cannot brake.
 
     Raises:
         ConfigError: an engine is always lit, or thrusters are not in opposite pairs.
     """
     if any(one.low > 0.0 for one in craft.commands[: len(craft.thrusters)]):
-        raise ConfigError(
-            f"no safety filter knows how to brake {craft.name}: its engines cannot be shut."
-        )
+        raise ConfigError(f"no safety filter can brake {craft.name}: its engines cannot be shut.")
     effects = np.array(craft.wrench_map)
     forces = effects[:, : craft.dimension]
     alone = [

@@ -1,4 +1,4 @@
-"""Where nothing needs to be done: states from which a spacecraft may shut all valves for good."""
+"""Safety of coasting: states from which a spacecraft may keep all valves shut without violating a constraint."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from rans.model.fields import Field, absolute, at_least, map_leaves
 from rans.tasks.shapes import Ball
 
 _CHUNK = 2**22
-"""Instants times spacecraft that are asked at once."""
+"""Largest number of instants times spacecraft that are evaluated at once."""
 
 
 @dataclass(frozen=True)
 class Coasting:
-    """Whether a craft that coasts keeps every margin of a task's constraints.
+    """Check whether a coasting craft keeps every margin of a task's constraints.
 
-    Where nothing pulls and all constraints are keep-out balls, the answer is exact and for all times: a point
-    and a ball that both move straight come closest at t = -(r . u) / (u . u), for their relative position r and
-    velocity u. Otherwise margins are asked at the ends of control periods up to a horizon, of the exact drift
-    and the goal's own motion, and must exceed half of their largest second difference there: a margin that is
-    smooth, or the larger one of two smooth margins, is then not negative between two instants either.
+    In free flight among keep-out balls the result is exact and for all times: a point and a ball on straight lines
+    are closest at t = -(r . u) / (u . u), with their relative position r and velocity u. Otherwise margins are
+    evaluated at the ends of control periods up to a horizon, with the exact drift and motion of the goal. They
+    exceed half of their second difference, so that a smooth margin, or the larger of two smooth margins, is not
+    negative between two instants either.
     """
 
     world: World
     slack: float
-    """Least margin, in its unit."""
+    """Least margin, in the unit of each margin."""
     horizon: int
-    """Control periods that are asked where the answer is not for all times."""
+    """Number of control periods that are evaluated if the result is not for all times."""
 
     def safe(self, state: Any, goal: Any) -> Field:
-        """(N,) bool of states and goals of arrays or tensors (N,)."""
+        """Whether coasting from states (N,) with goals (N,) of arrays or tensors is safe, (N,) bool."""
         balls = self._balls(goal)
         if balls is not None:
             result = None
@@ -45,7 +45,7 @@ class Coasting:
         return self._sampled(state, goal)
 
     def _balls(self, goal: Any) -> tuple[Ball, ...] | None:
-        """The balls that are all of the task's constraints; None: there are others."""
+        """Balls of the constraints; None if there are other constraints or a drift."""
         task = self.world.task
         shapes = task.scenery(goal)
         if self.world.task.drift != FREE or not all(isinstance(one, Ball) for one in shapes):
@@ -60,7 +60,7 @@ class Coasting:
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)
         result = like(state, size) >= 0.0
-        # Consecutive parts share two instants, so that every instant has a second difference.
+        # Consecutive chunks share two instants, so that every instant has a second difference.
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
             times = grid(state, [k * period for k in range(begin, last + 1)])
@@ -72,7 +72,7 @@ class Coasting:
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
-                # The ends have their neighbours' second difference.
+                # The ends use the second difference of their neighbours.
                 result = result & (margin[1:-1] - sag >= self.slack).all(0)
                 result = result & (margin[:-2] - sag >= self.slack).all(0)
                 result = result & (margin[2:] - sag >= self.slack).all(0)
@@ -82,7 +82,7 @@ class Coasting:
 
 
 def _closest(ball: Ball, state: Any) -> Field:
-    """Least margin of a ball from now on, m, of points that fly straight."""
+    """Least margin of a ball from now on for points in free flight, m."""
     way = state.p - ball.centre
     speed = state.v - ball.v
     square = at_least(speed.dot(speed), 1e-20)
@@ -92,10 +92,10 @@ def _closest(ball: Ball, state: Any) -> Field:
 
 
 def _anywhere(goal: Any) -> Any:
-    """A state to ask the names of constraints with."""
+    """Any state, to evaluate the names of constraints."""
     return replace(goal, notes=())
 
 
 def periods_of(seconds: float, period: float) -> int:
-    """Whole control periods that last so long, at least three."""
+    """Number of control periods that cover a time (s), at least three."""
     return max(3, math.ceil(seconds / period - 1e-9))

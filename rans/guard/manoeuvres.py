@@ -1,4 +1,4 @@
-"""Manoeuvres out of danger that a safety filter flies ahead: where a craft pushes, and with which thrusters."""
+"""Backup manoeuvres of a safety filter: direction of the thrust, and selection of thrusters."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from rans.episode import World
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector, at_least, where
 
 _OPEN = 0.5
-"""Score above which a thruster opens: within 60 degrees of the push. Of thrusters along the axes of a craft, or
-in pairs across them, some are within 55 degrees of any push."""
+"""Score above which a thruster opens: within 60 degrees of the direction. Among thrusters along the axes of a
+craft, or in pairs across them, some are within 55 degrees of any direction."""
 _DESPIN = 0.5
-"""Score of a thruster whose pulse would take off the whole spin."""
+"""Score of a thruster whose pulse would stop the spin."""
 _MOST_DESPIN = 0.75
-"""So that a thruster against the push never opens, and one across it does for a fast spin."""
+"""Largest score for slowing the spin: a thruster against the direction never opens, one across it may."""
 _STEP = 1e-2
-"""Way over which slopes of margins are taken, m."""
+"""Step of the difference quotients of margins, m."""
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A feedback law without a memory: a push in W, while the spin is slowed down.
+    """Static feedback law: thrust in a direction of W while the spin is reduced.
 
-    The push is along the sum of ``retreat`` times the direction in which the least margin grows, ``brake`` times
-    the direction against the velocity relative to the goal, and ``towards``. Numbers, or fields (N,) where
-    spacecraft fly different manoeuvres.
+    The direction is the sum of ``retreat`` times that in which the least margin grows, ``brake`` times that against
+    the velocity relative to the goal, and ``towards``. Values are numbers, or fields (N,) where spacecraft fly
+    different manoeuvres.
     """
 
     retreat: Field
@@ -37,16 +37,16 @@ class Manoeuvre:
     towards: Vector
 
     def push(self, world: World, state: Any, goal: Any) -> Any:
-        """Direction of the push in W, a unit vector."""
+        """Direction of the thrust in W, a unit vector."""
         slope = _unit(slope_of_least(world, state, goal))
         against = _unit(goal.v - state.v)
         return _unit(self.towards + slope.scale(self.retreat) + against.scale(self.brake))
 
 
 def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
-    """All that are tried, the most promising first: feedback laws, then pushes in fixed directions.
+    """Manoeuvres in the order of trial: feedback laws, then thrust in fixed directions.
 
-    In the plane these are the four axes and the four diagonals, in space six and eight.
+    Fixed directions are the four axes and four diagonals in the plane, and six axes and eight diagonals in space.
     """
     dimension = world.craft.dimension
     vector = Vec2 if dimension == 2 else Vec3
@@ -60,20 +60,20 @@ def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
 
 @dataclass(frozen=True)
 class Thrusters:
-    """What a craft's thrusters do, in B: plain numbers, which compilers take as constants."""
+    """Effects of a craft's thrusters in B, as numbers that compilers treat as constants."""
 
     directions: tuple[tuple[float, ...], ...]
-    """Unit vector of the force of each."""
+    """Unit vector of the force of each thruster."""
     despins: tuple[tuple[float, ...], ...]
-    """Of each: the factors that make of an angular velocity, rad/s, the score for slowing it down."""
+    """Factors of each thruster from an angular velocity, rad/s, to the score for reducing it."""
     most: tuple[float, ...]
-    """Largest command of each."""
+    """Largest command of each thruster."""
     wheels: int
-    """Number of reaction wheels, whose motors rest."""
+    """Number of reaction wheels, which have zero commands."""
 
     @classmethod
     def of(cls, world: World) -> Thrusters:
-        """Those of a world's craft, for pulses of its control period."""
+        """Effects of the thrusters of a world's craft, for pulses of its control period."""
         craft = world.craft
         effects = np.array(craft.wrench_map)
         forces = effects[:, : craft.dimension]
@@ -95,9 +95,9 @@ class Thrusters:
         )
 
     def pushing(self, state: Any, push: Any) -> tuple[Field, ...]:
-        """Command that pushes in a direction of W, a unit vector, while it slows down the spin.
+        """Command with thrust in a direction of W, a unit vector, that also reduces the spin.
 
-        The most that is allowed for each thruster that opens, 0 for the others; motors of wheels rest.
+        It is the largest command for each thruster that opens, and 0 for the others and for wheels.
         """
         direction = in_body(state.attitude, push).columns()
         spin = state.spin()
@@ -112,7 +112,7 @@ class Thrusters:
 
 
 def slope_of_least(world: World, state: Any, goal: Any) -> Any:
-    """Slope of the least margin of a task's constraints over positions in W, but for a factor."""
+    """Gradient of the least margin of a task's constraints over the position in W, up to a factor."""
     task = world.task
 
     def least(p: Vector) -> Field:
@@ -143,7 +143,7 @@ def _unit(v: Any) -> Any:
 
 
 def in_body(attitude: Any, v: Any) -> Any:
-    """A vector of W in B."""
+    """Vector expressed in B, from one expressed in W."""
     if isinstance(attitude, Heading):
         assert isinstance(v, Vec2)
         return Heading(0.0 - attitude.angle).rotate(v)

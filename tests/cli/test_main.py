@@ -225,7 +225,9 @@ def test_help_of_an_option_is_one_paragraph() -> None:
         check=True,
     )
     lines = [line.strip("│ ") for line in done.stdout.splitlines()]
-    assert any(line.endswith("trade-off, all others, and the certified front.") for line in lines)
+    assert any(
+        line.endswith("trade-off, all others, and the certified Pareto front.") for line in lines
+    )
 
 
 @pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])
@@ -240,7 +242,7 @@ def test_an_option_twice_is_told(
         == 2
     )
     assert (
-        "warning: '--positions' is given twice; what stands last counts" in capsys.readouterr().err
+        "warning: '--positions' is given twice; the last value is used" in capsys.readouterr().err
     )
 
 
@@ -343,12 +345,12 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
         (
             RuntimeError("DefaultCPUAllocator: can't allocate memory:\nyou tried"),
             2,
-            "rans: out of memory, fewer at once may do: DefaultCPUAllocator: can't allocate memory:.\n",
+            "rans: out of memory, a smaller batch may fit: DefaultCPUAllocator: can't allocate memory:.\n",
         ),
         (
             torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."),
             2,
-            "rans: out of memory, fewer at once may do: CUDA out of memory. Tried to allocate 2 GiB.\n",
+            "rans: out of memory, a smaller batch may fit: CUDA out of memory. Tried to allocate 2 GiB.\n",
         ),
         (
             ConfigError("\x1b[31m" + "x" * 10**7),
@@ -357,12 +359,17 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
             + "x" * (2000 - 5)
             + f" ... (10,000,005 characters) ... {'x' * 2000}\n",
         ),
-        (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
+        (
+            MemoryError("no 373 GiB"),
+            2,
+            "rans: out of memory, a smaller batch may fit: no 373 GiB.\n",
+        ),
         (
             InductorError(ImportError("kept/c.main.so: file too short"), None),
             2,
-            "rans: torch's compiler cannot load what it has kept: ImportError: kept/c.main.so: file too short. The "
-            "usual cause is a process that writes it, or was ended as it did: try again, or delete that file.\n",
+            "rans: torch's compiler cannot load a file of its cache: ImportError: kept/c.main.so: file too short. "
+            "The usual cause is a process that is writing it, or was ended while it did: try again, or delete that "
+            "file.\n",
         ),
         (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
     ],

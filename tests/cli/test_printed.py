@@ -261,7 +261,7 @@ def test_a_solver_that_stopped_is_told(
         episodes, "fly_episodes", lambda *a, **k: true(*a, **k)._replace(stopped=42)
     )
     assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "1"]) == 0
-    assert "rans: warning: LQR's solver stopped 42 times; the plan before was flown on." in (
+    assert "rans: warning: LQR's solver stopped 42 times; the previous plan was continued." in (
         capsys.readouterr().err
     )
 

@@ -143,9 +143,9 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     craft.write_text(craft.read_text().replace("mass = 5.32", "mass = 9.0"))
     capsys.readouterr()
     said = refused(capsys, "--config", "first/config.json", "--run", "other")
-    assert "my craft.toml is another spacecraft now" in said
-    assert f"--spacecraft {then} takes that of then" in said
-    assert "--spacecraft 'my craft.toml' that of now" in said
+    assert "my craft.toml has changed since" in said
+    assert f"--spacecraft {then} uses that of the run" in said
+    assert "--spacecraft 'my craft.toml' the present one" in said
     for given, mass in ((then, 5.32), (str(craft), 9.0)):
         run = f"of-{mass}"
         assert (
@@ -232,7 +232,7 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
         ["--set", "seed=1"],
         ["go-to-pose"],
     ):
-        assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
+        assert "give no other options" in refused(capsys, *option, "--resume", "nowhere")
     assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
     assert "cannot write into file/run: file is a file" in refused(

@@ -98,7 +98,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
     with command("view", "lqr:go-to-pose-2d") as process:
         assert process.stdout is not None
         line = process.stdout.readline()
-        url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
+        url = re.search(r"LQR \(grey\): shown at (http://localhost:\d+) until Ctrl-C\.", line)
         assert url is not None, line
         with urllib.request.urlopen(url[1], timeout=PATIENCE) as page:
             assert b"meshcat" in page.read()
@@ -110,7 +110,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "say who flies"),
+        ([], "name at least one contestant"),
         (["nowhere"], "nowhere is not a run folder"),
         (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
         (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
@@ -158,7 +158,9 @@ def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
     with command(*tiny(total_timesteps=10**9), "--run", "run", "--view") as process:
         assert process.stderr is not None
         first = process.stderr.readline()
-        assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
+        assert re.search(r"shown at http://localhost:\d+ from the first checkpoint on", first), (
+            first
+        )
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
         wait_until(
             lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split())

@@ -85,7 +85,7 @@ def one_of_two(rank: int, folder: Path) -> None:
         torch.save(found, folder / f"{rank}-{members}.pt")
     torch.save(told(folder / "sweep", world), folder / f"{rank}-apart.pt")
     if rank == 0:
-        with pytest.raises(WorkerLost, match="another process of this command is gone"):
+        with pytest.raises(WorkerLost, match="another process of this command has ended"):
             world.average(torch.zeros(1))
     # Not by returning: threads of gloo that lost their peer abort a process now and then while it ends.
     os._exit(0)
@@ -259,7 +259,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     ]
     errors = "".join(node.communicate(timeout=PATIENCE)[1] for node in nodes)
     assert all(node.returncode != 0 for node in nodes)
-    assert errors.count("rans: another process of this command is gone;") == 1, errors
+    assert errors.count("rans: another process of this command has ended;") == 1, errors
     assert "Continue from the last checkpoint with --resume run." in errors
     steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]
     config = Path("run/config.json")
@@ -281,4 +281,4 @@ def test_who_waits_forever_hears_a_signal() -> None:
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert errors.startswith("rans: told to stop while waiting for another process")
+    assert errors.startswith("rans: stopped while waiting for another process")

@@ -1,1 +1,1 @@
-"""Files of agents: read and written without running anything that they hold."""
+"""Agent files, which are read and written without running any code in them."""

@@ -1,8 +1,8 @@
-"""Agent files: weights as safetensors, and what they mean as JSON in its header. Reading one runs nothing.
+"""Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
-A training keeps its agent in ``policy.zip``, where ``agent.safetensors`` lies beside what Stable-Baselines3
-reads, which is pickled, so that RANS does not read it (decision 014). An agent to hand on is one file
-``agent.safetensors`` without critic and optimizer.
+A training stores its agent in ``policy.zip``: ``agent.safetensors`` beside the pickled files of Stable-Baselines3,
+which RANS does not read (decision 014). An exported agent is one file ``agent.safetensors`` without critic and
+optimizer.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from rans.structure import structure
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
 
 AGENT = "agent.safetensors"
-"""Name of the file, and of RANS's part of a ``policy.zip``."""
+"""Name of the file, and of the member of a ``policy.zip`` that RANS reads."""
 _LARGEST = 2**28
-"""Bytes of such a file on its own: a hundred times what any agent here has."""
+"""Largest number of bytes of an agent file."""
 _CRITIC = "value_net.", f"{EXTRACTOR}critic."
-"""How the names of the weights begin that only training needs."""
+"""Prefixes of the names of weights that only training needs."""
 _LISTS: dict[str, Callable[[Any], Any]] = {
     "layers": int,
     "averages": float,
@@ -51,20 +51,20 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
 
 
 class SavedPolicy(NamedTuple):
-    """A trained agent as its file keeps it."""
+    """Content of an agent file."""
 
     network: Network
-    """Of one member, on the CPU."""
+    """Network of one member, on the CPU."""
     settings: dict[str, Any]
-    """Fields of `PPOSettings`; none without a critic."""
+    """Fields of `PPOSettings`; empty without a critic."""
     steps: int
-    """Environment steps learned from."""
+    """Environment steps of the training."""
     adam: dict[Any, Any]
-    """As `rans.fast.learn.policy_file.moments` gives it."""
+    """Moments of Adam (`rans.fast.learn.policy_file.moments`)."""
     rate: float
-    """Adam's step size."""
+    """Step size of Adam."""
     has_critic: bool = True
-    """Whether the file holds the critic; the network's is zero if not, and cannot be trained on."""
+    """Whether the file has the critic; without it that of the network is zero, and training cannot continue."""
 
 
 def agent_bytes(
@@ -75,7 +75,7 @@ def agent_bytes(
     adam: dict[Any, Any],
     rate: float,
 ) -> bytes:
-    """The agent with critic and optimizer, for `AGENT` in a ``policy.zip``.
+    """Content of `AGENT` in a ``policy.zip``: the agent with critic and optimizer.
 
     Arguments are those of `rans.fast.policy.write_policy`.
     """
@@ -92,12 +92,12 @@ def agent_bytes(
 
 
 def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
-    """The content of an ``agent.safetensors``: what flies, without critic and optimizer.
+    """Content of an ``agent.safetensors``: the actor without critic and optimizer.
 
     Args:
-        architecture: of the network.
-        tensors: its weights and statistics, as `Network.member` gives them.
-        steps: environment steps learned from.
+        architecture: architecture of the network.
+        tensors: weights and statistics of the network (`Network.member`).
+        steps: environment steps of the training.
     """
     return pack(
         {
@@ -109,12 +109,12 @@ def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps
 
 
 def read_policy(file: Path) -> SavedPolicy:
-    """The agent in an ``agent.safetensors``, or in a ``policy.zip`` of `rans train` or `rans.PPO`.
+    """Read an agent from an ``agent.safetensors``, or from a ``policy.zip`` of `rans train` or `rans.PPO`.
 
-    Nothing in the file is run.
+    No code in the file is run.
 
     Raises:
-        ConfigError: it is none, is damaged, or holds code.
+        ConfigError: the file is not an agent, is damaged, or contains code.
     """
     if file.suffix == ".safetensors":
         with _damage_as_config_error(file):
@@ -130,14 +130,18 @@ def read_policy(file: Path) -> SavedPolicy:
 
 
 def is_agent(file: Path) -> bool:
-    """Whether a file is a ``policy.zip`` that RANS wrote; ConfigError where it is damaged or holds code."""
+    """Whether a file is a ``policy.zip`` of RANS.
+
+    Raises:
+        ConfigError: the file is damaged or contains code.
+    """
     with _checked(file) as archive:
         return AGENT in archive.namelist()
 
 
 @contextmanager
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
+    """Context with a checked archive; any damage is a `ConfigError`."""
     regular(file)
     with _damage_as_config_error(file), opened(file, file) as archive:
         if spoilt := archive.testzip():
@@ -149,17 +153,17 @@ def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
 
 @contextmanager
 def _damage_as_config_error(file: Path) -> Iterator[None]:
-    """Make a `ConfigError` of whatever goes wrong with a file."""
+    """Context that converts exceptions of a damaged file to a `ConfigError`."""
     try:
         yield
     except RansError:
         raise
-    except Exception as error:  # a damaged file raises anything
+    except Exception as error:  # a damaged file may raise anything
         raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
 
 
 def _read(table: dict[str, Any]) -> SavedPolicy:
-    """The agent in the table that `agent_bytes` or `actor_bytes` packed."""
+    """Agent from the table of `agent_bytes` or `actor_bytes`."""
     made = _architecture(table["architecture"])
     weights = table["weights"]
     steps = int(table["steps"])
@@ -171,19 +175,20 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
-    """The entries that `PPOSettings` has, in their types and ranges; others are as by default."""
-    own = {name: value for name, value in table.items() if name in PPOSettings.__dataclass_fields__}
-    return asdict(structure(own, PPOSettings, "settings"))
+    """Entries of `PPOSettings`, checked; missing ones have their defaults."""
+    known = PPOSettings.__dataclass_fields__
+    kept = {name: value for name, value in table.items() if name in known}
+    return asdict(structure(kept, PPOSettings, "settings"))
 
 
 def _network(
     architecture: Architecture, weights: Mapping[str, Tensor], has_critic: bool = True
 ) -> Network:
-    """The network of these weights in single precision, in which agents fly; a critic that it lacks is zero.
+    """Network of these weights in single precision; a missing critic is zero.
 
     Raises:
-        ValueError: the weights are of another architecture.
-        ConfigError: one of them is no finite number, at once or in single precision.
+        ValueError: the weights belong to another architecture.
+        ConfigError: a weight is not finite, or not in single precision.
     """
     shapes = architecture.shapes() if len(architecture.layers) <= len(weights) else {}
     # A zero critic is one layer on the actor's features, whose size the actor's weights bound.
@@ -201,14 +206,14 @@ def _network(
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
             raise ConfigError(
-                f"the agent's tensor {name} holds numbers that are not finite, so it "
-                "could not be flown: its training diverged, or the file was changed."
+                f"the agent's tensor {name} has numbers that are not finite, so it "
+                "cannot be flown: its training diverged, or the file was changed."
             )
     return Network(architecture, tensors)
 
 
 def _table(architecture: Architecture) -> dict[str, Any]:
-    """An architecture as `pack` takes it."""
+    """Table of an architecture for `pack`."""
     views = architecture.symmetries
     own = {
         field.name: plain(getattr(architecture, field.name))
@@ -229,7 +234,7 @@ def _table(architecture: Architecture) -> dict[str, Any]:
 
 
 def _architecture(table: dict[str, Any]) -> Architecture:
-    """The architecture that `_table` described; ValueError, KeyError or TypeError where it is none."""
+    """Architecture from its table; ValueError, KeyError or TypeError if the table is wrong."""
     views = table.pop("symmetries")
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
@@ -284,28 +289,28 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     }
     for name, values in numbers.items():
         if not _are_finite(values):
-            raise ValueError(f"its {name} holds numbers that are not finite")
+            raise ValueError(f"its {name} has numbers that are not finite")
     if views is not None and not _are_views(views, given):
         raise ValueError("its symmetries are of another spacecraft")
     if given.nominal and len(given.nominal) != given.privileged:
-        raise ValueError("its critic is told of another spacecraft")
+        raise ValueError("its critic observes quantities of another spacecraft")
     return given
 
 
 def _value(name: str, value: Any) -> Any:
-    """A number or text in the type that the architecture has."""
+    """Value of a field of the architecture, converted to its type."""
     if name in _LISTS:
         return tuple(map(_LISTS[name], value))
     return int(value) if name == "thrusters" else type(getattr(Architecture, name))(value)
 
 
 def _numbers(value: Any) -> Any:
-    """A number, or tuples of numbers for lists."""
+    """Number, or nested tuples of numbers for lists."""
     return tuple(map(_numbers, value)) if isinstance(value, list) else float(value)
 
 
 def _are_views(views: Symmetries, architecture: Architecture) -> bool:
-    """Whether every view has a matrix, a hand and a place for each thruster."""
+    """Whether the tables of the symmetries have the shapes and indices of this architecture."""
     count = len(views.turn)
     axes = views.turn.shape[-1]
     shapes = views.turn.shape, views.hand.shape, views.place.shape
@@ -319,14 +324,14 @@ def _are_views(views: Symmetries, architecture: Architecture) -> bool:
 
 
 def _are_finite(values: Any) -> bool:
-    """Of a number, an array, or tuples of them, however nested."""
+    """Whether a number, an array, or nested tuples of them are finite."""
     if isinstance(values, tuple | list):
         return all(map(_are_finite, values))
     return bool(np.isfinite(values).all())
 
 
 def _described(block: Block) -> list[Any]:
-    """A block of columns in JSON: the name of its kind, its width, and its choices."""
+    """JSON of a block of columns: the name of its class, its width, and its choices."""
     choices = [[flag, [_described(one) for one in blocks]] for flag, blocks in block.choices]
     return [f"{block.kind.__module__}.{block.kind.__qualname__}", block.width, choices]
 
@@ -337,7 +342,7 @@ def _block(row: list[Any]) -> Block:
     if module == "rans.tasks.sight":
         kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
     kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(ObservationTerm)}
-    if kind not in kinds:  # nothing is imported because a file says so
+    if kind not in kinds:  # nothing is imported by the name in a file
         raise ValueError(f"it observes columns of the unknown kind {kind}")
     return Block(
         kinds[kind],
@@ -354,7 +359,7 @@ _FORMER_KINDS = {
     "Drawn": "TaskDependent",
     "Knob": "TradeOff",
 }
-"""Names in files that were written while kinds of columns lay in ``rans.tasks.sight``."""
+"""Former names of observation terms in files of earlier versions."""
 
 
 def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:

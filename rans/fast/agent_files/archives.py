@@ -1,4 +1,4 @@
-"""Zip archives of strangers: how much they unpack to is bounded before anything is in memory."""
+"""Untrusted zip archives, whose unpacked size is checked before they are read."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from typing import IO
 from rans.errors import ConfigError, brief
 
 _LARGEST = 2**28
-"""Bytes that an archive may unpack to, hundreds of times an agent, unless it is as large itself."""
+"""Largest unpacked size of an archive that is smaller itself, bytes."""
 _LARGEST_STORED = 2**31
-"""Bytes that one may be at all."""
+"""Largest unpacked size of any archive, bytes."""
 _LARGEST_TEXT = 2**24
-"""Bytes of a member of JSON or pickles, whose objects in Python take many times as much."""
+"""Largest size of a member with JSON or pickles, bytes; its Python objects take many times as much."""
 
 _TEXTS = (".pkl", ".json")
 _METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
-"""Those that SB3, torch and RANS write, or zip programs; others unpack without bounds."""
+"""Accepted compression methods, those of SB3, torch and RANS; others may unpack without bounds."""
 _CHUNK = 2**20
 
 
 @contextmanager
 def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
-    """An archive none of whose members is too large, nor all together; of one within another too.
+    """Context with an opened archive whose unpacked sizes have been checked.
 
     Args:
-        file: the archive, or a stream of it.
-        where: its name for sentences.
+        file: archive, or a stream of it.
+        where: name of the archive in messages.
 
     Raises:
-        ConfigError: it would unpack to too much, or is packed by other methods than deflation.
-        zipfile.BadZipFile: it is none, or damaged.
+        ConfigError: it would unpack to too much, or uses another method than deflation.
+        zipfile.BadZipFile: it is not an archive, or damaged.
     """
     with zipfile.ZipFile(file) as archive:
         assert archive.fp is not None
@@ -42,8 +42,8 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
                 raise ConfigError(
-                    f"{where} was not opened: its member {brief(member.filename)} is packed by "
-                    "another method than deflation, which no agent is."
+                    f"{where} was not opened: its member {brief(member.filename)} is compressed by "
+                    "another method than deflation, which agents do not use."
                 )
             is_text = member.filename == "data" or member.filename.endswith(_TEXTS)
             _refuse_beyond(
@@ -58,18 +58,18 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
 
 
 def _bound(stream: IO[bytes]) -> int:
-    """Bytes that the archive in a stream may unpack to: those it has, or a usual number of them."""
+    """Largest unpacked size of the archive in a stream, bytes."""
     return min(max(_LARGEST, stream.seek(0, io.SEEK_END)), _LARGEST_STORED)
 
 
 def content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """The bytes of a member of an `opened` archive: never more than it says.
+    """Bytes of a member of an `opened` archive, at most its declared size.
 
     Raises:
-        KeyError: it has no such member.
-        zipfile.BadZipFile: the member is not what it says.
+        KeyError: there is no such member.
+        zipfile.BadZipFile: the member does not match its header.
     """
-    with archive.open(name) as stream:  # which without a size unpacks all before it counts
+    with archive.open(name) as stream:  # without a size it would unpack everything at once
         return b"".join(iter(lambda: stream.read(_CHUNK), b""))
 
 
@@ -77,5 +77,5 @@ def _refuse_beyond(most: int, size: int, where: object, what: str) -> None:
     if size > most:
         raise ConfigError(
             f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {most:,} "
-            "are read; no agent takes so much, so it is damaged or meant to fill the memory."
+            "are read; no agent needs this much, so it is damaged or malicious."
         )

@@ -1,4 +1,4 @@
-"""What a pickle would run if it were opened, told without opening it."""
+"""Scan of pickles for calls of dangerous functions, without opening them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _HARMLESS = {
     "functools",
     "typing",
 }
-"""Modules of Python's own library that honest pickles name."""
+"""Modules of Python's library that ordinary pickles name."""
 _VALUES = {
     "bool",
     "bytes",
@@ -47,18 +47,18 @@ _VALUES = {
     "tuple",
     "type",
 }
-"""What they name among the built-in functions; `bytearray` would take as much memory as it is told."""
+"""Built-in classes that ordinary pickles name; `bytearray` is not among them, as it may allocate any memory."""
 
 
 def foul(archive: zipfile.ZipFile, where: object) -> str | None:
-    """The first function of Python's own library that the pickles in a file of SB3 or torch would call.
+    """First function of Python's library that the pickles in a file of SB3 or torch would call; None: none found.
 
-    Such as ``posix.system``; None: there is none. What pickles do is up to whoever wrote them, so nothing is
-    safe because this finds nothing: it only says why what is dangerous for certain is refused.
+    An example is ``posix.system``. A file in which nothing is found is not therefore safe; the scan only rejects
+    files that are certainly dangerous.
 
     Args:
-        archive: of `rans.fast.agent_files.archives.opened`; archives within it are opened too.
-        where: its name for sentences.
+        archive: archive from `rans.fast.agent_files.archives.opened`; archives within it are opened too.
+        where: name of the archive in messages.
 
     Raises:
         ConfigError: an archive within it would unpack to too much.
@@ -68,15 +68,15 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
 
 
 def refuse(file: Path, name: str) -> NoReturn:
-    """Say, with a ConfigError, that a file holds code that calls a function of this name."""
+    """Raise the `ConfigError` of a file whose code would call a function of this name."""
     raise ConfigError(
         f"{file} holds code that would run {name} wherever the file is unpickled, which no "
-        "honest agent does; nothing of it was run. Delete it."
+        "regular agent does; no code was run. Delete it."
     )
 
 
 def named(pickle: bytes) -> Iterator[str]:
-    """Functions and classes that a pickle names, ``module.name``, as far as it can be read."""
+    """Yield functions and classes that a pickle names, as ``module.name``, as far as it can be read."""
     words: list[str] = []
     try:
         for code, value, _ in pickletools.genops(pickle):
@@ -86,19 +86,19 @@ def named(pickle: bytes) -> Iterator[str]:
                 yield ".".join(words[-2:])
             elif isinstance(value, str):
                 words.append(value)
-    except Exception:  # damaged content raises anything; whoever needs it will say so
+    except Exception:  # damaged content may raise anything; its reader will report it
         return
 
 
 def _is_foul(name: str) -> bool:
     module = name.partition(".")[0]
-    if module in ("builtins", "__builtin__"):  # its name in Python 2, which pickles of torch use
+    if module in ("builtins", "__builtin__"):  # the name in Python 2, which pickles of torch use
         return name.partition(".")[2] not in _VALUES
     return module in sys.stdlib_module_names - _HARMLESS
 
 
 def _pickles(archive: zipfile.ZipFile, where: object, within: bool = False) -> Iterator[bytes]:
-    """Every pickle of an archive, and of torch's archives in it, which hold no others."""
+    """Yield every pickle of an archive and of torch's archives within it."""
     for name in archive.namelist():
         if name == "data":
             yield from _serialised(content(archive, name))
@@ -114,7 +114,7 @@ def _pickles(archive: zipfile.ZipFile, where: object, within: bool = False) -> I
 
 
 def _serialised(data: bytes) -> Iterator[bytes]:
-    """What SB3 pickled because JSON has no word for it."""
+    """Yield the values that SB3 pickled because JSON cannot represent them."""
     try:
         table = json.loads(data)
         for value in table.values():

@@ -1,4 +1,4 @@
-"""Nested tables of numbers, texts and tensors as safetensors and JSON: reading them runs nothing."""
+"""Nested tables of numbers, texts and tensors as safetensors and JSON, which are read without running code."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from rans.errors import ConfigError
 from rans.files import first_line
 
 _TABLE = "rans"
-"""Key of the metadata: everything but the tensors, as JSON."""
+"""Key of the metadata: table of everything but the tensors, as JSON."""
 _CHECKSUM = "crc32"
-"""Key of the metadata: of that table and of all tensors, for safetensors has none."""
+"""Key of the metadata: checksum of the table and of all tensors, which safetensors does not have."""
 _LARGEST_HEADER = 2**25
-"""Bytes of a header: JSON, whose objects in Python take many times as much."""
+"""Largest number of bytes of a header; its Python objects take many times as much."""
 _TENSOR = "$tensor"
-"""Key of what stands in that table for a tensor: its name."""
+"""Key in the table of a reference to a tensor by its name."""
 
 
 def pack(tree: Any) -> bytes:
-    """Dictionaries and lists of numbers, texts, None and tensors as the content of a safetensors file.
+    """Content of a safetensors file from dictionaries and lists of numbers, texts, None and tensors.
 
-    Tensors are named by their way from the top, ``learner/weights/value_net.bias``; keys become texts and
-    tuples lists.
+    Tensors are named by their path, as ``learner/weights/value_net.bias``; keys become texts and tuples lists.
     """
     tensors: dict[str, Tensor] = {}
     table = json.dumps(_split(tree, "", tensors))
@@ -36,20 +35,29 @@ def pack(tree: Any) -> bytes:
 
 
 def unpack(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:
-    """What `pack` was given, on a device; `ConfigError`, which says where, if it is something else."""
-    length = int.from_bytes(content[:8], "little")  # of the header, by the format's definition
+    """Table that `pack` stored, with its tensors on a device.
+
+    Args:
+        content: content of a safetensors file.
+        where: name of the file in messages.
+        device: device of the tensors.
+
+    Raises:
+        ConfigError: the content is not from `pack`, or is damaged.
+    """
+    length = int.from_bytes(content[:8], "little")  # length of the header
     if _LARGEST_HEADER < length < len(content):
         raise ConfigError(
             f"{where} was not opened: its header has {length:,} bytes, and at most {_LARGEST_HEADER:,} "
-            "are read; it is damaged or meant to fill the memory."
+            "are read; it is damaged or malicious."
         )
     try:
         tensors = load(content)
-        told = json.loads(content[8 : 8 + length])["__metadata__"]
-        if told[_CHECKSUM] != _checksum(told[_TABLE], tensors):
+        metadata = json.loads(content[8 : 8 + length])["__metadata__"]
+        if metadata[_CHECKSUM] != _checksum(metadata[_TABLE], tensors):
             raise ValueError("its checksum is wrong")
         return _joined(
-            json.loads(told[_TABLE]), {name: x.to(device) for name, x in tensors.items()}
+            json.loads(metadata[_TABLE]), {name: x.to(device) for name, x in tensors.items()}
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ConfigError(
@@ -66,7 +74,7 @@ def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
 
 
 def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
-    """The value with names in the place of tensors, which are kept under them."""
+    """The value with names in place of tensors, which are collected in ``tensors``."""
     if isinstance(value, Tensor):
         tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
         return {_TENSOR: path}

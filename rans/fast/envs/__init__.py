@@ -1,1 +1,1 @@
-"""The engine behind the interfaces of other libraries: Gymnasium and Stable-Baselines3."""
+"""Interfaces of the engine for Gymnasium and Stable-Baselines3."""

@@ -1,4 +1,4 @@
-"""Actions as other libraries give them, refused or converted as the single environment does."""
+"""Checks and conversion of actions from other libraries, as in the single environment."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from rans.fast.engine import Engine
 
 
 class Actions:
-    """Checks actions for an engine's thrusters without making a GPU wait.
+    """Checker of actions for an engine that does not synchronise with a GPU.
 
-    There a wrong action is told by the first later call that finds it checked, usually the next.
+    On a GPU a wrong action is reported by a later call, usually the next.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -27,24 +27,24 @@ class Actions:
             torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
         ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
-        """Whether any was wrong."""
+        """Whether any action was wrong."""
         self._wrong = torch.zeros((), dtype=torch.bool, pin_memory=engine.device.type == "cuda")
         self._done: torch.cuda.Event | None = None
 
     def checked(self, actions: Any) -> Tensor:
-        """Actions (N, commands) on the engine's device, without gradients, in a dtype that it knows.
+        """Actions (N, commands) on the engine's device, without gradients, in a dtype that it supports.
 
         Raises:
-            ConfigError: they have another shape or kind, or the craft cannot follow them.
+            ConfigError: the actions have another shape or type, or are out of range.
         """
         action = dense(actions)
         if not isinstance(action, Tensor):
             action = self._tensor(array(action))
         action = action.to(self._engine.device)
         if action.is_floating_point() and action.dtype not in (torch.float32, torch.float64):
-            action = action.float()  # exactly: from half precision
+            action = action.float()  # exact for half precision
         if tuple(action.shape) != self._shape:
-            return action  # which the engine refuses
+            return action  # the engine rejects them
         if action.is_complex():
             self._refuse(action.cpu().numpy())
         possible = self._possible(action)
@@ -67,7 +67,7 @@ class Actions:
         return within & ((chosen == 0) | (chosen == 1)).all()
 
     def _tensor(self, action: np.ndarray) -> Tensor:
-        """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
+        """Tensor of an array, copied if the array is read-only or not contiguous."""
         if action.dtype.kind not in "biufc":
             self._refuse(action)
         return torch.from_numpy(np.require(action, requirements=["C", "W"]))
@@ -84,7 +84,7 @@ class Actions:
                 self._done = None
                 self._found.zero_()
                 raise ConfigError(
-                    "an action of before was not what the craft takes: "
+                    "an earlier action was out of the craft's ranges: "
                     f"{allowed(self._engine.craft)}."
                 )
         self._wrong.copy_(self._found, non_blocking=True)

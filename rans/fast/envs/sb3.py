@@ -1,4 +1,4 @@
-"""The engine as a Stable-Baselines3 ``VecEnv``: any SB3 algorithm trains on it unchanged."""
+"""Stable-Baselines3 ``VecEnv`` of an engine, for any SB3 algorithm."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from rans.fast.envs.actions import Actions
 
 
 class SB3VecEnv(VecEnv):
-    """An `Engine` seen through SB3's interface, without a copy.
+    """Stable-Baselines3 vector environment of an `Engine`.
 
     >>> rans.SB3VecEnv(rans.Engine("floating-platform", "go-to-pose", num_envs=4)).reset().shape
     (4, 10)
 
-    Every ended episode's return and length are in its info as "episode", so that SB3 logs
-    ``rollout/ep_rew_mean`` without a monitor.
+    Return and length of every ended episode are in its info as "episode", so that SB3 logs ``rollout/ep_rew_mean``
+    without a monitor.
 
-    SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
-    simulation; `rans.PPO` takes the same object and goes around both.
+    SB3 needs NumPy arrays and one dict per environment and step, which costs more than the simulation; `rans.PPO`
+    accepts the same object and avoids both.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -50,7 +50,7 @@ class SB3VecEnv(VecEnv):
         return f"<SB3VecEnv around {self.engine!r}>"
 
     def reset(self) -> VecEnvObs:
-        """Start every episode anew; (N, width) float32."""
+        """Start new episodes; returns the observation (N, width), float32."""
         seed = self._seeds[0]
         self._reset_seeds()
         self._reset_options()
@@ -60,11 +60,15 @@ class SB3VecEnv(VecEnv):
         return _float32(self.engine.reset(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions (N, thrusters) for `step_wait`; ConfigError where thrusters cannot follow them."""
+        """Store the actions (N, commands) for `step_wait`.
+
+        Raises:
+            ConfigError: an action is out of range.
+        """
         self._action = self._actions.checked(actions)
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One control period; ends are reported in SB3's way, with same-step reset."""
+        """Step one control period; episodes restart in the step that ends them, as SB3 expects."""
         step = self.engine.step(self._action)
         done = (step.terminated | step.truncated).cpu().numpy()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -92,18 +96,18 @@ class SB3VecEnv(VecEnv):
         return _float32(step.observation), reward, done, infos
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Choose the seed of all scenarios; takes effect at the next reset.
+        """Set the seed of all scenarios from the next reset on.
 
-        The whole batch has one seed: episode k is the same however many environments share it.
+        The whole batch has one seed; episode k is the same for any number of environments.
         """
         self._seeds = [seed] * self.num_envs
         return self._seeds
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Close the environment; there is nothing to release."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The attribute of the batch, once per environment asked for."""
+        """Attribute of the batch, once per requested environment."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
@@ -117,15 +121,15 @@ class SB3VecEnv(VecEnv):
         indices: VecEnvIndices = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """Call a method of the batch, its result once per environment asked for."""
+        """Result of a method of the batch, once per requested environment."""
         result = getattr(self, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Single environments do not exist, so none is wrapped."""
+        """False for every environment, because single environments do not exist."""
         return [False for _ in self._get_indices(indices)]
 
 
 def _float32(tensor: Tensor) -> np.ndarray:
-    """What SB3 keeps in its buffers, whatever the engine's dtype and device."""
+    """NumPy float32 array of a tensor, as SB3 stores it."""
     return tensor.to(torch.float32).cpu().numpy()

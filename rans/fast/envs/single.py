@@ -1,4 +1,4 @@
-"""One spacecraft moved by the equations that all engines share, as a Gymnasium environment."""
+"""Gymnasium environment of one spacecraft with the equations of RANS."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from rans.environment import Environment
 
 
 class SpacecraftEnv(Environment):
-    """`Environment` for debugging, pictures and other libraries' algorithms.
+    """Gymnasium environment of one spacecraft, for debugging, rendering and other libraries.
 
     >>> env = gymnasium.make("rans/GoToPose2D-v0", spacecraft="atmos", conditions="lab")
     >>> env.reset(seed=0)[0].shape
     (10,)
 
-    Made by ``gymnasium.make("rans/GoToPose2D-v0")``. It flies the same episodes as one environment of
-    `rans.fast.SpacecraftVectorEnv`, and as `rans.reference.flight.DrakeEnv`.
+    ``gymnasium.make("rans/GoToPose2D-v0")`` creates it. It has the same episodes as one environment of
+    `rans.fast.SpacecraftVectorEnv` and as `rans.reference.flight.DrakeEnv`. Arguments, observations and ``info``
+    are those of `rans.environment.Environment`.
     """
 
     def _mover(self) -> None:
-        """See `Environment`: our equations."""
+        """None: the equations of `rans.model.dynamics`."""

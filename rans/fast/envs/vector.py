@@ -1,4 +1,4 @@
-"""Many spacecraft as one Gymnasium vector environment: torch tensors in and out, on one device."""
+"""Gymnasium vector environment of many spacecraft, with torch tensors on one device."""
 
 from __future__ import annotations
 
@@ -31,43 +31,48 @@ from rans.tasks.observation_terms import Dimension
 
 _WIDTH = 320
 _HEIGHT = 240
-"""Of a frame, pixels."""
+"""Size of a frame, pixels."""
 _SHOWN = 16
-"""Most environments in the window."""
+"""Largest number of environments in the window."""
 
 
 class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
-    """An `Engine` seen through Gymnasium's interface.
+    """Gymnasium vector environment of N spacecraft, with torch tensors for observations and actions.
 
     >>> envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4)
     >>> envs.reset(seed=0)[0].shape
     torch.Size([4, 10])
 
-    Made by ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)``. For wrappers that want NumPy
-    arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
+    ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)`` creates it. For wrappers that need NumPy arrays use
+    ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
 
-    One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and episode k
-    is the same whatever N is, here and in `SpacecraftEnv`. With a list of N seeds environment i is the single
-    one of the i-th. Episodes restart by default in the step that ends them (``AutoresetMode.SAME_STEP``).
-    Nothing waits for the device, so every step's ``info`` has the same keys, tensors whose masks say where
-    they count: "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and
-    "_final_info", and every term of the reward, "reward/position" (N,) and so on.
+    One seed serves the whole batch: environment i has episodes i, i + N, i + 2 N, ... of it, and episode k is the
+    same for any N, here and in `SpacecraftEnv`. With a list of N seeds environment i is the single environment of
+    seed i. By default episodes restart in the step that ends them (``AutoresetMode.SAME_STEP``).
+
+    No step waits for the device. The ``info`` of every step therefore has the same keys: "final_obs" (N, width) and
+    "final_info" {"is_success": (N,)}, valid where the masks "_final_obs" and "_final_info" are true, and every term
+    of the reward, such as "reward/position" (N,).
 
     Args:
-        num_envs: N, number of spacecraft stepped together.
-        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
+        num_envs: number of spacecraft, N.
+        task_name: name in `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
-        spacecraft: name, TOML file or object; None: the usual one of this dimension.
-        task: settings; None: the defaults.
-        timing: see `Engine`, as device, dtype and compiled.
-        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
-        plain: whether steps are computed as they are written, so that a breakpoint in the task stops, see
+        spacecraft: name, TOML file or object; None: the default one of the task or the dimension.
+        task: task settings; None: the defaults.
+        timing: control period, substeps, checks and length of an episode; None: those of the task.
+        device: torch device, see `Engine`.
+        dtype: floating dtype, see `Engine`.
+        compiled: whether steps are compiled, see `Engine`.
+        conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
+            None: everything is nominal.
+        plain: whether steps evaluate single operations of torch, so that breakpoints in the task work, see
             `Engine`.
-        autoreset_mode: or NEXT_STEP, where the step after an end begins the next episode and its action
-            counts for nothing; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` does. Both
-            copy the state once more a step.
-        render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
-            and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
+        autoreset_mode: SAME_STEP; NEXT_STEP, where the step after an end begins the next episode and ignores its
+            action; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` begins it. The latter two copy
+            the state once more per step.
+        render_mode: None; "rgb_array": `render` returns a frame of every environment; "human": every `reset` and
+            `step` displays the first 16 in the browser in real time (see `rans.window.Window`).
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -132,8 +137,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
     _spec: EnvSpec | None = None
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # Gymnasium's is an attribute
-        """As registered, with the length of an episode here."""
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # an attribute in Gymnasium
+        """Specification as registered, with the length of an episode of this environment."""
         return self._spec
 
     @spec.setter
@@ -147,17 +152,21 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Tensor, dict[str, Any]]:
-        """Start a new episode everywhere; the observation is (N, width).
+        """Start new episodes; returns the observation (N, width) and an empty info.
 
-        Episodes count from 0 under a given seed; by default they go on counting, or at first under a random
-        one. A list has one seed for each environment. With AutoresetMode.DISABLED the option "reset_mask",
-        (N,) bool, says where a new episode starts. ConfigError where a seed or an option is something else.
+        Args:
+            seed: seed, whose episodes are counted from 0, or a list with one seed per environment; None: the next
+                episodes, or at first those of a random seed.
+            options: {"reset_mask": (N,) bool} with AutoresetMode.DISABLED: start new episodes there only.
+
+        Raises:
+            ConfigError: a seed or an option is wrong.
         """
         mask = self._mask(checked("the options of reset", options or {}, dict), seed)
         if mask is not None:
             with self.engine.holding(
                 ~mask | self._over
-            ):  # the next episode waits where one is over
+            ):  # where an episode is over, the next one is already prepared
                 self.engine.reset()
             self._over &= ~mask
             return self.engine.observe().contiguous(), {}
@@ -177,17 +186,17 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         return observation, {}
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Hold the thrusters for one control period.
+        """Hold the commands for one control period.
 
         Args:
-            actions: (N, thrusters), 0 (shut) or 1 (open); a tensor of any dtype or an array.
+            actions: commands (N, commands), usually 0 (shut) or 1 (open); a tensor of any dtype or an array.
 
         Returns:
-            Observation (N, width), reward (N,), terminated and truncated (N,) bool, and the class's info.
+            Observation (N, width), reward (N,), terminated and truncated (N,) bool, and info (see the class).
 
         Raises:
-            ConfigError: the actions have another shape.
-            gymnasium.error.ResetNeeded: there was no `reset` yet.
+            ConfigError: the actions have another shape or are out of range.
+            gymnasium.error.ResetNeeded: `reset` has not been called.
         """
         self._require_reset()
         actions = self._actions.checked(actions)
@@ -209,7 +218,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         return observation.contiguous(), step.reward, step.terminated, step.truncated, info
 
     def _stepped(self, actions: Tensor) -> Step:
-        """One step of those whose episodes are not over; NEXT_STEP shows the others their new ones."""
+        """Step the environments whose episodes are not over; with NEXT_STEP the others begin new ones."""
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             return self.engine.step(actions)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
@@ -231,7 +240,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         )
 
     def _mask(self, options: dict[str, Any], seed: Any) -> Tensor | None:
-        """Where a new episode starts, (N,); None: everywhere."""
+        """Mask (N,) of the environments that start a new episode; None: all."""
         if unknown := sorted(options.keys() - {"reset_mask"}):
             raise ConfigError(
                 f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".'
@@ -258,14 +267,18 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         return mask
 
     def _exchange(self, engine: Engine) -> None:
-        """Fly on with an engine whose environments have other seeds."""
+        """Continue with an engine whose environments have other seeds."""
         self.engine = engine
         self._actions = Actions(engine)
         if self._film is not None:
             self._film.engine = engine
 
     def render(self) -> Any:
-        """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array"; first comes `reset`."""
+        """Frames (240, 320, 3), uint8, of all environments in the mode "rgb_array", else None.
+
+        Raises:
+            gymnasium.error.ResetNeeded: `reset` has not been called.
+        """
         self._require_reset()
         return (
             self._film.frames()
@@ -294,7 +307,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def _seeds(seed: Any, count: int) -> int | list[int] | None:
-    """One seed for all, or a list of one for each, as plain numbers."""
+    """Seed of all environments, or a list with one per environment, as ints; ConfigError if it is wrong."""
     if seed is None:
         return None
     many = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0
@@ -311,7 +324,7 @@ def _seeds(seed: Any, count: int) -> int | list[int] | None:
 
 
 class Film:
-    """Follows the spacecraft of an engine and draws them, see `SpacecraftVectorEnv`."""
+    """Renderer of the environments of an engine, see `SpacecraftVectorEnv`."""
 
     def __init__(self, engine: Engine, render_mode: str) -> None:
         from rans.drawing import Scene
@@ -324,13 +337,13 @@ class Film:
         self._window = Window(1.0 / engine.timing.control_period) if shown else None
 
     def restart(self) -> None:
-        """New episodes began everywhere."""
+        """Clear all trails after new episodes have begun in all environments."""
         self._commands = np.zeros((self._count, len(self.engine.craft.commands)))
         self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
         self._remember()
 
     def advance(self, actions: Tensor, ended: Tensor) -> None:
-        """The engine took these actions (N, thrusters); where ``ended``, (N,) bool, a new episode began."""
+        """Record a step with these actions (N, commands); where ``ended`` (N,) bool, a new episode has begun."""
         fresh = ended[: self._count].cpu().numpy()
         self._commands = np.where(fresh[:, None], 0.0, actions[: self._count].cpu().numpy())
         for index in np.flatnonzero(fresh):
@@ -338,15 +351,15 @@ class Film:
         self._remember()
 
     def frames(self) -> tuple[np.ndarray, ...]:
-        """A frame (240, 320, 3) uint8 of every environment that is filmed."""
-        given = self.engine
+        """Frames (240, 320, 3), uint8, of the rendered environments."""
+        engine = self.engine
         filmed = zip(
             self._states, self._rows(self.engine.goal), self._commands, self._trails, strict=True
         )
         return tuple(
             self._scene.render(
-                unflatten(given.state, state),
-                unflatten(given.goal, goal),
+                unflatten(engine.state, state),
+                unflatten(engine.goal, goal),
                 command,
                 np.array(trail[:-1]),
             )
@@ -369,7 +382,7 @@ class Film:
             self._window.show(tiled(list(self.frames())))
 
     def _rows(self, states: Any) -> np.ndarray:
-        """Fields as rows, (filmed, fields) float64; the position comes first."""
+        """Fields as rows (environments, fields), float64; the position comes first."""
         columns = [
             np.atleast_1d(torch.as_tensor(x).cpu().numpy())[: self._count] for x in leaves(states)
         ]

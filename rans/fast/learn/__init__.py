@@ -1,1 +1,1 @@
-"""The trainer: PPO on the engine's device, for one agent or many at once."""
+"""Trainers on the engine's device, for one agent or many at once."""

@@ -12,16 +12,21 @@ from rans.policy.network import Network
 _KEEP = 0.9
 _KEEP_SQUARE = 0.999
 EPSILON = 1e-5
-"""torch's decays; the last as Andrychowicz et al. (2021) and most implementations of PPO have it."""
+"""Term in the denominator, as in Andrychowicz et al. (2021) and most implementations of PPO; the decays above are
+those of torch."""
 _PIECE = 32
-"""Weights begin at multiples of so many numbers, as fast products of matrices want them."""
+"""Alignment of the weights in the row, in numbers, for fast matrix products."""
 
 
 class Adam:
-    """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
+    """Adam optimizer of a network, whose weights become views of one tensor (K, P), updated by few kernels.
 
-    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights. A
-    ``plain`` one compiles nothing.
+    `moments` are tensors like the weights.
+
+    Args:
+        network: network of K members.
+        rate: initial step sizes (K,).
+        plain: whether to use single operations of torch, without compilation.
     """
 
     def __init__(self, network: Network, rate: Tensor, plain: bool = False) -> None:
@@ -57,16 +62,17 @@ class Adam:
         self._step = fused(_step, rate.device, plain)
 
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
-        """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
+        """One step on the sum of the members' losses, with gradient norms clipped to ``max_norm`` (K,).
 
-        Where it needs no gradient, `gradient` has been written. Returns the gradients' norms (K,).
+        If the loss does not require gradients, `gradient` must have been written before. Returns the norms of the
+        gradients (K,).
         """
         with torch.no_grad():
             if loss.requires_grad:
                 gradients = torch.autograd.grad(
                     loss, self._leaves, allow_unused=True, materialize_grads=True
                 )
-                torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
+                torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # private in torch
             return self._step(
                 self.row,
                 world.average(self.gradient),
@@ -78,7 +84,7 @@ class Adam:
             )
 
     def state(self) -> dict[str, Tensor]:
-        """Everything needed to go on."""
+        """State of the optimizer, for `load`."""
         return {
             "first": self._first,
             "second": self._second,
@@ -87,7 +93,7 @@ class Adam:
         }
 
     def load(self, saved: dict[str, Tensor]) -> None:
-        """Go on from what `state` gave."""
+        """Continue from the result of `state`."""
         for name, tensor in self.state().items():
             tensor.copy_(saved[name])
 

@@ -1,4 +1,4 @@
-"""Changes to a training's config by the names of its entries, as options and keyword arguments give them."""
+"""Changes of a training config by the names of its entries, for options and keyword arguments."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _OTHERS_NAMES = {
     "max_episode_steps": "timing.episode_steps",
     "dt": "timing.control_period",
 }
-"""What SB3, CleanRL, rl_games, rsl_rl and Gymnasium call an entry."""
+"""Names of entries in SB3, CleanRL, rl_games, rsl_rl and Gymnasium, for suggestions."""
 _FORMER_NAMES = {
     "timing.looks": "timing.checks",
     "failures.looks": "failures.searches",
@@ -41,29 +41,28 @@ _FORMER_NAMES = {
     "settings.arrived_squarings": "settings.arrived_sharpness",
     "settings.knob": "settings.trade_off",
 }
-"""Names of entries in the version before, which work for one version more and warn."""
+"""Former names of entries, which are accepted with a warning for one more version."""
 _NEAR = 0.7
-"""Likeness of a name from which on it is suggested."""
+"""Similarity from which a name is suggested."""
 
 
 def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
-    """Give one entry of a nested table another value.
+    """Change one entry of a config table.
 
     Args:
-        table: a config as `rans.fast.learn.config.to_table` gives it.
-        name: of the entry from the top, as ``ppo.learning_rate``; or its last part alone, where only one entry
-            is called so.
+        table: config from `rans.fast.learn.config.to_table`, changed in place.
+        name: full name of the entry, as ``ppo.learning_rate``, or its last part if that is unique.
         value: new value.
 
     Raises:
-        ConfigError: there is no such entry, or several end in this name.
+        ConfigError: there is no such entry, or the name is not unique.
     """
     known = list(_names(table))
     former = [old for old in _FORMER_NAMES if old == name or old.endswith(f".{name}")]
     if name not in known and len(former) == 1 and _FORMER_NAMES[former[0]] in known:
         new = _FORMER_NAMES[former[0]]
         warnings.warn(
-            f"{name} is deprecated and goes with the next version: name it {new}.",
+            f"{name} is deprecated and will be removed in the next version: name it {new}.",
             DeprecationWarning,
             stacklevel=2,
         )
@@ -75,8 +74,8 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         )
     if not result:
         raise ConfigError(
-            f"the config has no {brief(name)}{_suggestion(name, known)}; `rans list TASK` and "
-            "`rans list TRAINING` tell its entries, and any run's config.json."
+            f"the config has no {brief(name)}{_suggestion(name, known)}; `rans list TASK`, "
+            "`rans list TRAINING` and the config.json of any run show its entries."
         )
     *parents, last = result[0].split(".")
     inner = table
@@ -86,7 +85,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
 
 
 def _suggestion(name: str, known: list[str]) -> str:
-    """A known entry that is meant, by its name elsewhere or by its spelling."""
+    """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text."""
     last = name.rpartition(".")[2].lower()
     if (other := _OTHERS_NAMES.get(last)) in known:
         return f" (did you mean {other}?)"
@@ -104,7 +103,7 @@ def _suggestion(name: str, known: list[str]) -> str:
 
 
 def _names(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
-    """Every entry of a nested table, by its dotted name; tables themselves too."""
+    """Yield the dotted names of all entries of a nested table, including tables."""
     for key, value in table.items():
         yield above + key
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Everything that decides a training, as one value that goes to and from JSON."""
+"""Configuration of a training as one value, converted to and from JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 Precision = Literal["float32", "tf32", "bf16"]
-"""Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
+"""Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
 if TYPE_CHECKING:
     Activation = str
@@ -34,103 +34,107 @@ Memory = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
 MOST_UNITS = 65_536
-"""A hundred times what any agent here has: more is a slip, and fills the memory."""
+"""Largest number of hidden layers, and of units in a layer, far above those of any agent."""
 
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.PPO`, by their names in SB3; ConfigError where one is out of its range."""
+    """Hyper-parameters of `rans.PPO`, by their names in SB3.
+
+    Raises:
+        ConfigError: a hyper-parameter is out of its range.
+    """
 
     n_envs: int = 128
-    """Spacecraft flown together."""
+    """Number of environments."""
     n_steps: int = 64
-    """Control periods between updates."""
+    """Control periods per environment between updates."""
     batch_size: int = 2048
-    """Transitions a minibatch."""
+    """Transitions in a minibatch."""
     n_epochs: int = 4
     """Passes over the transitions in an update."""
     learning_rate: float = 1e-3
-    """Step size to start with."""
+    """Initial step size."""
     desired_kl: float | None = 0.016
-    """Divergence an update should cause: the step size adapts to it. None: constant step size."""
+    """Target KL divergence of an update, to which the step size adapts. None: constant step size."""
     max_learning_rate: float = 1e-2
     """Upper bound of the adapted step size."""
     anneal: float = 0.0
-    """Last share of all steps over which that bound falls to zero, for agents trained to the end: their
-    last bits of precision come from small steps."""
+    """Final share of all steps over which the bound of the step size decreases to zero, for the precision of agents
+    that are trained to the end."""
     gamma: float = 0.98
     """Discount per control period."""
     gae_lambda: float = 0.95
     """Bias-variance trade-off of the advantages."""
     clip_range: float = 0.2
-    """Bound of the probability ratio."""
+    """Clipping range of the probability ratio."""
     ent_coef: float = 0.0
     """Weight of the entropy bonus."""
     vf_coef: float = 0.5
     """Weight of the value loss."""
     max_grad_norm: float = 1.0
-    """Gradients are scaled down to this length."""
+    """Largest norm of a gradient, to which longer ones are scaled down."""
     reward_scale: float = 0.1
     """Factor on every reward."""
     layers: tuple[int, ...] = (64, 64)
-    """Units of the network's hidden layers, shared by actor and critic."""
+    """Units of the hidden layers, which actor and critic share."""
     activation: Activation = "tanh"
-    """Between the layers."""
+    """Activation function of the hidden layers."""
     preprocessor: PreprocessorName = "body"
-    """Which columns the network is given: "body", vectors in the frame of the spacecraft (decision 004); "world",
-    those observed, which needs symmetric to be false and no filters."""
+    """Input columns of the network: "body" has vectors in the frame of the spacecraft (decision 004); "world" has
+    the observed columns, and needs symmetric = false and no filters."""
     backbone: BackboneName = "dense"
-    """How features become commands: "dense" by a last layer; "attention" by a layer of attention over the
-    effectors, whose weights fit any craft."""
+    """Network from features to commands: "dense" has a last layer; "attention" has a layer of attention over the
+    effectors, whose weights apply to any craft."""
     head: Head = "auto"
-    """How outputs become commands: "auto" opens on/off thrusters or not, and commands the others by a Gaussian;
-    "gated" first decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0; "guided"
+    """Distribution of the commands: "auto" is Bernoulli for on/off thrusters and Gaussian for others; "gated" first
+    decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0; "guided"
     gives shares of the commands that a mission's guidance recommends, and begins as guidance."""
     symmetric: bool = True
-    """Whether what is learnt on one side of the spacecraft serves all that look the same."""
+    """Whether the policy is equivariant under the symmetries of the spacecraft."""
     zoom: float = 0.0
-    """Magnification of a second look at everything observed, for agents that hold millimetres (decision
-    008). 0: none, which learns the rough way to go sooner."""
+    """Magnification of a second copy of all observed columns, for agents that keep the position within millimetres
+    (decision 008). 0: no copy, which learns coarse motion sooner."""
     matmul: Precision = "tf32"
-    """How a GPU multiplies matrices; a CPU always does in float32. In bf16 gradients are one kernel for most
-    networks (decision 020)."""
+    """Precision of matrix products on a GPU; a CPU always uses float32. With bf16 the gradients of most networks
+    are one kernel (decision 020)."""
     memory: Memory = "none"
-    """What the network remembers of an episode: nothing, the last observations and commands, the last
-    commands alone, which is all that filters leave to remember, or what a gated recurrent unit keeps."""
+    """Memory of the network: "none"; "history" of the last observations and commands; "commands", the last commands
+    alone, which suffice beside filters; or "recurrent", a gated recurrent unit."""
     history: int = 4
-    """How many last observations and commands."""
+    """Number of last observations and commands in the memory."""
     averages: tuple[float, ...] = ()
-    """Beside them, or with history 0 in their place, exponential moving averages of all: the share that each
-    keeps from step to step. They tell what is steady from noise, and are longer than a history can be; of
-    commands alone the average that keeps a half has the last one as its first binary digit, the one before
-    as its second."""
+    """Exponential moving averages of all observations and commands, beside the history or (with history 0) instead
+    of
+    it: the share that each keeps from step to step. They separate constant signals from noise and reach further
+    back than a history. The average of commands that keeps a half has the last command as its first binary digit,
+    the one before as its second."""
     filters: tuple[float, ...] = ()
-    """What Kalman filters make of everything observed, besides: of each the variance by which it lets
-    velocities wander in a control period, in units of their readings' noise. They know the spacecraft as
-    designed and what its thrusters were told (decision 024)."""
+    """Kalman filters whose estimates are added to the input: for each the variance of the random walk of
+    velocities in a control period, in units of the noise of their readings. They use the spacecraft as designed
+    and the commands of its thrusters (decision 024)."""
     filtered_steady: tuple[float, ...] = ()
-    """Of each filter the variance of the steady accelerations that it looks for, such as a floor's that
-    slopes, in units of its readings' noise. 0, or without: it looks for none."""
+    """Variance of the constant accelerations that each filter estimates, such as that of a sloping floor, in units
+    of the noise of its readings. 0 or empty: none."""
     filtered_response: tuple[float, ...] = ()
-    """Of each filter the variance of what it lets thrusters give beyond their design, at once and a control
-    period late, in units of the readings' noise over what the strongest thruster gives a velocity in a
-    period. 0, or without: they give what they are designed to."""
+    """Variance of the thrusters' deviation from their design that each filter estimates, immediate and one control
+    period late, in units of the noise of readings over the velocity change of the strongest thruster in a period. 0
+    or empty: thrusters act as designed."""
     filtered_gate: float = 0.0
-    """Above 0 what filters expect is observed in place of readings that a sensor missed, so that they repeat
-    the last one, and of those that err by more than this: in units of the velocity that all thrusters which
-    push along one axis give in a control period, of poses the same number in m and rad. 0: every reading
-    counts as it came."""
+    """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
+    by more than this, in units of the velocity change of all thrusters along one axis in a control period (for
+    poses the same number in m and rad). 0: all readings are used."""
     recurrent_units: int = 64
-    """Of that unit."""
+    """Hidden units of the recurrent memory."""
     privileged_critic: bool = False
-    """Whether the critic has layers of its own that are also given what a robot does not know: all that
-    conditions draw, or without any the spacecraft's true mass properties."""
+    """Whether the critic has layers of its own with privileged observations: all draws of the conditions, or
+    without conditions the true mass properties of the spacecraft."""
     initial_duty: float = 0.5
-    """Probability that a thruster is open before anything is learnt. Agents that should rest with all
-    valves shut find out about it sooner from a low one."""
+    """Initial probability that a thruster is open. Agents that should rest with all valves shut learn it sooner
+    with a low value."""
     log_std_init: float = 0.0
-    """Logarithm of the standard deviation of throttled or pulsed commands before anything is learnt; every unit
-    of a command is full thrust for a control period. Where that is a large part of what a flight needs, -2."""
+    """Initial logarithm of the standard deviation of throttled or pulsed commands, where a command of 1 is full
+    thrust for a control period. Use -2 where that is a large part of the impulse of a flight."""
 
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
@@ -202,7 +206,7 @@ class PPOSettings:
         self._check_memory()
 
     def _check_memory(self) -> None:
-        """Whether what is remembered and filtered goes together."""
+        """Reject inconsistent settings of memory and filters."""
         recalls = self.memory in ("history", "commands")
         if self.averages and not recalls:
             raise ConfigError(
@@ -211,25 +215,25 @@ class PPOSettings:
             )
         if recalls and not (self.history or self.averages):
             raise ConfigError(
-                f"memory {self.memory!r} with history 0 and no averages remembers nothing: "
+                f"memory {self.memory!r} with history 0 and no averages stores nothing: "
                 "give history 1 or more, averages, or memory 'none'."
             )
         count = len(self.filters)
-        for name, given in (("steady", self.filtered_steady), ("response", self.filtered_response)):
-            if given and len(given) != count:
+        variances = {"steady": self.filtered_steady, "response": self.filtered_response}
+        for name, values in variances.items():
+            if values and len(values) != count:
                 raise ConfigError(
-                    f"filtered_{name} has {len(given)} numbers, of {count} filters: give one "
-                    "of each."
+                    f"filtered_{name} has {len(values)} numbers for {count} filters: give one for each."
                 )
         if self.filtered_gate and not self.filters:
             raise ConfigError(
                 f"filtered_gate is {self.filtered_gate:g}, but there are no filters whose "
-                "readings it could screen: give filters too, or a gate of 0."
+                "predictions it could use: give filters too, or a gate of 0."
             )
         if self.filters and self.memory == "recurrent":
             raise ConfigError(
-                "filters stand beside a history or nothing, not beside memory 'recurrent', "
-                "which is all that such a network remembers."
+                "filters can be combined with memory 'none', 'history' or 'commands', not with "
+                "memory 'recurrent'."
             )
         if self.preprocessor == "world" and (self.symmetric or self.filters):
             raise ConfigError(
@@ -238,13 +242,13 @@ class PPOSettings:
             )
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError(
-                "memory 'recurrent' needs symmetric to be false: what is remembered was seen "
-                "from one side of the spacecraft, and the next step may be from another."
+                "memory 'recurrent' needs symmetric to be false: its state belongs to one symmetry "
+                "of the spacecraft, and the next step may use another."
             )
 
 
 class Coefficients(NamedTuple):
-    """Hyper-parameters in which members may differ, by their names in `PPOSettings`; (K,), NaN for None."""
+    """Hyper-parameters that may differ between members, by their names in `PPOSettings`; (K,), NaN for None."""
 
     learning_rate: Tensor
     desired_kl: Tensor
@@ -260,7 +264,7 @@ class Coefficients(NamedTuple):
 
     @classmethod
     def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
-        """Those of these members, in the dtype and on the device of another tensor."""
+        """Hyper-parameters of K members, in the dtype and on the device of another tensor."""
         table = ([getattr(one, name) for one in settings] for name in cls._fields)
         return cls(
             *(
@@ -273,24 +277,28 @@ class Coefficients(NamedTuple):
 def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
     for name in names:
         if not fits(value := getattr(config, name), holds):
-            said = list(value) if isinstance(value, tuple) else value
-            raise ConfigError(f"{name} must be {bound}, got {brief(said)}.")
+            shown = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{name} must be {bound}, got {brief(shown)}.")
 
 
 @renamed(looks="searches")
 @dataclass(frozen=True)
 class Failures:
-    """Training where the agent fails; ConfigError where a number is out of its range."""
+    """Training from states of failed flights of the agent.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
 
     share: float = 0.0
-    """Of the environments, whose episodes begin somewhere along flights that the agent failed in. 0: none,
-    and such flights are not searched for."""
+    """Share of the environments whose episodes begin at states of failed flights. 0: none, and failures are not
+    searched for."""
     begin: float = 0.5
-    """Share of all steps before the first search for failures: until then there is more than enough of them."""
+    """Share of all steps before the first search; earlier agents fail too often."""
     searches: int = 8
-    """How many searches there are, equally spaced over the rest."""
+    """Number of searches, equally spaced over the remaining steps."""
     flights: int = 65_536
-    """Flights of a search, by the agent's likeliest commands."""
+    """Number of flights of a search, with the agent's deterministic actions."""
 
     def __post_init__(self) -> None:
         _require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
@@ -302,19 +310,23 @@ Algorithm = Literal["ppo", "gradient", "imitation"]
 
 @dataclass(frozen=True)
 class GradientSettings:
-    """What only the learner through the motion has, besides `PPOSettings`; ConfigError where out of range."""
+    """Hyper-parameters of the gradient learner, besides `PPOSettings`.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
 
     critic_learning_rate: float = 2e-3
-    """Step size of the critic, a network of its own."""
+    """Step size of the critic, a separate network."""
     target_rate: float = 0.2
-    """Share of the critic's weights that the target network, the value of what comes after the horizon, takes
+    """Share of the critic's weights that the target network, which values the state after the horizon, takes over
     in an iteration (Polyak averaging)."""
     noise: float = 0.2
-    """Standard deviation of commands to begin with; it is learnt."""
+    """Initial standard deviation of commands, which is learnt."""
     bound: float = 10.0
-    """Most that a spacecraft's scaled return may change with a number of its state or of its observation, per
-    unit of it, as far as it is passed back from a control period to the one before: through many periods of a
-    policy that reacts strongly it would grow without bound."""
+    """Bound on the derivative of the scaled return by each number of state and observation that is passed back
+    from a control period to the one before; it would otherwise grow without bound over many periods of a policy
+    with high gain."""
 
     def __post_init__(self) -> None:
         _require(
@@ -330,14 +342,18 @@ class GradientSettings:
 
 @dataclass(frozen=True)
 class ImitationSettings:
-    """What only the learner from an expert has, besides `PPOSettings`; ConfigError where out of range."""
+    """Hyper-parameters of imitation learning, besides `PPOSettings`.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
 
     expert: str = "convex"
-    """Controller that is imitated: a name (docs/comparison.md), or MODULE:NAME of your own."""
+    """Controller to imitate: a name (docs/comparison.md), or MODULE:NAME of your own."""
     updates: int = 400
-    """Steps down the gradient in an iteration, each on a minibatch of all labels so far."""
+    """Gradient steps in an iteration, each on a minibatch of all labels so far."""
     roll_in: float = 0.6
-    """Most that the agent flies of an episode before the expert flies on, as a share of an episode's length."""
+    """Largest share of an episode that the agent flies before the expert continues."""
 
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
@@ -346,64 +362,67 @@ class ImitationSettings:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
+    """Configuration of one training; equal configurations give equal agents, bit for bit on a CPU.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
 
     task: str
     """Name of the task."""
     settings: Task
-    """The task's settings."""
+    """Settings of the task."""
     spacecraft: str
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
-    """Hyper-parameters of the network and of its training. The gradient learner ignores those of PPO alone:
-    desired_kl, max_learning_rate, clip_range, ent_coef and vf_coef."""
+    """Hyper-parameters of the network and of PPO. The gradient learner ignores those of PPO alone: desired_kl,
+    max_learning_rate, clip_range, ent_coef and vf_coef."""
     timing: Timing = field(default_factory=Timing)
-    """Of the episodes that agents are judged in, and learn in if not said otherwise."""
+    """Timing of the episodes of evaluation and training."""
     episode_steps: int | None = None
-    """Length of the episodes they learn in: where the way to the goal is hard and rest is easy, shorter ones
-    show more of the way."""
+    """Length of training episodes, control periods; null: that of ``timing``. Shorter episodes have more of the
+    approach and less of the rest at the goal."""
     conditions: Conditions = field(default_factory=Conditions)
-    """What episodes do not promise."""
+    """Domain randomization, disturbances, faults and sensors of the episodes; by default everything is nominal."""
     curriculum: tuple[Ramp, ...] = ()
-    """Settings of the task that move during training, from an easier value to their own."""
+    """Settings of the task that change during training, from an easier value to their own."""
     failures: Failures = field(default_factory=Failures)
-    """Where episodes begin that do not begin at the task's starts."""
+    """Episodes that begin at states of failed flights instead of the task's starts."""
     seed: int = 0
-    """Of starts, goals, weights and actions."""
+    """Seed of starts, goals, weights and actions."""
     device: str = "cpu"
     """Torch device."""
     compiled: bool | None = None
-    """Whether torch's compiler makes a GPU's kernels before training begins, or never; null: once so much is
-    left to train that it pays for the 5 to 35 s that it takes."""
+    """Whether torch's compiler compiles the kernels of a GPU before training, or never; null: as soon as enough
+    steps are left to pay for the 5 to 35 s that it takes."""
     algorithm: Algorithm = "ppo"
-    """What learns: proximal policy optimisation, the gradient of the return through the motion, or imitation of
-    an expert."""
+    """Learner: "ppo", "gradient" of the return through the motion, or "imitation" of an expert."""
     gradient: GradientSettings = field(default_factory=GradientSettings)
-    """What the gradient through the motion has besides."""
+    """Further hyper-parameters of the gradient learner."""
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
-    """What imitation of an expert has besides."""
+    """Further hyper-parameters of imitation learning."""
     begin_from: str | None = None
-    """Run folder, or pretrained:NAME, of an agent whose weights training begins with, of the same network; null:
-    with weights that have learnt nothing. What its inputs are normalised by stays as it is."""
+    """Run folder, or pretrained:NAME, of an agent with the same network whose weights and input normalisation are
+    the initial ones; null: random weights."""
     guard: bool = False
-    """Whether the safety filter for the spacecraft and task (docs/missions/guard.md) stands between the agent and
-    the effectors while it learns, and while it is judged. On a GPU only together with plain."""
+    """Whether training and evaluation use the safety filter for the spacecraft and task (docs/missions/guard.md).
+    On a GPU only together with plain."""
     plain: bool = False
-    """Whether everything is computed as it is written: torch's operations one by one, no generated program or
-    kernel, autograd's gradients. A breakpoint in a task then stops (docs/plain.md); many times slower."""
+    """Whether everything is computed by single operations of torch and gradients by autograd, without generated
+    programs and kernels, so that breakpoints in a task work (docs/plain.md); many times slower."""
     threads: int = 1
-    """Torch's on a CPU. One is nearly as fast as two for small networks, many times faster when anything else
-    runs, and the weights' last bits depend on the number."""
+    """Number of threads of torch on a CPU. One is nearly as fast as two for small networks and many times faster
+    beside other programs; the last bits of the weights depend on it."""
     total_timesteps: int = 30_000_000
     """Environment steps after which training ends, solved or not."""
     report_interval: int = 16
-    """Iterations of PPO between reports, each of which judges the agent on 1,024 episodes."""
+    """Iterations between reports, each of which evaluates the agent on 1,024 episodes."""
     solved_share: float | None = 0.995
-    """Training ends once two reports in a row find this share of episodes within the task's tolerances
-    throughout the last fifth. None: train for all steps."""
+    """Share of episodes within the task's tolerances throughout the last fifth at which, in two successive reports,
+    training ends. None: train for all steps."""
 
     def __post_init__(self) -> None:
-        # What NumPy's generator takes, which Stable-Baselines3 seeds too.
+        # The range of NumPy's generator, which Stable-Baselines3 seeds too.
         _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
         _require(
             self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
@@ -421,7 +440,7 @@ class TrainConfig:
         _require(self, f"one of {', '.join(known)}", lambda x: x in known, "algorithm")
         if self.plain and self.compiled:
             raise ConfigError(
-                "plain computes everything as it is written, and compiled has torch's compiler make "
+                "plain computes by single operations of torch, and compiled has torch's compiler make "
                 "kernels: set one of them."
             )
         ramps = with_present_settings(self.settings, self.curriculum)
@@ -430,16 +449,20 @@ class TrainConfig:
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:
-    """The config as plain JSON values."""
+    """Plain JSON values of a config."""
     return dataclasses.asdict(config)
 
 
 def from_table(table: dict[str, Any]) -> TrainConfig:
-    """The config that `to_table` gave, with what the user changed in it; ConfigError where that is wrong."""
+    """Config from a table of `to_table`, which may have been changed.
+
+    Raises:
+        ConfigError: a key or value is wrong.
+    """
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError('a training config must name its task: {"task": "go-to-pose", ...}.')
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     timing = table.get("timing", {})
-    if isinstance(timing, dict):  # as the task's own where it says nothing
+    if isinstance(timing, dict):  # missing values are those of the task
         timing = dataclasses.asdict(settings.timing) | timing
     return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")

@@ -1,4 +1,4 @@
-"""Gradients of PPO's losses on a CPU, as machine code: a minibatch forward and backward."""
+"""Gradients of the PPO losses of a minibatch on a CPU, as machine code."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 _TILE = 512
-"""Samples whose activations stay in a core's own cache, at most."""
+"""Largest number of samples whose activations fit the cache of a core."""
 _GIVEN = 4
 _SUMS = 5
-"""Numbers that the losses need, and that they leave behind."""
+"""Number of inputs and of sums of the losses."""
 
 
 _CAN = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
 
 
 class _Layer(NamedTuple):
-    """One in a tile of samples: where its numbers lie."""
+    """Sizes and addresses of a layer for a tile of samples."""
 
     inputs: int
     units: int
@@ -39,18 +39,20 @@ class _Layer(NamedTuple):
     d_bias: Value
     source: Value
     stride: Value
-    """Of the source's rows."""
+    """Stride of the rows of the source."""
     to: Value
-    """What it makes of them, and later its gradient."""
+    """Output of the layer, and later its gradient."""
 
 
 class CpuGradient:
-    """Gradients of one member's minibatches into the row of its `Adam`, like `rans.fast.learn.fused_gradient`'s.
+    """Gradients of minibatches of one member on a CPU, written into its `Adam.gradient`.
+
+    `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
 
     Args:
-        network: see `fits`.
-        adam: whose `row` and `gradient` never move.
-        coefficients: of the losses.
+        network: network for which `fits` is true.
+        adam: optimizer, whose `row` and `gradient` keep their addresses.
+        coefficients: coefficients of the losses.
     """
 
     description: ClassVar[str] = "machine code"
@@ -78,7 +80,7 @@ class CpuGradient:
             *architecture.layers,
             architecture.thrusters + 1,
         ]
-        # Both heads in one: log-odds of a thruster are a difference of two outputs.
+        # Both heads in one: the logit of a thruster is the difference of two outputs.
         length = self._sizes[-1] * (self._sizes[-2] + 1)
         self._head = np.zeros(length, np.float32)
         self._d_head = np.zeros(length, np.float32)
@@ -103,9 +105,9 @@ class CpuGradient:
 
     @staticmethod
     def fits(network: Network, samples: int) -> bool:
-        """Whether there is such a function for this network and minibatches of so many samples.
+        """Whether the network and minibatches of ``samples`` transitions are supported.
 
-        Thrusters are on/off, actor and critic share float32 layers that remember nothing but a history.
+        Thrusters must be on/off, and actor and critic share float32 layers without recurrent memory.
         """
         architecture = network.architecture
         one = next(iter(network.tensors.values()))
@@ -120,11 +122,11 @@ class CpuGradient:
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
     ) -> Tensor:
-        """What the trunk is given (N, inputs) of columns (N, k) and a history: the same in every epoch."""
+        """Inputs of the trunk (N, inputs) from columns (N, k) and a history, the same in every epoch."""
         return self._network.inputs(seen, memory)
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """The loss of a minibatch, whose memory are `inputs`, and its statistics, each (1,)."""
+        """Loss and statistics, (1,) each, of a minibatch whose memory are the `inputs`."""
         assert part.memory is not None
         count = len(part.memory)
         tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
@@ -248,16 +250,16 @@ class CpuGradient:
         def vector(number: Value, sums: list[Value]) -> list[Value]:
             place = code.mul(number, LONG(LANES))
             rows = [code.add(place, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
-            told = [
+            commands = [
                 code.read(action, code.add(place, code.mul(stride, LONG(i))))
                 for i in range(self._thrusters)
             ]
             logits = [code.read(outputs, row) for row in rows[:-1]]
-            # How likely the actions are now, and how random: e^-|l| gives log(1 + e^l) and its slope.
+            # Log-probability and entropy of the actions: e^-|l| gives log(1 + e^l) and its slope.
             change = code.fneg(code.read(log_prob, place))
             chaos = zero
             opening = list[Value]()
-            for logit, chosen in zip(logits, told, strict=True):
+            for logit, chosen in zip(logits, commands, strict=True):
                 positive = code.fcmp_ordered(">", logit, zero)
                 size = code.select(positive, logit, code.fneg(logit))
                 small = code.exp(code.fneg(size))
@@ -267,7 +269,7 @@ class CpuGradient:
                 change = code.fadd(change, code.fsub(code.fmul(chosen, logit), softplus))
                 chaos = code.fadd(chaos, code.fsub(softplus, code.fmul(logit, opened)))
                 opening.append(opened)
-            # What the policy would gain, no further than the clipping lets it go.
+            # Clipped surrogate objective.
             ratio = code.exp(change)
             gains = code.read(advantage, place)
             low = code.fsub(one, clip)
@@ -278,7 +280,7 @@ class CpuGradient:
             clipped = code.fmul(gains, inside)
             counts = code.fcmp_ordered("<=", gain, clipped)
             slope = code.fmul(code.select(counts, code.fneg(gain), zero), share)
-            for row, logit, chosen, opened in zip(rows, logits, told, opening, strict=False):
+            for row, logit, chosen, opened in zip(rows, logits, commands, opening, strict=False):
                 random = code.fmul(
                     code.fmul(logit, opened),
                     code.fmul(code.fsub(one, opened), code.fmul(bonus, share)),
@@ -348,7 +350,7 @@ class CpuGradient:
         code.repeat(code.udiv(tile, LONG(WIDTH)), [], block)
 
     def _before(self, code: Code, gradient: Value, value: Value) -> Value:
-        """The gradient before an activation from that after it and the activation's value."""
+        """Gradient before an activation, from that after it and the value of the activation."""
         one = code.everywhere(1.0)
         if self._activation == "tanh":
             return code.fmul(gradient, code.fsub(one, code.fmul(value, value)))

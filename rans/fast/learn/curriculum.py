@@ -1,4 +1,4 @@
-"""Curricula: settings of a task that move during training, from an easy start to their own value."""
+"""Curricula: settings of a task that change during training from an easy value to their own."""
 
 from __future__ import annotations
 
@@ -16,23 +16,27 @@ from rans.tasks import Task
 from rans.tasks.settings import map_settings
 
 _STEEPNESS = 4.5
-"""Of the sigmoid: it rises most within the middle half of its duration (original system, 2024)."""
+"""Steepness of the sigmoid, which rises most within the middle half of its duration (original system, 2024)."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """One setting on its way to the value the task gives it; ConfigError where it cannot be."""
+    """Ramp of one setting from a start value to that of the task.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
 
     setting: str
-    """Of the task, a number or range; of a task within a multi-task: go_to_pose.spawn_distance."""
+    """Name of a number or range of the task, or of a task within a multi-task: go_to_pose.spawn_distance."""
     start: Range
-    """Its value until the ramp begins."""
+    """Value before the ramp."""
     duration: int
-    """Environment steps that the ramp takes."""
+    """Environment steps of the ramp."""
     begin: int = 0
-    """Environment steps before it begins."""
+    """Environment steps before the ramp."""
     shape: Literal["linear", "sigmoid", "geometric"] = "linear"
-    """How it rises; geometric: by the same factor in the same time."""
+    """Shape of the ramp; geometric has a constant growth rate."""
 
     def __post_init__(self) -> None:
         if self.duration < 1 or self.begin < 0:
@@ -51,7 +55,7 @@ class Ramp:
             )
 
     def share(self, steps: int) -> float:
-        """Part of the way done after so many environment steps, 0 to 1.
+        """Completed share of the ramp after ``steps`` environment steps, 0 to 1.
 
         The sigmoid is (tanh(s (x - 1/2)) + tanh(s / 2)) / (2 tanh(s / 2)) of the linear share x, which
         starts at 0 and ends at 1 (original system, 2024).
@@ -62,7 +66,7 @@ class Ramp:
         return 0.5 + 0.5 * math.tanh(_STEEPNESS * (x - 0.5)) / math.tanh(0.5 * _STEEPNESS)
 
     def values(self, end: Range, steps: int) -> Iterator[float]:
-        """The setting's one or two numbers after so many environment steps."""
+        """Yield the one or two numbers of the setting after ``steps`` environment steps."""
         share = self.share(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
             yield (
@@ -73,7 +77,7 @@ class Ramp:
 
 
 def with_present_settings(task: Task, ramps: Sequence[Ramp]) -> tuple[Ramp, ...]:
-    """Ramps whose settings have their present names; a former one warns (`rans.renamed`)."""
+    """Ramps with the present names of their settings; a former name gives a warning (`rans.renamed`)."""
     result = []
     for ramp in ramps:
         within, _, name = ramp.setting.rpartition(".")
@@ -84,10 +88,11 @@ def with_present_settings(task: Task, ramps: Sequence[Ramp]) -> tuple[Ramp, ...]
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
-    """Refuse, with a ConfigError, ramps that the task cannot follow.
+    """Reject ramps that the task does not allow.
 
-    A setting is unknown or ramped twice, a start is no number or range as the setting is, a geometric ramp
-    ends at 0, or the task refuses the values when a ramp begins or ends.
+    Raises:
+        ConfigError: a setting is unknown or has two ramps, a start is not of the setting's kind (number or range),
+            a geometric ramp ends at 0, or the task rejects the values at the start or end of a ramp.
     """
     known = _numbers_of(task)
     for ramp in ramps:
@@ -115,7 +120,7 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
 
 
 def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
-    """The task after so many environment steps."""
+    """The task with its settings after ``steps`` environment steps."""
     ends = _numbers_of(task)
     moved = dict[str, float]()
     for ramp in ramps:
@@ -126,13 +131,17 @@ def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
 
 
 class Curriculum:
-    """The task of K members whose ramped settings are numbers in memory, changed in place.
+    """Task of K members whose ramped settings are arrays that are changed in place.
 
-    So no step is compiled again to read them, and no CUDA graph recorded again. A number in which members
-    differ is a field, with a value for each of their environments.
+    Steps therefore need no new compilation and no new CUDA graph. A number that differs between members is a field
+    with a value for each of their environments.
 
-    Tasks, one a member, have the settings that the ramps end at, and differ in numbers only; each member has
-    ``each`` environments. The dtype is that of the engine's fields, NumPy's or torch's.
+    Args:
+        tasks: one task per member, with the final values; they differ in numbers only.
+        ramps: ramps of settings.
+        dtype: dtype of the engine's fields, of NumPy or torch.
+        device: torch device.
+        each: number of environments of each member.
     """
 
     def __init__(
@@ -147,12 +156,12 @@ class Curriculum:
         memory = dict[str, Any]()
         ends = [_numbers_of(task) for task in tasks]
         for ramp in ramps:
-            own = [end[ramp.setting] for end in ends]
+            targets = [end[ramp.setting] for end in ends]
             numbers = [
-                _memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
-                for column in _columns(ramp, own, 0)
+                _memory(column[:1] if len({*targets}) == 1 else column, each, dtype, device)
+                for column in _columns(ramp, targets, 0)
             ]
-            self._moving.append((ramp, own, numbers))
+            self._moving.append((ramp, targets, numbers))
             memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
 
         def number(name: str, *values: Any) -> Any:
@@ -161,10 +170,10 @@ class Curriculum:
             return values[0] if len({*values}) == 1 else _memory(values, each, dtype, device)
 
         self.task = map_settings(number, *tasks)
-        """To fly and learn."""
+        """Task for the engine, whose ramped settings are arrays."""
 
     def move_to(self, steps: int) -> None:
-        """Give every ramped setting its value after so many environment steps."""
+        """Set every ramped setting to its value after ``steps`` environment steps."""
         for ramp, ends, numbers in self._moving:
             for number, values in zip(numbers, _columns(ramp, ends, steps), strict=True):
                 parts = number.reshape(len(values), -1) if number.shape else [number]
@@ -173,12 +182,12 @@ class Curriculum:
 
 
 def _columns(ramp: Ramp, ends: Sequence[Range], steps: int) -> list[tuple[float, ...]]:
-    """The setting's one or two numbers, each for every member."""
+    """The one or two numbers of a setting, each for all members."""
     return list(zip(*(ramp.values(end, steps) for end in ends), strict=True))
 
 
 def _memory(values: Sequence[float], each: int, dtype: Any, device: Any) -> Any:
-    """An array with the members' values for their environments, or without axes for one value."""
+    """Array with the values of the members for their environments, or without axes for one value."""
     column = np.repeat(values, each) if len(values) > 1 else np.asarray(values[0])
     if isinstance(dtype, type):
         return column.astype(dtype)
@@ -192,7 +201,7 @@ def _numbers(value: Range) -> tuple[float, ...]:
 
 
 def _numbers_of(task: Task) -> dict[str, Range]:
-    """Every number and range among the settings, by name; those of tasks within after a dot."""
+    """Numbers and ranges of a task's settings by name; those of inner tasks have dotted names."""
     result: dict[str, Any] = {}
 
     def note(name: str, number: float) -> float:
@@ -208,5 +217,5 @@ def _numbers_of(task: Task) -> dict[str, Range]:
 
 
 def _places(setting: str, known: dict[str, Range]) -> list[str]:
-    """Names of the setting's one or two numbers, as `map_settings` gives them."""
+    """Names of the one or two numbers of a setting in `map_settings`."""
     return [f"{setting}.{i}" for i in (0, 1)] if isinstance(known[setting], tuple) else [setting]

@@ -1,9 +1,8 @@
-"""Episodes that begin where the agent fails: along flights of its deterministic commands that did not succeed.
+"""Training episodes that begin at states of failed flights of the agent.
 
-A training tries commands at random, and judges them within its own episodes; what only the deterministic ones
-do, such as a cycle of two steps at rest, or late in a flight, it hardly ever sees. So from time to time
-very many flights are flown as they will be judged, and for those that fail the states on their way become
-starts, of a share of the environments.
+Training explores with random actions and in its own episodes. Failures of the deterministic action alone, such as a
+limit cycle of two steps at rest, or late in a flight, are rare there. Therefore very many evaluation flights are
+run from time to time, and states along the failed ones become starts in a share of the environments.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from rans.policy.network import Network
 from rans.scenario import FAILURES_SEED
 
 _FOLLOWED = 1024
-"""Failed flights of a search that are flown again to see where they went; the first ones."""
+"""Largest number of failed flights of a search that are repeated for their states: the first ones."""
 _KEPT = 2**18
-"""Starts of a member, the newest."""
+"""Largest number of stored starts of a member: the newest ones."""
 
 
 class FailedStarts:
-    """Of K members that learn together; of configs whose ``failures`` have no share, nothing at all.
+    """Starts at states of failed flights for K members that train together; none if ``failures.share`` is 0.
 
-    Every process of a training finds the same starts, by itself.
+    Every process of a training computes the same starts.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], engine: Engine, learner: Learner) -> None:
@@ -45,16 +44,16 @@ class FailedStarts:
         self._starts = [list[Tensor]() for _ in configs]
         self._generator = torch.Generator().manual_seed(configs[0].seed)
         self.log: list[dict[str, float]] = [{} for _ in configs]
-        """For the log, what the last search found about each member."""
-        # So many rollouts last at least as long as an episode.
+        """Share of failed flights of each member in the last search, for the log."""
+        # This number of rollouts is at least as long as an episode.
         self._rollouts = -(-engine.timing.episode_steps // learner.n_steps)
         self._each = engine.num_envs // len(configs)
         self._shared = int(first.share * self._each)
 
     def begin(self, steps: int) -> None:
-        """Before the rollout after so many environment steps: search for failures where due, begin episodes.
+        """Search for failures if due, and begin episodes; called before the rollout at ``steps`` environment steps.
 
-        They begin in turns, each in an environment whose last one of them is over.
+        The environments take turns, such that their last such episode is over.
         """
         if not self._shared:
             return
@@ -79,13 +78,13 @@ class FailedStarts:
             memory[rows] = 0.0
 
     def _next_search(self) -> float:
-        """Environment steps after which it is due."""
+        """Environment steps after which the next search is due."""
         begin = self._settings.begin
         share = begin + (1.0 - begin) * self._searches / self._settings.searches
         return share * self._configs[0].total_timesteps
 
     def _search(self) -> None:
-        """Fly every member, and keep where those flights went that failed."""
+        """Fly every member, and store the states of failed flights."""
         network = self._learner.network
         first = self._searches * self._settings.flights
         count = self._settings.flights
@@ -111,7 +110,7 @@ class FailedStarts:
         self._searches += 1
 
     def _followed(self, flights: Flights, numbers: np.ndarray) -> list[Tensor]:
-        """Episodes as `begin_as` takes them, of every step of these flights that the task goes on after."""
+        """Episodes for `begin_as`, at every step of these flights before their end."""
         engine = self._engine
         arrived = list[list[Tensor]]()
         going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
@@ -124,7 +123,7 @@ class FailedStarts:
         return [torch.cat(column) for column in zip(*arrived, strict=True)]
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on."""
+        """State, for `load`."""
         return {
             "searches": self._searches,
             "starts": self._starts,
@@ -133,7 +132,7 @@ class FailedStarts:
         }
 
     def load(self, saved: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Continue from the result of `state`."""
         self._searches = saved["searches" if "searches" in saved else "looks"]
         self._starts = saved["starts"]
         self.log = saved["found"]

@@ -1,4 +1,4 @@
-"""PPO for Python: train on an engine of your own, predict, save and load."""
+"""Python interface of PPO: train on your own engine, predict, save and load."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
 
 class PPO:
-    """The trainer behind `rans train`, on an engine of your own.
+    """Proximal policy optimisation on an engine of your own, with the interface of Stable-Baselines3.
 
     >>> engine = rans.Engine("floating-platform", "go-to-pose", num_envs=64)
     >>> rans.PPO(engine, n_steps=16).learn(2048)
     <PPO on <Engine: 64 x floating-platform, GoToPose, on cpu>: 2,048 steps>
 
-    What it saves opens with ``stable_baselines3.PPO.load``. Its update equals SB3's on the same minibatch;
-    minibatches are whole environments, unshuffled.
+    Saved agents open with ``stable_baselines3.PPO.load``. An update equals that of SB3 on the same minibatch;
+    minibatches are whole environments, without shuffling.
 
     Args:
-        env: the engine, or the `SB3VecEnv` around it; its environments are ``n_envs``.
-        seed: of weights and actions.
-        threads: torch's on a CPU, for the whole process; None leaves them as they are. One is nearly as
-            fast as two for small networks, and many times faster when anything else runs.
-        plain: whether everything is computed as it is written, with autograd's gradients, so that a breakpoint
-            stops (docs/plain.md); None: if the engine is plain.
-        **settings: of `PPOSettings`, except ``n_envs``; by default a minibatch is a quarter of a rollout.
+        env: engine, or the `SB3VecEnv` around it, which determines ``n_envs``.
+        seed: seed of weights and actions.
+        threads: number of threads of torch on a CPU, for the whole process; None: unchanged. One is nearly as fast
+            as two for small networks, and many times faster beside other programs.
+        plain: whether everything is computed by single operations of torch and gradients by autograd, so that
+            breakpoints work (docs/plain.md); None: as the engine.
+        **settings: fields of `PPOSettings` except ``n_envs``; by default a minibatch is a quarter of a rollout.
 
     Raises:
-        ConfigError: the environment is of another kind, or a setting is unknown or out of its range.
+        ConfigError: the environment is of another class, or a setting is unknown or out of its range.
     """
 
     def __init__(
@@ -57,10 +57,10 @@ class PPO:
         if threads is not None:
             torch.set_num_threads(whole("threads", threads))
         if unknown := settings.keys() - _KNOWN:
-            said = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
+            names = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
             raise ConfigError(
-                f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
-                "are known, except n_envs, which the engine decides."
+                f"rans.PPO has no setting {names}; it has those of rans.fast.learn.config.PPOSettings "
+                "except n_envs, which the engine determines."
             )
         count = self.engine.num_envs * self.engine.processes.size
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
@@ -69,18 +69,23 @@ class PPO:
         self.learner = begin(self.engine, [self.settings], [seed], plain)
         self.num_timesteps = 0
         self.network = self.learner.network
-        """Actor and critic."""
+        """Network of actor and critic."""
         self.log: dict[str, float] = {}
-        """What the last iteration said, by SB3's names."""
+        """Statistics of the last iteration, by the names of SB3."""
 
     def __repr__(self) -> str:
         return f"<PPO on {self.engine!r}: {self.num_timesteps:,} steps>"
 
     def learn(self, total_timesteps: int, report: Callable[[PPO], object] = lambda _: None) -> PPO:
-        """Learn from so many more environment steps, rounded up to whole rollouts.
+        """Train for further environment steps, rounded up to whole rollouts.
 
-        After every iteration ``report`` is called; `log` and `num_timesteps` say how it went. NonFiniteState
-        where a value became NaN or infinite, ConfigError where ``total_timesteps`` is no number.
+        Args:
+            total_timesteps: number of further environment steps.
+            report: called after every iteration with this object; see `log` and `num_timesteps`.
+
+        Raises:
+            NonFiniteState: a value became NaN or infinite.
+            ConfigError: ``total_timesteps`` is not a number >= 0.
         """
         if not fits(total_timesteps, lambda x: x >= 0):
             raise ConfigError(
@@ -90,9 +95,9 @@ class PPO:
         rollout = self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
-            (said,) = self.learner.learn().tolist()
+            (values,) = self.learner.learn().tolist()
             self.num_timesteps += rollout
-            self.log = statistics(said, self.learner, self.num_timesteps, rollout)
+            self.log = statistics(values, self.learner, self.num_timesteps, rollout)
             report(self)
         return self
 
@@ -103,28 +108,35 @@ class PPO:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-        """Commands (N, thrusters) for observations (N, width), and the network's memory; as SB3's."""
+        """Commands (N, commands) for observations (N, width), and the memory of the network, as in SB3."""
         return predict(self.network, observation, state, episode_start, deterministic)
 
     def save(self, file: str | Path) -> None:
-        """Write ``policy.zip``; ConfigError where the disk refuses."""
+        """Write the agent as a ``policy.zip``.
+
+        Raises:
+            ConfigError: the file cannot be written.
+        """
         write_learner(Path(file), self.learner, self.settings, self.num_timesteps)
 
     @classmethod
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
-        """Go on with an agent that `rans train` or `save` wrote, on an engine for its spacecraft.
+        """Continue the training of an agent from `rans train` or `save`, on an engine for its spacecraft.
 
-        Settings are as in the constructor, where they are others than it was trained with.
+        Args:
+            file: ``policy.zip`` of the agent.
+            env: engine, or the `SB3VecEnv` around it.
+            **settings: fields of `PPOSettings` that differ from those of its training.
 
         Raises:
-            ConfigError: the file is damaged, not for this engine, or holds no critic to go on with.
+            ConfigError: the file is damaged, not for this engine, or has no critic.
         """
         engine = _engine_of(env)
         saved = read_policy(Path(file))
         if not saved.has_critic:
             raise ConfigError(
-                f"{file} is an agent without its critic, as one ships, so that PPO cannot go on with "
-                "it: train it anew from its recipe or config.json, or load the policy.zip of a run "
+                f"{file} is an agent without its critic, so that PPO cannot continue its training: "
+                "train it again from its recipe or config.json, or load the policy.zip of a run "
                 "folder."
             )
         count = engine.num_envs

@@ -1,6 +1,6 @@
-"""Gradients of PPO's losses without autograd, where a GPU multiplies in bfloat16 (decision 020).
+"""Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (decision 020).
 
-In one kernel, forward and backward, or for wider networks in products of matrices.
+They are computed in one kernel, forward and backward, or for wider networks in matrix products.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ from rans.policy.network import Network
 
 
 class GradientBackend(Protocol):
-    """Makes gradients of one member's minibatches, into the row of its `Adam`."""
+    """Computes gradients of minibatches of one member, written into its `Adam.gradient`."""
 
     description: ClassVar[str]
-    """In which they are made."""
+    """Description of the computation for the log."""
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
     ) -> Tensor:
-        """What the trunks are given (N, inputs) of columns (N, k), a history and what the critic is told."""
+        """Inputs of the trunks (N, inputs) from columns (N, k), a history and privileged observations."""
         ...
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """The loss of a minibatch, whose memory are `inputs`, and its `STATISTICS`, each (1,)."""
+        """Loss and `STATISTICS`, (1,) each, of a minibatch whose memory are the `inputs`."""
         ...
 
 
 class FusedGradient(ABC):
-    """Gradients of one member's minibatches, into the row of its `Adam`, without waiting for the device.
+    """Gradients of minibatches of one member on a GPU, written into its `Adam.gradient` without synchronisation.
 
     Args:
-        design: of the network.
-        network: of one member.
-        adam: whose `row` and `gradient` never move.
-        coefficients: of the losses.
+        design: layout of the computation for the network.
+        network: network of one member.
+        adam: optimizer, whose `row` and `gradient` keep their addresses.
+        coefficients: coefficients of the losses.
     """
 
     description: ClassVar[str]
-    """In which they are made."""
+    """Description of the computation for the log."""
 
     def __init__(
         self, design: UpdateDesign, network: Network, adam: Adam, coefficients: Coefficients
@@ -82,7 +82,7 @@ class FusedGradient(ABC):
             zero,
         )
         head = Places(*(x.T for x in places["head"]))
-        # The heads' once more, for what rounding leaves of them.
+        # The weights of the heads twice: rounded, and the remainder.
         matrices = [
             [functional.pad(x, (0, PAD), value=zero).flatten() for x in pair]
             for pair in (places["first"], places["second"], head, head)
@@ -93,7 +93,7 @@ class FusedGradient(ABC):
         )
         self._is_rest = _last(self._weights[0], len(matrices[-1][0]))
         self._is_constant = _last(self._biases[0], design.heads)
-        # Where each weight's gradient is among the sums, and its sign; idle ones end beyond.
+        # Index of each weight's gradient among the sums, and its sign; unused ones are at the end.
         self._source = torch.zeros(zero + 1, dtype=torch.int64, device=self._device)
         self._sign = adam.row.new_zeros(zero + 1)
         for pair, sign in zip(zip(*places.values(), strict=True), (1.0, -1.0), strict=True):
@@ -110,7 +110,7 @@ class FusedGradient(ABC):
     def made(
         network: Network, adam: Adam, coefficients: Coefficients, samples: int
     ) -> GradientBackend | None:
-        """Of the fastest kind there is for a network and minibatches of so many samples; None: autograd."""
+        """Fastest backend for a network and minibatches of ``samples`` transitions; None: autograd."""
         row = adam.row
         arguments = (network, adam, coefficients)
         if row.device.type == "cpu":
@@ -142,9 +142,9 @@ class FusedGradient(ABC):
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
     ) -> Tensor:
-        """What both trunks are given (N, inputs) of columns (N, k), a history and what the critic is told.
+        """Inputs of both trunks (N, inputs) from columns (N, k), a history and privileged observations.
 
-        It is the same in every epoch.
+        They are the same in every epoch.
         """
         x = self._network.inputs(seen, memory)
         x = x if privileged is None else torch.cat((x, privileged), dim=1)
@@ -153,7 +153,7 @@ class FusedGradient(ABC):
         return torch.cat((x, one.expand(len(x), -1), rest.expand(len(x), -1)), dim=1).bfloat16()
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """The loss of a minibatch, whose memory are `inputs`, and its `STATISTICS`, each (1,)."""
+        """Loss and `STATISTICS`, (1,) each, of a minibatch whose memory are the `inputs`."""
         assert part.memory is not None
         gradient, statistics = self._gather(
             self._sums(*self._pack(), part.memory, part), len(part.memory)
@@ -165,18 +165,19 @@ class FusedGradient(ABC):
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
         """Gradients and statistics of parts of a minibatch, (parts, `UpdateDesign.size`).
 
-        Weights are as `UpdateDesign.matrices` finds them; biases, float32, the second layer's and the heads'.
+        Weights are in the layout of `UpdateDesign.matrices`; biases, float32, are those of the second layer and of
+        the heads.
         """
 
     def _packed(self) -> tuple[Tensor, Tensor]:
-        """Weights, and biases with those of the hidden layer as torch's products of bfloat16 round them."""
+        """Packed weights and biases; those of the hidden layer are rounded as torch's bfloat16 products do."""
         row = torch.cat((self._adam.row[0], self._zero))
         weights, biases = (row[plus] - row[minus] for plus, minus in (self._weights, self._biases))
         rest = torch.where(self._is_rest, weights - _rounded(weights), weights)
         return rest.bfloat16(), torch.where(self._is_constant, biases, _rounded(biases))
 
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """The gradient, (1, P), and the loss with its statistics."""
+        """Gradient (1, P), and the loss with its statistics."""
         means = sums.sum(dim=0) / count
         coefficients = self._coefficients
         surrogate, value, entropy, *rest = means[
@@ -189,7 +190,7 @@ class FusedGradient(ABC):
 
 
 class UpdateKernel(FusedGradient):
-    """All in one kernel, where a block of so many bytes of ``shared`` memory has room (`KernelDesign`)."""
+    """Gradient backend in one kernel, which needs its design to fit the ``shared`` memory of a block, bytes."""
 
     description: ClassVar[str] = "one kernel"
     design: KernelDesign
@@ -201,12 +202,12 @@ class UpdateKernel(FusedGradient):
 
     @cached_property
     def blocks(self) -> int:
-        """As many as there are multiprocessors."""
+        """Number of blocks: one per multiprocessor."""
         return torch.cuda.get_device_properties(self._device).multi_processor_count
 
     @cached_property
     def function(self) -> Function:
-        """The compiled kernel; errors are those of `Function`."""
+        """Compiled kernel; raises the errors of `Function`."""
         with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
             return Function(
                 self.design.source(),
@@ -241,14 +242,14 @@ class UpdateKernel(FusedGradient):
 
 
 class MatrixGradient(FusedGradient):
-    """In products of matrices, for networks that one kernel has no place for, or with two trunks."""
+    """Gradient backend in matrix products, for networks that do not fit one kernel or have two trunks."""
 
     description: ClassVar[str] = "products of matrices"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
         self._activation = network.architecture.activation_module()
-        # Two trunks' lie beside each other, which takes no longer where it is compiled.
+        # Two trunks are concatenated, which costs no time if compiled.
         self._second = (
             self._activation if self.design.trunks == 1 else fused(self._beside, self._device)
         )
@@ -261,7 +262,7 @@ class MatrixGradient(FusedGradient):
         design = self.design
         first, second, head, rest = design.matrices(weights)
         bias, constant = biases.tensor_split([len(second)])
-        # Forward, a trunk beside the other; outputs are sums of both parts of the heads' weights.
+        # Forward, both trunks side by side; outputs are sums over both parts of the heads' weights.
         one = self._activation(x @ first.T)
         ones = one.chunk(design.trunks, dim=1)
         seconds = second.chunk(design.trunks)
@@ -292,7 +293,7 @@ class MatrixGradient(FusedGradient):
         return self._activation(torch.cat(parts, dim=1))
 
     def _before(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradients before activations from those after them, and their sums over the samples."""
+        """Gradients before activations, from those after them, and their sums over the samples."""
         y = value.float()
         after = torch.cat(gradients, dim=1).float()
         kind = self._network.architecture.activation
@@ -315,7 +316,7 @@ class MatrixGradient(FusedGradient):
         advantage: Tensor,
         target: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """The outputs' gradients, their sums, and the statistics' (`rans.fast.learn.ppo.losses`)."""
+        """Gradients of the outputs, their sums, and sums of the statistics (`rans.fast.learn.ppo.losses`)."""
         coefficients = self._coefficients
         thrusters = action.shape[1]
         result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + constant
@@ -327,7 +328,7 @@ class MatrixGradient(FusedGradient):
         clipped = advantage * torch.minimum(
             torch.maximum(ratio, 1 - coefficients.clip_range), 1 + coefficients.clip_range
         )
-        # No gain where the ratio has left its range in the direction of the gain.
+        # The gradient is zero where the ratio has left its range in the direction of the advantage.
         slope = torch.where(gain <= clipped, -gain, 0.0)[:, None]
         opening = torch.sigmoid(policy.logit)
         d_logit = slope * (action - opening) + coefficients.ent_coef * policy.logit * opening * (
@@ -347,16 +348,16 @@ class MatrixGradient(FusedGradient):
 
 
 def _float32(a: Tensor, b: Tensor) -> Tensor:
-    """A product of bfloat16 whose sums are not rounded."""
+    """Matrix product of bfloat16 numbers with float32 sums."""
     return torch.mm(a, b, out_dtype=torch.float32) if a.is_cuda else a.float() @ b.float()
 
 
 def _rounded(x: Tensor) -> Tensor:
-    """To the nearest bfloat16, ties to even, but float32: torch's compiler drops conversions to and fro."""
+    """Float32 numbers rounded to the nearest bfloat16, ties to even; torch's compiler would drop conversions."""
     bits = x.view(torch.int32)
     return ((bits + 0x7FFF + (bits >> 16 & 1)) & ~0xFFFF).view(torch.float32)
 
 
 def _last(like: Tensor, count: int) -> Tensor:
-    """Which numbers are the last so many."""
+    """Mask of the last ``count`` numbers."""
     return torch.arange(len(like), device=like.device) >= len(like) - count

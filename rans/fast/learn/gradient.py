@@ -1,12 +1,12 @@
-"""Learning down the gradient of the return itself: through the network, the thrusters and the motion.
+"""Gradient learner: the gradient of the return through the network, the thrusters and the motion.
 
-Equations of motion, observations and rewards are smooth but for the ends of episodes, and torch knows the
+Equations of motion, observations and rewards are smooth except at the ends of episodes, and torch computes the
 gradient of every step (`rans.fast.engine.Engine.stepped`). An iteration flies every environment for T control
-periods and descends once through all of them; what comes after those, a critic tells. T periods are a short
-horizon, as in SHAC (Xu et al., "Accelerated policy learning with parallel differentiable simulation", 2022),
-or, where T is as long as an episode and all begin together, whole episodes.
+periods and takes one gradient step through all of them; a critic values the states after them. T is a short
+horizon, as in SHAC (Xu et al., "Accelerated policy learning with parallel differentiable simulation", 2022), or a
+whole episode.
 
-It needs thrusters that are throttled: whether a valve opens has no gradient.
+Thrusters must be throttled, because the opening of a valve has no gradient.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from rans.policy.network import Network
 
 
 class GradientLearner:
-    """K trainings down the gradient of their returns; a `rans.fast.learn.learner.Learner`.
+    """Learner of K members by the gradient of their returns; a `rans.fast.learn.learner.Learner`.
 
-    Per iteration: one step of the policy down the gradient of
+    In every iteration the policy takes one gradient step on
 
         -mean over environments of (sum over t of gamma^t r_t + gamma^T V(s_T)) / T
 
-    with V of the states in which time cut an episode off as well, and discounts that begin anew with every
-    episode; then ``n_epochs`` passes of a critic over the same steps, towards the targets of TD(lambda).
+    where truncated episodes also end with V, and discounts restart with every episode. Then the critic makes
+    ``n_epochs`` passes over the same steps, with TD(lambda) targets.
 
-    The critic is a network of its own, of the same architecture. It is no part of the agent, whose value head
-    learns nothing. V is the target network, a copy that follows the critic slowly.
+    The critic is a separate network of the same architecture and not part of the agent, whose value head is not
+    trained. V is the target network, a copy that follows the critic slowly.
 
     Args:
-        engine: a plain one, of a craft with throttled thrusters.
-        network: the agents; changed in place.
-        settings: one a member; ``n_steps`` is T, ``batch_size`` and ``n_epochs`` are of the critic.
-        generators: one a member, of the noise on commands.
-        own: what only this learner has, for all members.
+        engine: plain engine of a craft with throttled thrusters.
+        network: network of the agents, changed in place.
+        settings: one per member; ``n_steps`` is T, ``batch_size`` and ``n_epochs`` are those of the critic.
+        generators: random generators of the noise on commands, one per member.
+        own: further hyper-parameters of this learner, for all members.
 
     Raises:
         ConfigError: thrusters are not throttled, the engine is not plain, or the network is recurrent.
@@ -91,20 +91,20 @@ class GradientLearner:
         )
 
     def _copy(self) -> Network:
-        """A network with the weights that the agents have now."""
+        """Copy of the network with its present weights."""
         network = self.network
         tensors = {name: x.detach().clone() for name, x in network.tensors.items()}
         return Network(network.architecture, tensors, network.members)
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the step sizes towards zero where less than ``anneal`` of all steps remains."""
+        """Reduce the step sizes towards zero while less than ``anneal`` of all steps remains."""
         coefficients = self.coefficients
         share = (remaining / coefficients.anneal.clamp(min=1e-9)).clamp(max=1.0)
         self.adam.rate.copy_(coefficients.learning_rate * share)
         self._critic_adam.rate.copy_(self._own.critic_learning_rate * share)
 
     def learn(self) -> Tensor:
-        """One iteration, see `rans.fast.learn.learner.Learner.learn`."""
+        """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
         loss = self.loss()
         norm = self.adam.descend(loss.sum(), self.coefficients.max_grad_norm, self.processes)
         value_loss, critic_norm = self._fit()
@@ -118,9 +118,9 @@ class GradientLearner:
     # The policy: T control periods, with their gradient.
 
     def loss(self) -> Tensor:
-        """Fly every environment for T control periods: minus the members' mean returns over T, (K,).
+        """Fly every environment for T control periods; returns minus the mean return over T of each member, (K,).
 
-        The engine's episodes go on from where this ends, and the rollout remembers the steps.
+        The episodes of the engine continue from the end, and the rollout stores the steps.
         """
         engine = self.engine
         network = self.network
@@ -132,10 +132,10 @@ class GradientLearner:
         episode = engine.running()
         observation = engine.observe()
         memory = None if rollout.memory is None else rollout.memory.clone()
-        # What was gained, and what the next reward counts, per environment.
+        # Return so far, and discount of the next reward, per environment.
         gained = torch.zeros_like(rollout.all.reward[0])
         weight = torch.ones_like(gained)
-        # Where time cut an episode off: what was seen then, and what its value counts.
+        # Last truncated episode of each environment: its final observation, and the discount of its value.
         cut = rollout.cut.clone()
         cut_memory = None if memory is None else memory.clone()
         cut_weight = torch.zeros_like(gained)
@@ -145,7 +145,7 @@ class GradientLearner:
             action, command = output.policy.differentiable(uniform)
             after = network.next_state(columns, memory, command, output)
             step, episode = engine.stepped(episode, engine.commands(command))
-            # What is passed back from one period to the one before is bounded.
+            # Bound the gradients that are passed back to the period before.
             episode = replace(episode, state=map_leaves(self._bounded, episode.state))
             step = step._replace(observation=self._bounded(step.observation))
             with torch.no_grad():
@@ -162,7 +162,7 @@ class GradientLearner:
                 memory = torch.where(ended, 0.0, after)
             weight = torch.where(ended[:, 0], 1.0, weight)
             observation = step.observation
-        # What comes after: of the states in which episodes were cut off, and of the last ones.
+        # Values of the states in which episodes were truncated, and of the last states.
         beside = rollout.beside
         privileged = self._privileged(episode)
         values = self._target.evaluate(
@@ -191,7 +191,7 @@ class GradientLearner:
     # The critic: the same steps, without the motion's gradient.
 
     def _fit(self) -> tuple[Tensor, Tensor]:
-        """Means of the critic's loss and of its gradient's norm, (K,) each."""
+        """Train the critic; returns means of its loss and of the norm of its gradient, (K,) each."""
         batch = self._targets()
         parts = minibatches(batch, self.members, self._minibatches)
         results = []
@@ -211,7 +211,7 @@ class GradientLearner:
 
     @torch.no_grad()
     def _targets(self) -> Batch:
-        """The rollout with what V should have been in it, (T, N, ...) each."""
+        """Rollout with the value targets, (T, N, ...) each."""
         rollout = self.rollout
         kept = rollout.all
         shape = kept.reward.shape
@@ -228,7 +228,7 @@ class GradientLearner:
             kept.privileged,
             None,
         )
-        # One minibatch is all steps, one member's after the other's, as networks want them.
+        # One minibatch of all steps, member by member, as networks expect them.
         (whole,) = minibatches(batch, self.members, 1)
         value = self._target.evaluate_seen(whole.columns, whole.memory, whole.privileged).value
         value = value.view(self.members, shape[0], -1).transpose(0, 1).flatten(1)
@@ -253,7 +253,7 @@ class GradientLearner:
 
     @torch.no_grad()
     def _move_target(self) -> None:
-        """V takes a share of the critic's weights, and all of what it knows of its inputs."""
+        """Move the target network towards the critic (Polyak averaging), with its input statistics copied."""
         learnt = {*self.critic.learnt}
         for name, tensor in self.critic.tensors.items():
             self._target.tensors[name].lerp_(
@@ -261,7 +261,7 @@ class GradientLearner:
             )
 
     def state(self) -> dict[str, Any]:
-        """See `rans.fast.learn.learner.Learner`."""
+        """State of the learner without the episodes of the engine; all processes must call it."""
         memory = self.rollout.memory
         return {
             "weights": _weights(self.network),
@@ -275,7 +275,7 @@ class GradientLearner:
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
-        """See `rans.fast.learn.learner.Learner`."""
+        """Continue from the result of `state`."""
         networks = {"weights": self.network, "critic": self.critic, "target": self._target}
         for key, network in networks.items():
             for name, tensor in network.tensors.items():
@@ -293,7 +293,7 @@ def _weights(network: Network) -> dict[str, Tensor]:
 
 
 def _check(engine: Engine, network: Network) -> None:
-    """Refuse (`ConfigError`) what has no gradient."""
+    """Reject (`ConfigError`) engines and networks without the gradients that the learner needs."""
     actuators = engine.craft.actuators
     if not actuators.has_gradient:
         raise ConfigError(
@@ -305,5 +305,5 @@ def _check(engine: Engine, network: Network) -> None:
         raise ConfigError("the algorithm 'gradient' learns on a plain engine only.")
     if network.architecture.units:
         raise ConfigError(
-            "the algorithm 'gradient' knows no recurrent memory; use memory 'history' or 'commands'."
+            "the algorithm 'gradient' does not support recurrent memory; use memory 'history' or 'commands'."
         )

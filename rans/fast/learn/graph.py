@@ -1,4 +1,4 @@
-"""On a GPU: functions recorded once to be replayed without Python, and compiled where that pays."""
+"""CUDA graphs and compilation of functions on a GPU."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _compiles = True
 
 @contextmanager
 def as_written() -> Iterator[None]:
-    """Within it what is `fused` runs operation by operation, in the whole process.
+    """Context in which `fused` functions are not compiled, in the whole process.
 
-    A training of seconds is over before torch's compilers are imported (docs/speed.md).
+    A training of seconds ends before torch's compilers are imported (docs/speed.md).
     """
     global _compiles
     before = _compiles
@@ -33,22 +33,22 @@ def as_written() -> Iterator[None]:
 
 
 def fused(function: Callable[P, R], device: torch.device, plain: bool = False) -> Callable[P, R]:
-    """Compile a function for a GPU; return it as it is if ``plain``, and on a CPU: there compiling takes longer."""
+    """Function that is compiled on a GPU; the function itself if ``plain`` or on a CPU, where it does not pay."""
     return function if plain or device.type != "cuda" else _Fused(function)
 
 
 def graphed(
     function: Callable[[], Tensor], device: torch.device, plain: bool = False
 ) -> Callable[[], Tensor]:
-    """Replay a function from a CUDA graph after one or two calls; return it as it is if plain, and on a CPU.
+    """Function that is replayed from a CUDA graph after one or two calls; itself if ``plain`` or on a CPU.
 
-    It works on memory of the device that never moves, and without waiting for the device.
+    It must use device memory at constant addresses, and not synchronise with the device.
     """
     return function if plain or device.type != "cuda" else _Graphed(function)
 
 
 class _Fused(Generic[P, R]):
-    """Compiled when it is first called outside of `as_written`."""
+    """Function that is compiled at its first call outside of `as_written`."""
 
     def __init__(self, function: Callable[P, R]) -> None:
         self._function: Callable[P, R] = function
@@ -63,7 +63,7 @@ class _Fused(Generic[P, R]):
 
 
 class _Graphed:
-    """The first calls compile or load kernels, which a graph cannot record; they count as real calls."""
+    """Function that is recorded after its first calls, which compile or load kernels and are executed normally."""
 
     def __init__(self, function: Callable[[], Tensor]) -> None:
         self._function = function
@@ -72,7 +72,7 @@ class _Graphed:
         self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
 
     def __call__(self) -> Tensor:
-        if self._compiles != _compiles:  # what was recorded are other kernels
+        if self._compiles != _compiles:  # the recorded kernels are other ones
             self._calls = 0
             self._recorded = None
             self._compiles = _compiles
@@ -97,15 +97,15 @@ class _Graphed:
 
 
 def calls_until_recorded() -> int:
-    """Ordinary calls of a `graphed` function: the compiler takes two, the second finds other strides."""
+    """Number of eager calls of a `graphed` function: two with compilation, because the second has other strides."""
     return 2 if _compiles else 1
 
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Within it Python destroys no graph of an earlier training, which would break one being recorded.
+    """Context without garbage collection, which could destroy an earlier graph and break one being recorded.
 
-    Since version 2.9 torch does not see to that (github.com/pytorch/pytorch/pull/161037).
+    torch does not prevent this since version 2.9 (github.com/pytorch/pytorch/pull/161037).
     """
     was_on = gc.isenabled()
     gc.disable()

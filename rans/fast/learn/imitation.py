@@ -1,12 +1,12 @@
-"""Learning from an expert: what it commands in the states that the agent itself comes to.
+"""Imitation learning (DAgger): commands of an expert in states that the agent reaches.
 
 Source: S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret
-online learning", AISTATS 2011 (DAgger). In every iteration the agent flies the beginning of each episode, for a
-number of control periods that is drawn, and the expert flies on from there. The expert's commands join those of all
-iterations before, and the agent is made to find them as likely as it can.
+online learning", AISTATS 2011. In every iteration the agent flies the start of each episode for a random number of
+control periods, and the expert continues from there. The commands of the expert are added to those of all earlier
+iterations, and their likelihood under the policy is maximised.
 
-An expert that solves a program for every plan solves about one an episode, because it flies its own plan from
-where the agent has left it.
+An expert that solves an optimisation problem for every plan solves about one per episode, because it follows its
+own plan from the state that the agent has reached.
 """
 
 from __future__ import annotations
@@ -29,32 +29,33 @@ from rans.model.fields import map_leaves
 from rans.policy.network import Network
 
 _LEAST_LOG_STD = -6.0
-"""Of commands, as fractions of their ranges: likelihood has no bound where an expert's commands are met exactly."""
+"""Least logarithm of the standard deviation of commands as fractions of their ranges, which bounds the likelihood
+of exactly matched commands."""
 _BEYOND = 1e-9
-"""Commands this close to their least are exactly it, so that a gate is shut where an expert's solver rounds."""
+"""Outputs below this are set to 0, so that a gate is shut despite rounding of the expert's solver."""
 
 
 class ImitationLearner:
-    """One training on an expert's commands; a `rans.fast.learn.learner.Learner`.
+    """Learner of one member by imitation of an expert; a `rans.fast.learn.learner.Learner`.
 
-    Per iteration every environment begins a new episode, flies it by the agent's random actions for 0 to
-    ``roll_in`` of an episode, then for ``n_steps`` control periods by the expert. Then the loss
+    In every iteration all environments begin new episodes. They fly by random actions of the agent for 0 to
+    ``roll_in`` of an episode, then by the expert for ``n_steps`` control periods. Then ``updates`` gradient steps,
+    each on ``batch_size`` labels drawn at random, reduce the loss
 
         mean over all labels so far of (-log p(expert's command) + vf_coef (V - return)^2)
 
-    is descended ``updates`` times, on ``batch_size`` labels drawn anew each time. The value is that of the expert's
-    flights, for a training by PPO that begins from the agent.
+    The value is that of the expert's flights, for a later training by PPO from this agent.
 
     Args:
-        engine: on a CPU, where experts compute.
-        network: the agent; changed in place.
-        settings: of one member; ``n_steps`` is how long the expert flies.
-        generators: of one member.
-        own: what only this learner has.
-        expert: who is imitated.
+        engine: engine on a CPU, where experts run.
+        network: network of the agent, changed in place.
+        settings: settings of one member; ``n_steps`` is the duration of the expert's flights.
+        generators: random generator of one member.
+        own: further hyper-parameters of this learner.
+        expert: controller to imitate.
 
     Raises:
-        ConfigError: several members, a GPU, or a network with a memory.
+        ConfigError: there are several members, the device is a GPU, or the network has a memory.
     """
 
     statistics = ("loss", "value_loss", "labels", "std", "grad_norm")
@@ -87,17 +88,17 @@ class ImitationLearner:
 
     @property
     def description(self) -> str:
-        """Who is imitated."""
+        """Name of the expert, for the log."""
         return f"imitation of {self._expert.name}"
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the step size towards zero where less than ``anneal`` of all steps remains."""
+        """Reduce the step size towards zero while less than ``anneal`` of all steps remains."""
         coefficients = self.coefficients
         share = (remaining / coefficients.anneal.clamp(min=1e-9)).clamp(max=1.0)
         self.adam.rate.copy_(coefficients.learning_rate * share)
 
     def learn(self) -> Tensor:
-        """One iteration, see `rans.fast.learn.learner.Learner.learn`."""
+        """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
         self.engine.reset()
         if len(self._outputs):
             self._roll_in()
@@ -110,7 +111,7 @@ class ImitationLearner:
 
     @torch.no_grad()
     def _roll_in(self) -> None:
-        """The agent's random actions, in every environment for as many periods as are drawn for it."""
+        """Fly by random actions of the agent, in every environment for a random number of periods."""
         engine = self.engine
         longest = round(self._own.roll_in * engine.timing.episode_steps)
         periods = torch.randint(0, longest + 1, (engine.num_envs,), generator=self._generator)
@@ -124,7 +125,7 @@ class ImitationLearner:
 
     @torch.no_grad()
     def _label(self) -> None:
-        """The expert's flights, whose commands and returns join those that are known."""
+        """Fly by the expert, and add its commands and returns to the labels."""
         engine = self.engine
         rollout = self.rollout
         rollout.begin()
@@ -148,13 +149,13 @@ class ImitationLearner:
         self._returns = torch.cat((self._returns, self._discounted().flatten()))
 
     def _outputs_of(self, commands: np.ndarray) -> Tensor:
-        """The network's outputs (N, n), 0 to 1, whose commands these are (`rans.effectors.commands`)."""
+        """Network outputs (N, n), 0 to 1, of these commands (inverse of `rans.effectors.commands.of_outputs`)."""
         coefficients = torch.as_tensor(commands, dtype=self.engine.dtype)
         outputs = ((coefficients - self._low) / self._range).clamp(0.0, 1.0)
         return torch.where(outputs < _BEYOND, 0.0, outputs)
 
     def _discounted(self) -> Tensor:
-        """Scaled returns (T, N) of the rollout, with the network's value of the last state after it."""
+        """Scaled discounted returns (T, N) of the rollout, continued with the network's value of the last state."""
         kept = self.rollout.all
         gamma = self.coefficients.gamma
         following = self.network.evaluate(self.engine.observe()).value
@@ -165,10 +166,10 @@ class ImitationLearner:
             returns[t] = following
         return returns
 
-    # Learn: the expert's commands should be the likeliest.
+    # Learn: maximise the likelihood of the expert's commands.
 
     def _fit(self) -> Tensor:
-        """Means over the updates: `statistics`, (5,)."""
+        """Gradient steps on all labels; returns means of the `statistics`, (5,)."""
         network = self.network
         results = []
         for _ in range(self._own.updates):
@@ -191,7 +192,7 @@ class ImitationLearner:
         return torch.stack((surprise, error, labels, spread, norm))
 
     def state(self) -> dict[str, Any]:
-        """See `rans.fast.learn.learner.Learner`."""
+        """State of the learner without the episodes of the engine."""
         return {
             "weights": {name: x.detach() for name, x in self.network.tensors.items()},
             "adam": self.adam.state(),
@@ -203,7 +204,7 @@ class ImitationLearner:
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
-        """See `rans.fast.learn.learner.Learner`."""
+        """Continue from the result of `state`."""
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
@@ -214,22 +215,24 @@ class ImitationLearner:
 
 
 def _numbers(x: Any) -> np.ndarray:
-    """A field as controllers take it."""
+    """NumPy float64 array of a field, for controllers."""
     return np.array(x, dtype=np.float64)
 
 
 def _check(engine: Engine, network: Network, members: int) -> None:
-    """Refuse (`ConfigError`) what experts cannot be imitated with."""
+    """Reject (`ConfigError`) engines and networks that imitation does not support."""
     if members > 1:
         raise ConfigError(
             "the algorithm 'imitation' trains one agent at a time: train other seeds one after the other."
         )
     if engine.device.type != "cpu":
         raise ConfigError(
-            "the algorithm 'imitation' learns on a CPU, where experts compute: train with --device cpu."
+            "the algorithm 'imitation' learns on a CPU, where experts run: train with --device cpu."
         )
     if network.architecture.memory:
-        raise ConfigError("the algorithm 'imitation' knows no memory: set ppo.memory to 'none'.")
+        raise ConfigError(
+            "the algorithm 'imitation' does not support memory: set ppo.memory to 'none'."
+        )
     if "log_std" not in network.tensors:
         raise ConfigError(
             f"the algorithm 'imitation' is for commands that are continuous, and those of {engine.craft.name} are "

@@ -1,4 +1,4 @@
-"""What a learner is to those who train with it: the trainer, sweeps, the search for failures, files."""
+"""Protocol of learners, which trainer, sweeps, the search for failures and agent files use."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from rans.policy.network import Network
 
 
 class Learner(Protocol):
-    """Changes a network's weights, K members' at once, from what its engine's environments give.
+    """Learning algorithm that updates the network of K members from the environments of an engine.
 
-    Each iteration flies every environment for ``n_steps`` control periods. How it learns from them, and in
-    how many steps down which gradient, is its own; everything else of a training is the trainer's
-    (`rans.fast.learn.trainer.Trainer`): curriculum, selection, checkpoints, the run folder, the log.
+    Each iteration flies every environment for ``n_steps`` control periods and updates the weights. Everything else
+    (curriculum, selection, checkpoints, run folder, log) is part of `rans.fast.learn.trainer.Trainer`.
     """
 
     engine: Engine
     network: Network
-    """The agents; changed in place."""
+    """Network of the agents, changed in place."""
     rollout: Rollout
-    """The last iteration's steps, and what the network remembers now of every environment."""
+    """Steps of the last iteration, and the present memory of the network for every environment."""
     adam: Adam
     """Optimizer of the agents' weights; saved with an agent."""
     n_steps: int
@@ -35,39 +34,38 @@ class Learner(Protocol):
 
     @property
     def statistics(self) -> tuple[str, ...]:
-        """Names of what an iteration reports, in the log after "train/"."""
+        """Names of the statistics of an iteration, in the log after "train/"."""
         ...
 
     @property
     def description(self) -> str:
-        """How gradients are computed, in words; empty: as usual."""
+        """Description of the gradient computation for the log; empty for autograd."""
         ...
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the step sizes where less than a settled share of all steps remains, a number of 1 to 0."""
+        """Reduce the step sizes at the end of training, where ``remaining`` is the share of steps left, 1 to 0."""
         ...
 
     def learn(self) -> Tensor:
-        """One iteration: fly, and learn from it.
+        """Run one iteration: fly, and update the weights.
 
         Returns:
-            A row a member, (K, columns): `statistics`; the step size from now on; how many episodes were cut
-            off by time, ended in all, and were cut off within the task's tolerances; mean reward of a step by
-            term.
+            One row per member, (K, columns): `statistics`; the new step size; numbers of failed episodes, of all
+            ended ones, and of those truncated within the task's tolerances; mean reward of a step by term.
         """
         ...
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on, but for the engine's episodes; all processes must ask."""
+        """State of the learner without the episodes of the engine; all processes must call it."""
         ...
 
     def load(self, saved: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Continue from the result of `state`."""
         ...
 
 
 class Making(Protocol):
-    """Makes a learner of weights that have learnt nothing."""
+    """Function that creates a learner from a network with initial weights."""
 
     def __call__(
         self,
@@ -76,5 +74,5 @@ class Making(Protocol):
         settings: Sequence[PPOSettings],
         generators: Sequence[torch.Generator],
     ) -> Learner:
-        """Settings and generators, of actions on a CPU, are one a member."""
+        """Create a learner; there is one of ``settings`` and of ``generators`` (actions on a CPU) per member."""
         ...

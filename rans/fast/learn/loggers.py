@@ -1,4 +1,4 @@
-"""Other people's places for metrics, if asked for; TensorBoard's scalars are always written."""
+"""Optional loggers of metrics: TensorBoard hyper-parameters, Weights & Biases, MLflow."""
 
 from __future__ import annotations
 
@@ -17,24 +17,28 @@ LoggerName = Literal["hparams", "wandb", "mlflow"]
 
 
 class Logger(Protocol):
-    """Takes rows of metrics."""
+    """Logger of rows of metrics."""
 
     def write(self, row: dict[str, Any]) -> None:
-        """One more, with its number of ``steps``."""
+        """Log a row, which has its number of ``steps``."""
 
     def close(self) -> None:
-        """There will be no more."""
+        """Finish the log."""
 
 
 def check(names: Sequence[LoggerName]) -> None:
-    """ConfigError where a library of these is not installed."""
+    """Reject (`ConfigError`) loggers whose library is not installed."""
     for name in names:
         if name != "hparams":
             _library(name)
 
 
 def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list[Logger]:
-    """Those of these names, told the config of a run folder; ConfigError where one cannot begin."""
+    """Start loggers by name, with the config of a run folder.
+
+    Raises:
+        ConfigError: a logger cannot be started.
+    """
     made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
     plain = (bool, int, float, str)  # lists become texts
     settings = {
@@ -44,8 +48,8 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     for name in dict.fromkeys(names):
         try:
             results.append(made[name](settings, run))
-        except Exception as error:  # other people's services raise anything
-            raise ConfigError(f"--log {name} cannot begin: {first_line(error)}.") from error
+        except Exception as error:  # services may raise anything
+            raise ConfigError(f"--log {name} cannot start: {first_line(error)}.") from error
     return results
 
 
@@ -71,7 +75,7 @@ class _Hparams:
 
 class _WandB:
     def __init__(self, settings: dict[str, Any], run: Path) -> None:
-        inside(run, "wandb")  # where it writes; links among its own files it makes itself
+        inside(run, "wandb")  # its folder; it creates links among its own files
         self._run = _library("wandb").init(
             project="rans", name=run.name, config=settings, dir=str(run)
         )

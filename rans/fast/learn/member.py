@@ -1,4 +1,4 @@
-"""Trainings that learn together: how they begin, and how each went."""
+"""Members that train together: creation of their learner, and their reports."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from rans.policy.symmetry import symmetries
 from rans.tasks.derived import example
 
 SOLVED_IN_A_ROW = 2
-"""Reports that must find the task solved: one alone may be the luckiest of many."""
+"""Number of successive reports with a solved task at which training ends; a single one may be chance."""
 
 
 def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
-    """The architecture that these settings ask for, for the task and spacecraft of an engine."""
+    """Network architecture of settings, for the task and spacecraft of an engine."""
     craft = engine.craft
     has_history = settings.memory in ("history", "commands")
     return Architecture(
@@ -91,10 +91,17 @@ def begin(
     plain: bool | None = None,
     make: Making | None = None,
 ) -> Learner:
-    """Members that have learnt nothing, on an engine whose episodes then began at random times.
+    """Create a learner with initial weights on an engine, and set its episodes to random times.
 
-    Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
-    fit the engine. By default they are plain if the engine is, and learn by PPO.
+    Args:
+        engine: engine.
+        settings: hyper-parameters, one per member.
+        seeds: seeds of weights, actions and times, one per member.
+        plain: whether to use single operations of torch only; None: as the engine.
+        make: creates the learner; None: PPO.
+
+    Raises:
+        ConfigError: the settings do not fit the engine.
     """
     plain = engine.plain if plain is None else plain
     for one in settings:
@@ -119,7 +126,7 @@ def begin(
 
 
 def _head(engine: Engine, settings: PPOSettings) -> str:
-    """Key of `rans.policy.heads.HEADS`; ConfigError where craft or task cannot follow it."""
+    """Key of `rans.policy.heads.HEADS`; ConfigError if the spacecraft or the task does not fit it."""
     craft = engine.craft
     wanted = settings.head
     if wanted == "guided":
@@ -146,19 +153,19 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
-    """Refuse, with a ConfigError, rollouts and minibatches that cannot be cut as the settings say."""
+    """Reject (`ConfigError`) sizes of rollouts and minibatches that do not divide."""
     steps = settings.n_steps
     batch = settings.batch_size
     processes = engine.processes
     if steps > engine.timing.episode_steps:
         raise ConfigError(
             f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
-            f"{steps}: an episode may be cut off once a rollout at most."
+            f"{steps}: an episode may be truncated at most once in a rollout."
         )
     if engine.num_envs * processes.size != settings.n_envs * members:
         raise ConfigError(
             f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
-            f"environments a member, got {settings.n_envs}."
+            f"environments per member, got {settings.n_envs}."
         )
     samples = settings.n_envs * steps
     if batch % steps or samples % batch:
@@ -170,7 +177,7 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 with this `Precision`, or a ConfigError; process-wide."""
+    """Set the `Precision` of float32 matrix products on a GPU for this process; ConfigError if it is unknown."""
     if matmul not in get_args(Precision):
         raise ConfigError(
             f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}."
@@ -181,22 +188,19 @@ def set_precision(matmul: str, device: torch.device) -> None:
 
 @dataclass
 class Member:
-    """One training among those that learn together, and how it went."""
+    """One training among those that train together, with its reports."""
 
     config: TrainConfig
     rows: list[dict[str, Any]] = field(default_factory=list)
-    """As in ``metrics.jsonl``, up to the report that found it solved."""
+    """Rows of ``metrics.jsonl``, until the task is solved."""
     weights: dict[str, Tensor] = field(default_factory=dict)
-    """Of the agent when it was solved, or when training ended (`Network.member`)."""
+    """Weights of the agent when its task was solved, or at the end (`Network.member`)."""
     in_a_row: int = 0
-    """Reports until now that found the task solved, without one between that did not."""
+    """Number of successive reports until now with a solved task."""
 
     @property
     def solved(self) -> bool:
-        """Whether enough reports in a row found the task solved, and that is asked for.
-
-        Who goes on with a solved agent strikes ``solved_share`` from its config.
-        """
+        """Whether enough successive reports have a solved task; False if ``solved_share`` is None."""
         return self.config.solved_share is not None and self.in_a_row >= SOLVED_IN_A_ROW
 
     @property
@@ -205,11 +209,11 @@ class Member:
         return not all(tensor.isfinite().all() for tensor in self.weights.values())
 
     def finds_solved(self, success: float) -> bool:
-        """Whether such a share of episodes is all that was asked for."""
+        """Whether a share of successful episodes counts as solved."""
         return self.config.solved_share is not None and success >= self.config.solved_share
 
     def note(self, row: dict[str, Any], solved: bool | None) -> None:
-        """Keep a report, and whether it found the task solved; None: it does not count."""
+        """Store a report, and whether its task is solved; None: it is not counted."""
         self.rows.append(row)
         if solved is not None:
             self.in_a_row = self.in_a_row + 1 if solved else 0
@@ -218,12 +222,20 @@ class Member:
 def statistics(
     numbers: Sequence[float], learner: Learner, steps: int, rollout: int, goes_on: bool = False
 ) -> dict[str, float]:
-    """A row that `Learner.learn` returned about a member, by the names that SB3 gives its log.
+    """Statistics of a member by the names of SB3's log, from a row of `Learner.learn`.
 
-    Length and return of an episode are those of the whole rollout, of so many steps, for each episode that
-    ended in it; SB3 takes the last hundred that ended.
+    Length and return of an episode are those of the whole rollout divided by the number of ended episodes; SB3 uses
+    the last hundred episodes.
 
-    NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
+    Args:
+        numbers: row of `Learner.learn`.
+        learner: learner.
+        steps: environment steps so far.
+        rollout: environment steps of the rollout.
+        goes_on: whether to accept numbers that are not finite.
+
+    Raises:
+        NonFiniteState: a number is NaN or infinite.
     """
     engine = learner.engine
     losses = dict(zip(learner.statistics, numbers, strict=False))

@@ -1,4 +1,4 @@
-"""A learner of one member as ``policy.zip``, from which Stable-Baselines3 and we go on."""
+"""Reading and writing of a learner of one member as ``policy.zip``, with which RANS and SB3 continue."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 
 _SETTLED = 1e12
-"""Observations that statistics count as made of, so that none of a training changes them."""
+"""Number of observations assigned to loaded statistics, so that training does not change them."""
 
 
 def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:
-    """Write its agent and Adam's memory after so many environment steps, see `write_policy`."""
+    """Write the agent of a learner and its Adam moments after ``steps`` environment steps, see `write_policy`."""
     network = learner.network
     adam = learner.adam
     write_policy(
@@ -39,14 +39,14 @@ def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: in
 
 @torch.no_grad()
 def adopt(learner: Learner, saved: SavedPolicy) -> None:
-    """Go on from a file; RuntimeError or KeyError where it is of another network."""
+    """Load weights and Adam moments into a learner; RuntimeError or KeyError if the network is another one."""
     for name, tensor in learner.network.tensors.items():
         tensor.copy_(saved.network.tensors[name])
     remember(learner.adam, saved.adam, saved.rate)
 
 
 def moments(adam: Adam, number: int) -> dict[Any, Any]:
-    """One member's memory as the state of torch's Adam."""
+    """Adam moments of one member, in the form of torch's Adam state."""
     lone = len(adam.rate) == 1
     steps = adam.steps.detach().cpu().float()
     first, second = (
@@ -60,7 +60,7 @@ def moments(adam: Adam, number: int) -> dict[Any, Any]:
 
 
 def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
-    """Go on, with one member, from what `moments` gave; without anything, with empty memory."""
+    """Load Adam moments from `moments` for a single member; without any, they stay zero."""
     adam.rate.fill_(rate)
     for place, kept in saved.items():
         for memory, name in zip(adam.moments, ("exp_avg", "exp_avg_sq"), strict=True):
@@ -70,31 +70,31 @@ def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
 
 @torch.no_grad()
 def begin_from(network: Network, agent: str) -> None:
-    """Give every member the weights of an agent, whose statistics of observations stay from now on.
+    """Set the weights of every member to those of an agent, and keep its observation statistics constant.
 
     Args:
-        network: changed in place.
+        network: network, changed in place.
         agent: run folder, or pretrained:NAME.
 
     Raises:
-        ConfigError: there is no such agent, or it is another network.
+        ConfigError: there is no such agent, or its network is another one.
     """
     kind, _, name = agent.partition(":")
     folder = pretrained_folder(name) if kind == "pretrained" else Path(agent)
     run = RunFolder(folder)
     if not run.agent_file.exists():
         raise ConfigError(
-            f"begin_from is {agent!r}, which holds no agent: name a run folder, or pretrained:NAME."
+            f"begin_from is {agent!r}, which has no agent: name a run folder, or pretrained:NAME."
         )
     saved = read_policy(run.agent_file).network
-    theirs = saved.architecture
-    ours = network.architecture
-    if theirs.layout != ours.layout or set(saved.tensors) != set(network.tensors):
+    loaded = saved.architecture
+    present = network.architecture
+    if loaded.layout != present.layout or set(saved.tensors) != set(network.tensors):
         raise ConfigError(
             f"begin_from is {agent!r}, whose network observes or commands something else than this training's; the "
             "usual cause is another task, spacecraft, head or memory."
         )
-    statistics = [EXTRACTOR + one for one in ours.statistics()]
+    statistics = [EXTRACTOR + one for one in present.statistics()]
     for key, tensor in network.tensors.items():
         values = saved.tensors[key]
         if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:

@@ -1,8 +1,8 @@
-"""Proximal policy optimisation (Schulman et al., 2017) of K members at once: collect, learn, adapt.
+"""Proximal policy optimisation (Schulman et al., 2017) of K members at once.
 
-Every member learns what it would learn alone from the same random numbers, up to rounding: advantages are
-normalised, gradients clipped, step sizes adapted and observations normalised per member. On a GPU one
-iteration is two recorded CUDA graphs, within which nothing waits for the device.
+Up to rounding every member learns as it would alone with the same random numbers: advantages and observations are
+normalised, gradients clipped and step sizes adapted per member. On a GPU an iteration is two CUDA graphs without
+synchronisation.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, rem
 from rans.policy.network import Network
 
 MIN_LEARNING_RATE = 1e-5
-"""Lower bound of the adapted step size, unless training slows down below it."""
+"""Lower bound of the adapted step size, except while it is annealed."""
 
 
 class Losses(NamedTuple):
-    """The loss and what it is made of, by SB3's names; each (K,)."""
+    """Loss and its parts, by the names of SB3; (K,) each."""
 
     loss: Tensor
     policy_gradient_loss: Tensor
     value_loss: Tensor
     entropy_loss: Tensor
     approx_kl: Tensor
-    """Divergence from the policy that collected (Schulman, "Approximating KL divergence", 2020)."""
+    """KL divergence from the policy of the rollout (Schulman, "Approximating KL divergence", 2020)."""
     clip_fraction: Tensor
 
 
@@ -42,13 +42,17 @@ STATISTICS = (*Losses._fields, "grad_norm")
 
 
 class PPOLearner:
-    """K trainings by PPO with one architecture and size, but their own seeds, coefficients and tasks' numbers.
+    """Learner of K members by PPO; a `rans.fast.learn.learner.Learner`.
 
-    A `rans.fast.learn.learner.Learner`.
+    Members have the same architecture and sizes, but may differ in seeds, coefficients and numbers of their tasks.
+    Each has an equal, contiguous part of the engine's environments.
 
-    Settings and generators are one a member, as are equal, contiguous parts of the engine's environments.
-    The generators are of actions on a CPU; on a GPU one stream feeds all. The network is changed in place.
-    A ``plain`` one runs as it is written: nothing is compiled or recorded, and gradients are autograd's.
+    Args:
+        engine: engine.
+        network: network of the members, changed in place.
+        settings: hyper-parameters, one per member.
+        generators: random generators of actions on a CPU, one per member; a GPU uses one stream for all.
+        plain: whether to use single operations of torch and autograd only, without compilation and CUDA graphs.
     """
 
     statistics = STATISTICS
@@ -79,7 +83,7 @@ class PPOLearner:
             self.backend = FusedGradient.made(
                 network, self.adam, self.coefficients, first.batch_size // self.processes.size
             )
-        # In memory that never moves: a CUDA graph reads it.
+        # At a constant address, because a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
         self._act = fused(act, device, plain)
@@ -97,22 +101,22 @@ class PPOLearner:
 
     @property
     def description(self) -> str:
-        """How gradients are computed, if not by autograd."""
+        """Description of the gradient computation for the log; empty for autograd."""
         return f"gradients in {self.backend.description}" if self.backend else ""
 
     def learn(self) -> Tensor:
-        """Collect, then update; see `rans.fast.learn.learner.Learner.learn`."""
+        """Run one iteration: collect, then update; see `rans.fast.learn.learner.Learner.learn`."""
         self.collect()
         return self.update()
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
+        """Reduce the bound of the step sizes towards zero while less than ``anneal`` of all steps remains."""
         highest = self.coefficients.max_learning_rate
         anneal = self.coefficients.anneal
         self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
 
     def state(self) -> dict[str, Any]:
-        """Everything needed to go on, but for the engine's episodes; all processes must ask."""
+        """State of the learner without the episodes of the engine; all processes must call it."""
         weights = self.network.tensors.items()
         memory = self.rollout.memory
         return {
@@ -124,7 +128,7 @@ class PPOLearner:
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Continue from the result of `state`."""
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
@@ -133,11 +137,11 @@ class PPOLearner:
         if self.rollout.memory is not None:
             self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
 
-    # Collect: random actions fly every environment for T steps.
+    # Collect: fly every environment for T steps by random actions.
 
     @torch.no_grad()
     def _collect(self) -> Tensor:
-        """The rewards, (T, N)."""
+        """Fly a rollout; returns the rewards (T, N)."""
         engine = self.engine
         rollout = self.rollout
         rollout.begin()
@@ -154,14 +158,14 @@ class PPOLearner:
     def _privileged(self) -> Tensor | None:
         return self.engine.privileged() if self.network.architecture.privileged else None
 
-    # Advantages: how much better than expected each action was.
+    # Advantages.
 
     @torch.no_grad()
     def batch(self) -> Batch:
-        """Everything collected with its advantages, each field (T, N, ...).
+        """The rollout with its advantages, each field (T, N, ...).
 
-        An episode cut off by time goes on in principle, so its last reward is followed by the value
-        of the state it was cut off in; a failed one ends there.
+        The last reward of a truncated episode is followed by the value of its final state (bootstrap); that of a
+        terminated episode is not.
         """
         steps = self.rollout.all
         rollout = self.rollout
@@ -210,15 +214,15 @@ class PPOLearner:
         )
 
     def _update(self) -> Tensor:
-        """Advantages, every minibatch of every epoch, step sizes; returns what `learn` does."""
+        """Compute advantages, descend on all minibatches of all epochs, and adapt step sizes; as `learn`."""
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
-        # Those of every member in every minibatch get zero mean and unit variance.
+        # Standardise the advantages of every member in every minibatch.
         advantage = torch.cat([part.advantage for part in parts]).view(
             len(parts) * self.members, -1
         )
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
-        parts = [part._replace(advantage=own) for part, own in zip(parts, standard, strict=True)]
+        parts = [part._replace(advantage=x) for part, x in zip(parts, standard, strict=True)]
         losses_by_minibatch = torch.stack(
             [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         ).mean(dim=0)
@@ -230,10 +234,10 @@ class PPOLearner:
         first, rest = means.tensor_split([len(STATISTICS)], dim=1)
         return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
 
-    # Step: one minibatch, down the gradient of its losses.
+    # Gradient step on one minibatch.
 
     def _descend(self, part: Batch) -> Tensor:
-        """Losses and the gradients' norms, (K, statistics)."""
+        """Gradient step on a minibatch; returns losses and norms of the gradients, (K, statistics)."""
         result = (
             Losses(*self.backend(part))
             if self.backend is not None
@@ -242,7 +246,7 @@ class PPOLearner:
         norm = self.adam.descend(result.loss.sum(), self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*result, norm), dim=1).detach()
 
-    # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.
+    # Adapt step sizes: shorter if the divergence is above the desired one, longer if it is below.
 
     def _adapt(self, divergence: Tensor) -> None:
         rate = self.adam.rate
@@ -260,7 +264,7 @@ def act(
     privileged: Tensor | None,
     uniform: Tensor,
 ) -> Acted:
-    """Random actions that uniform random numbers (N, thrusters) in [0, 1) choose."""
+    """Random actions of the policy, from uniform random numbers (N, commands) in [0, 1)."""
     output, columns = network.forward(observation, memory, privileged)
     policy = output.policy
     action = policy.sample(uniform)
@@ -282,9 +286,9 @@ def preprocessed(
     backend: GradientBackend | None = None,
     privileged: Tensor | None = None,
 ) -> tuple[Tensor, Tensor | None, Tensor]:
-    """Observations (N, width), memory and actions (N, thrusters) from the side that has the goal ahead.
+    """Observations (N, width), memory and actions (N, commands) under the symmetry of the policy.
 
-    In space that costs a fifth of an update. A gradient backend has all inputs in the memory's place.
+    In space this takes a fifth of an update. With a gradient backend the memory is replaced by all inputs.
     """
     columns, recalled, order = network.look(network.in_body(observation), memory)
     recalled = recalled if backend is None else backend.inputs(columns, recalled, privileged)
@@ -298,17 +302,17 @@ def preprocessed(
 def losses(
     network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool
 ) -> Losses:
-    """Clipped surrogate, squared value error and entropy bonus of one minibatch, equal to SB3's."""
+    """Clipped surrogate, squared value error and entropy bonus of a minibatch, equal to those of SB3."""
     by_member = lambda x: x.view(network.members, -1)  # noqa: E731
     output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged, batch.going_on)
-    # What the members' policies would gain, no further than the clipping lets them go.
+    # Clipped surrogate objective.
     advantage = by_member(batch.advantage)
     log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)
     ratio = log_ratio.exp()
     clip_range = coefficients.clip_range[:, None]
     clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
     surrogate = -torch.minimum(advantage * ratio, advantage * clipped).mean(dim=1)
-    # How wrong their values are, and how random they still are.
+    # Value error and entropy.
     value = by_member(batch.target - output.value).square().mean(dim=1)
     loss = surrogate + coefficients.vf_coef * value
     entropy = torch.zeros_like(value)

@@ -1,9 +1,9 @@
-"""Recipes and presets: trainings known to work, as TOML files in ``rans/data/recipes`` (decision 005).
+"""Recipes and presets: training configs known to work, as TOML files in ``rans/data/recipes`` (decision 005).
 
-A recipe is a training config in TOML, whose keys are those of `TrainConfig`. Besides, ``base`` names a recipe
-whose values hold where the file has none of its own, ``conditions`` is a name (see `load_conditions`), and
-``[gpu]`` has what differs on a GPU; its ``step_factor`` multiplies ``total_timesteps`` and the ``begin`` and
-``duration`` of the curriculum, where ``[gpu]`` has no others.
+A recipe is a training config in TOML with the keys of `TrainConfig` and three more. ``base`` names a recipe
+that supplies missing values; ``conditions`` is a name (see `load_conditions`); ``[gpu]`` overrides values on a
+GPU. Its ``step_factor`` multiplies ``total_timesteps`` and the ``begin`` and ``duration`` of the curriculum
+unless ``[gpu]`` sets them.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ RECIPES: tuple[str, ...] = tuple(
         if not file.stem.startswith(("base-", "good-", "preset-"))
     )
 )
-"""Names of the recipes, which are those of the agents that come with RANS.
+"""Names of the recipes, one per agent that comes with RANS.
 
-Other files are ``base-NAME.toml``, what several have in common, ``preset-NAME.toml``, and
-``good-TASK-PLACE.toml``, trainings of minutes for any spacecraft.
+Other files of the folder: ``base-NAME.toml`` (shared values), ``preset-NAME.toml``, and
+``good-TASK-PLACE.toml`` (trainings of minutes for any spacecraft).
 """
 
 Quality = Literal["quick", "good", "best"]
-"""How much a training is worth waiting for: seconds, minutes on two cores, or a GPU's minutes."""
+"""Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
 _MEMORY = ("memory", "history", "averages", "privileged_critic")
-"""Settings that an agent needs whose spacecraft differs from episode to episode."""
+"""Settings of an agent whose spacecraft varies between episodes."""
 
 
 def recipe(name: str, device: str) -> TrainConfig:
-    """The training of an agent that comes with RANS.
+    """Training config of an agent that comes with RANS.
 
-    On a GPU it is a larger network through many more steps, in less time than on a CPU core.
+    On a GPU the network is larger and trains for many more steps, in less time than on a CPU core.
 
     Args:
         name: one of `RECIPES`.
@@ -56,11 +56,11 @@ def recipe(name: str, device: str) -> TrainConfig:
 
 
 def training(task: str, spacecraft: str | None = None, device: str | None = None) -> TrainConfig:
-    """The training of this name: a task with its defaults and known-good settings, or a recipe.
+    """Training config by name: a task with its defaults and known-good settings, or a recipe.
 
     Args:
-        task: of `TASKS` or `RECIPES`, MODULE:NAME of a task, or your own recipe's file, which ends in .toml.
-        spacecraft: name or TOML file; None: the task's own, or floating-platform. A recipe has its own.
+        task: name in `TASKS` or `RECIPES`, MODULE:NAME of a task, or your own recipe file ending in .toml.
+        spacecraft: name or TOML file; None: that of the task, or floating-platform. Recipes name theirs.
         device: cpu or cuda; None: a GPU if there is one.
 
     Raises:
@@ -81,7 +81,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
     settings = TASKS[task]()
     named: str = spacecraft or settings.spacecraft or USUAL[2]
     craft = load_spacecraft(named)
-    TASKS.vouch_for(task)  # typed or given as an object: what is trained with it can be opened here
+    TASKS.vouch_for(task)  # named by the user: agents trained on it may be opened in this process
     return TrainConfig(
         task,
         settings,
@@ -99,20 +99,20 @@ def training_of_quality(
     device: str | None = None,
     randomized: bool = False,
 ) -> TrainConfig:
-    """The training of a task with any spacecraft, as long as its quality is worth.
+    """Training config of a task with any spacecraft, with a length set by its quality.
 
     "quick" ends as soon as the task is solved. "good" and "best" train to the end of a recipe: the one for
     this task and dimension, otherwise the task's default settings with the hyper-parameters of long trainings.
 
     Args:
-        task: of `TASKS`, or MODULE:NAME of a task.
-        spacecraft: name or TOML file; None: the task's own, or floating-platform.
-        quality: how long.
+        task: name in `TASKS`, or MODULE:NAME of a task.
+        spacecraft: name or TOML file; None: that of the task, or floating-platform.
+        quality: training effort, see `Quality`.
         device: cpu or cuda; None: a GPU if there is one.
-        randomized: whether conditions are given: agents then remember what happened in their episode.
+        randomized: whether conditions are used; agents then have a memory of their episode.
 
     Raises:
-        ConfigError: there is no such task or spacecraft, or this is a recipe, which has a length of its own.
+        ConfigError: there is no such task or spacecraft, or the name is a recipe, which sets its own length.
     """
     one_of("quality", quality, get_args(Quality))
     if task in RECIPES or task.endswith(".toml"):
@@ -137,7 +137,7 @@ def training_of_quality(
 
 
 def _to_the_end(quick: TrainConfig) -> TrainConfig:
-    """A training of the same task with the length and the hyper-parameters of long ones."""
+    """Config of the same task with the length and hyper-parameters of long trainings."""
     table = _on_device(_table(RECIPE_FOLDER / "base-precise.toml"), quick.device)
     ppo = structure(table["ppo"], PPOSettings, "base-precise.ppo")
     return replace(
@@ -150,7 +150,7 @@ def _to_the_end(quick: TrainConfig) -> TrainConfig:
 
 
 def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
-    """The recipe of a quality; None: this task has none."""
+    """Recipe file of a quality; None: this task has none."""
     place = "plane" if dimension == 2 else "space"
     good = RECIPE_FOLDER / f"good-{task}-{place}.toml"
     if quality == "good" and ":" not in task and good.exists():
@@ -163,12 +163,12 @@ def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) 
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:
-    """The hyper-parameters known to solve a task with its default settings.
+    """Hyper-parameters known to solve a task with its default settings.
 
     Args:
-        task: name; your own task has those that are usual for its number of dimensions.
+        task: name; user-defined tasks use the preset of their dimension.
         dimension: 2 or 3.
-        device: torch device; another kind than a CPU has those for a GPU.
+        device: torch device; any device but a CPU uses the GPU values.
     """
     place = "plane" if dimension == 2 else "space"
     own = RECIPE_FOLDER / f"preset-{task}-{place}.toml"
@@ -179,7 +179,7 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
 
 
 def _config(file: Path, device: str) -> TrainConfig:
-    """The training that a recipe's file describes, on a device."""
+    """Training config of a recipe file on a device."""
     try:
         table = _on_device(_table(file), device)
         named = table.pop("conditions", None)
@@ -190,7 +190,7 @@ def _config(file: Path, device: str) -> TrainConfig:
         ):
             known.check_file(name, file)
         conditions = Conditions() if named is None else load_conditions(named)
-        # A recipe is trained to its end; TOML has no null to say so.
+        # Recipes train for all their steps; TOML has no null to express this.
         config = from_table({"solved_share": None} | table | {"device": device})
         return replace(config, conditions=conditions)
     except ConfigError as error:
@@ -198,7 +198,7 @@ def _config(file: Path, device: str) -> TrainConfig:
 
 
 def _table(file: Path) -> dict[str, Any]:
-    """The table in a recipe's file over that of its ``base``."""
+    """Table of a recipe file merged over that of its ``base``."""
     table = read_toml(read_text(file, LARGEST_TOML))
     base = table.pop("base", None)
     if base is None:
@@ -213,7 +213,7 @@ def _table(file: Path) -> dict[str, Any]:
 
 
 def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
-    """A recipe's table as it is on a kind of device, without ``[gpu]``."""
+    """Table of a recipe for a device, with ``[gpu]`` applied or removed."""
     gpu = table.pop("gpu", {})
     if not isinstance(gpu, dict):
         raise ConfigError(f"gpu must be a table of what differs on a GPU, got {brief(gpu)}.")
@@ -239,7 +239,7 @@ def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
 
 
 def _multiplied(steps: Any, factor: int) -> Any:
-    """A number of steps times a factor; what is none stays, for `from_table` to refuse."""
+    """Number of steps times a factor; any other value is kept, and `from_table` rejects it."""
     return steps * factor if type(steps) is int else steps
 
 
@@ -250,13 +250,13 @@ _GRADIENT: dict[str, Any] = {
     "n_epochs": 4,
     "learning_rate": 3e-3,
 }
-"""Hyper-parameters of the learner through the motion for any throttled craft (decision 026)."""
+"""Hyper-parameters of the gradient learner for any throttled spacecraft (decision 026)."""
 _GRADIENT_REPORTS = 24
-"""Its iterations between reports: as many steps as between those of PPO."""
+"""Iterations between reports of the gradient learner; as many environment steps as with PPO."""
 
 
 def by_gradient(config: TrainConfig) -> TrainConfig:
-    """Training of the same agent by the gradient learner, with hyper-parameters that are known to work."""
+    """Same config with the gradient learner and hyper-parameters known to work."""
     return replace(
         config,
         algorithm="gradient",

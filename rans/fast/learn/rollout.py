@@ -1,4 +1,4 @@
-"""Experience on the device: a rollout, in memory that never moves (a CUDA graph writes into it)."""
+"""Rollout buffer on the device, at fixed addresses because a CUDA graph writes into it."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from rans.policy.network import Network
 
 
 class Slot(NamedTuple):
-    """Memory of one step of N environments, each field (N, ...), or with an axis more of T steps."""
+    """Transitions of one step of N environments, each field (N, ...), or of T steps, (T, N, ...)."""
 
     observation: Tensor
     action: Tensor
     log_prob: Tensor
     value: Tensor
     memory: Tensor | None
-    """What the network remembered before the step, (N, m)."""
+    """Memory of the network before the step, (N, m)."""
     privileged: Tensor | None
-    """What only the critic was told, (N, p)."""
+    """Privileged observation of the critic, (N, p)."""
     reward: Tensor
     ended: Tensor
     truncated: Tensor
 
 
 class Acted(NamedTuple):
-    """What a network did in one step, each field (N, ...)."""
+    """Outputs of a network in one step, each field (N, ...)."""
 
     action: Tensor
     log_prob: Tensor
     value: Tensor
     command: Tensor
-    """What the engine is given."""
+    """Commands to the engine, (N, thrusters)."""
     memory: Tensor | None
-    """What the network remembers after the step, (N, m)."""
+    """Memory of the network after the step, (N, m)."""
 
 
 class Batch(NamedTuple):
-    """Transitions to learn from; K members' parts of environments beside each other."""
+    """Transitions to learn from; the environments of K members are contiguous."""
 
     columns: Tensor
     """Preprocessed observations, see `Network.look`."""
     action: Tensor
-    """Of the thrusters in the order of that view."""
+    """Actions of the thrusters, in the order of that view."""
     log_prob: Tensor
     advantage: Tensor
     target: Tensor
-    """What the value should have been: the advantage plus the value at collection."""
+    """Value target: the advantage plus the value at collection."""
     memory: Tensor | None
     privileged: Tensor | None
     going_on: Tensor | None
@@ -59,7 +59,7 @@ class Batch(NamedTuple):
 
 
 class Rollout:
-    """T steps of an engine's N environments, flown by a network's K members."""
+    """T steps of the N environments of an engine, controlled by the K members of a network."""
 
     def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
         count = engine.num_envs
@@ -80,33 +80,33 @@ class Rollout:
             every(),
             every(),
         )
-        """Every step's, (T, N, ...)."""
+        """All steps, (T, N, ...)."""
         self.steps = [
             Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)
         ]
         self.memory = network.initial_state(count)
-        """What the network remembers now, (N, m)."""
+        """Current memory of the network, (N, m)."""
         self.cut = new(count, width)
         self.cut_memory = network.initial_state(count)
-        """Last observation of an episode that time cut off, and what the network remembered then. An episode
-        is no shorter than a rollout, so there is one a rollout at most."""
+        """Last observation of a truncated episode, and the memory of the network then. Episodes are at least
+        as long as a rollout, so there is at most one per rollout."""
         self._processes = engine.processes
         self._members = members
         self.terms = new(members, len(engine.term_names))
         """Mean over a member's environments of each reward term, summed over the steps."""
         self.succeeded = new(members)
-        """Number of a member's episodes that ended as a success."""
+        """Number of episodes per member that ended as a success."""
         self.failed = new(members)
-        """Number of a member's episodes that the task ended as a failure."""
+        """Number of episodes per member that the task ended as a failure."""
 
     def begin(self) -> None:
-        """Forget how the last steps went."""
+        """Reset the sums over the steps."""
         self.terms.zero_()
         self.succeeded.zero_()
         self.failed.zero_()
 
     def uniform(self, generators: Sequence[torch.Generator]) -> Tensor:
-        """Random numbers (T, N, thrusters) in [0, 1), on a CPU from one generator a member."""
+        """Random numbers (T, N, thrusters) in [0, 1), on a CPU from one generator per member."""
         action = self.all.action
         if action.is_cuda:
             return self._processes.uniform_like(action)
@@ -115,20 +115,20 @@ class Rollout:
         return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
 
     def spread(self, values: Tensor) -> Tensor:
-        """Numbers (K,) of the members for each of their environments: (N,), or (1,) of one member."""
+        """Repeat numbers (K,) of the members for their environments: (N,), or (1,) for one member."""
         if self._members == 1:
             return values
         return values.repeat_interleave(self.all.reward.shape[1] // self._members)
 
     def beside(self, first: Tensor, second: Tensor) -> Tensor:
-        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
+        """Concatenate the rows of both by member, (2 N, ...), for a single evaluation of the network."""
         pair = [x.unflatten(0, (self._members, -1)) for x in (first, second)]
         return torch.cat(pair, dim=1).flatten(0, 1)
 
     def totals(self) -> Tensor:
-        """Counts of episodes and mean rewards of the steps, (K, 3 + terms), of this process.
+        """Episode counts and mean rewards in this process, (K, 3 + terms).
 
-        Episodes that failed, all that ended, and those that ended as a success; mean reward of a step by
+        Columns: episodes that failed, that ended, and that succeeded; then the mean reward per step of each
         term.
         """
         ended = self.all.ended.unflatten(1, (self._members, -1)).sum(dim=(0, 2))
@@ -144,9 +144,9 @@ def remember(
     slot: Slot,
     rollout: Rollout,
 ) -> None:
-    """Write into its slot of the rollout what was seen in one step, done, told the critic, and what followed.
+    """Write one step into its slot of the rollout: observations, outputs of the network, rewards and ends.
 
-    The rollout's `memory`, `cut`, and sums are changed in place.
+    `memory`, `cut`, and the sums of the rollout are changed in place.
     """
     memory = rollout.memory
     cut = rollout.cut
@@ -188,9 +188,9 @@ def gae(
 ) -> Tensor:
     """Generalised advantage estimates (T, N) (Schulman et al., 2016).
 
-    Rewards and values of the states acted in are (T, N), as is ``ended``, 1 where the episode ended with this
-    step; ``last_value`` is (N,), of the states after the last one. Discount and trade-off of bias against
-    variance are numbers or (N,).
+    Rewards, values before each step and ``ended`` (1 where the episode ended with this step) are (T, N);
+    ``last_value``, the values after the last step, is (N,). The discount ``gamma`` and ``gae_lambda`` are
+    numbers or (N,).
     """
     going_on = 1.0 - ended
     following = torch.cat((value[1:], last_value[None]))
@@ -205,10 +205,10 @@ def gae(
 
 
 def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
-    """Cut (T, N, ...) into ``count`` minibatches of whole environments, the same for a member as alone.
+    """Cut (T, N, ...) into ``count`` minibatches of whole environments, independent of the other members.
 
-    Environments are independent, so nothing is gained by shuffling them. Fields become (K T n, ...), n
-    environments of each member; `Batch.going_on`, (T, K n).
+    Environments are independent, so they need no shuffling. Fields become (K T n, ...) with n environments of
+    each member; `Batch.going_on` becomes (T, K n).
     """
 
     def chunks(field: Tensor) -> Sequence[Tensor]:

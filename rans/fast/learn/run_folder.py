@@ -1,4 +1,4 @@
-"""A run folder: what a training leaves on disk, complete at every moment."""
+"""Run folder of a training on disk; its files are complete at every moment."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.tasks import TASKS
 
 CHECKPOINT = "checkpoint.safetensors"
-"""What continues a training."""
+"""File from which a training resumes."""
 _LARGEST_CHECKPOINT = 2**33
-"""Bytes: several times what a million environments take."""
+"""Size limit, bytes: several times that of a million environments."""
 _COUNTS = "steps", "seconds", "success"
-"""What every row of metrics has, besides what its task reports."""
+"""Keys in every row of metrics, besides those of the task."""
 
 
 class RunFolder:
     """Names and formats of the files of one training.
 
-    ``config.json`` re-runs it, ``spacecraft.toml`` is the spacecraft as it was, ``metrics.jsonl`` has
-    one row per report, ``checkpoint.safetensors`` continues it, ``policy.zip`` is the agent with its critic.
-    An agent that was handed on is ``agent.safetensors``, without. Opening them runs nothing that is in them
+    ``config.json`` repeats it, ``spacecraft.toml`` is the spacecraft at its start, ``metrics.jsonl`` has one
+    row per report, ``checkpoint.safetensors`` resumes it, ``policy.zip`` is the agent with its critic. An
+    exported agent is ``agent.safetensors``, without critic. Opening these files executes no code from them
     (decision 014).
 
     Args:
@@ -49,10 +49,17 @@ class RunFolder:
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
-        """Write what is known before training; ConfigError where the folder holds another one already.
+        """Write config and spacecraft before training.
 
-        Without a TOML text the spacecraft is the one that the config names. Of two that begin at once one
-        writes everything, and the other is refused.
+        If two processes begin at once, one writes all files and the other raises.
+
+        Args:
+            config: training config.
+            command: recorded in ``config.json``.
+            craft: TOML text of the spacecraft; empty: the spacecraft that the config names.
+
+        Raises:
+            ConfigError: the folder contains another training.
         """
         text = craft or spacecraft_text(config.spacecraft)
         self._check_new(text)  # a folder that is refused stays as it is, without a lock file
@@ -80,17 +87,17 @@ class RunFolder:
             )
 
     def lock(self) -> None:
-        """Keep other trainings out until `release`; ConfigError where one is at work here already."""
+        """Lock the folder until `release`; ConfigError if another process trains in it."""
         self._lock.take(
             f"{self.path} is being trained by another process; wait for its end, or stop it."
         )
 
     def release(self) -> None:
-        """Let another training go on here."""
+        """Unlock the folder."""
         self._lock.release()
 
     def config(self) -> TrainConfig:
-        """The training's config; ConfigError where the folder holds none, or one of another version."""
+        """Training config; ConfigError if the folder has none, or one of another version."""
         if not self.config_file.exists():
             why = "there is nothing of that name"
             best = self.path / "best"
@@ -102,17 +109,18 @@ class RunFolder:
         return read_config(self.config_file)
 
     def spacecraft(self) -> Spacecraft:
-        """The spacecraft as it was when training began, whatever became of its file."""
+        """Spacecraft at the start of training, independent of later changes to its file."""
         return load_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
-        """Add one row to ``metrics.jsonl``; ConfigError where the disk refuses."""
+        """Add one row to ``metrics.jsonl``; ConfigError if it cannot be written."""
         files.append_text(self.metrics_file, json.dumps(row) + "\n")
 
     def metrics(self) -> list[dict[str, Any]]:
-        """Rows so far; a row cut off in the middle of writing is left out.
+        """Rows of metrics so far, without an incompletely written last row.
 
-        ConfigError where one does not say in numbers when it was written and how it went.
+        Raises:
+            ConfigError: a row lacks one of its numbers.
         """
         rows = files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
         for line, row in enumerate(rows, 1):
@@ -125,36 +133,37 @@ class RunFolder:
         return rows
 
     def forget_after(self, steps: int) -> None:
-        """Drop the metrics of steps that a resumed training will take again."""
+        """Delete metrics after this step, which a resumed training will repeat."""
         rows = [row for row in self.metrics() if row["steps"] <= steps]
         files.write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Write everything needed to go on, or leave the old checkpoint in place."""
+        """Write a checkpoint; on failure the previous one is kept."""
         content = pack(checkpoint)
         files.replace_file(self.checkpoint_file, lambda draft: draft.write_bytes(content))
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether there is something to go on from."""
+        """Whether a checkpoint exists."""
         return self.checkpoint_file.exists()
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
+        """Latest checkpoint; ConfigError if it cannot be read or is damaged."""
         content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
         return unpack(content, self.checkpoint_file, device)
 
     @property
     def agent_file(self) -> Path:
-        """The file to read the agent from: ``policy.zip`` of a training, or else ``agent.safetensors``."""
+        """File of the agent: ``policy.zip`` of a training, or else ``agent.safetensors``."""
         has_actor_only = self._actor_file.exists() and not self.policy_file.exists()
         return self._actor_file if has_actor_only else self.policy_file
 
 
 def read_config(file: Path) -> TrainConfig:
-    """The config in a JSON file, such as a run's ``config.json``.
+    """Training config in a JSON file, such as ``config.json`` of a run.
 
-    ConfigError where it holds none, or names a task that nobody vouched for (`Registry.check_file`).
+    Raises:
+        ConfigError: the file has no valid config, or names a task that is not trusted (`Registry.check_file`).
     """
     table = files.read_json(file)
     if isinstance(table, dict):
@@ -167,11 +176,11 @@ def read_config(file: Path) -> TrainConfig:
 
 
 def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
-    """The first unused folder for a training of this config."""
+    """First unused folder for a training of this config."""
     return unused_path(f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}", folder)
 
 
 def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
-    """The folder of this name, or the first with a number behind it that does not exist."""
+    """Folder of this name, or the first with a numeric suffix that does not exist."""
     candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
     return next(path for path in candidates if not path.exists())

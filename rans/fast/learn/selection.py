@@ -1,4 +1,4 @@
-"""Whether agents in training have solved their tasks: deterministic flights from fixed starts."""
+"""Evaluation during training: deterministic episodes from fixed initial states."""
 
 from __future__ import annotations
 
@@ -26,12 +26,11 @@ EPISODES = 1024
 
 
 class Selection:
-    """Flies every member from the same 1,024 starts whenever asked; in a multi-task, of each of its parts.
+    """Evaluates every member from the same 1,024 initial states; a multi-task in each of its tasks.
 
-    The members' weights may change between flights. Tasks, one a member, are those of training without its
-    curriculum; their evaluation starts are used.
-    Conditions are those of training too; what counts as success is the true state. A ``plain`` one flies as
-    it is written, one with a ``guard`` behind this safety filter.
+    Weights of the members may change between evaluations. Tasks (one per member) and conditions are those of
+    training, without its curriculum and with evaluation starts. Success is judged by the true state. With
+    ``plain`` nothing is compiled; with a ``guard`` this safety filter corrects the commands.
     """
 
     def __init__(
@@ -70,12 +69,12 @@ class Selection:
         self._flight = graphed(self._fly, device, plain)
 
     def judge(self) -> list[dict[str, float]]:
-        """What every member has learnt.
+        """Evaluation results of every member.
 
-        "success" is the share of episodes that are solved (`rans.verdict`), of a multi-task that of the worst
-        part; "duty" the mean share of open thrusters, and "error/..." the mean errors of the states acted in
-        over the last fifth. The episode that follows one that failed enters the means. A multi-task's errors
-        are named "error/go-to-pose/position".
+        "success" is the share of episodes that are solved (`rans.verdict`), for a multi-task that of its worst
+        task; "duty" is the mean share of open thrusters; "error/..." are mean errors before each step of the
+        last fifth. Episodes started after a failure enter the means. Errors of a multi-task are named
+        "error/go-to-pose/position".
         """
         return [self._named(values) for values in self._flight().tolist()]
 
@@ -96,7 +95,7 @@ class Selection:
         return torch.cat([self._flown(engine) for engine in self._engines.values()], dim=1)
 
     def _flown(self, engine: Engine) -> Tensor:
-        """One episode everywhere: (K, 2 + errors) of duty, share and mean errors."""
+        """Results of one episode per environment: duty, success share and mean errors, (K, 2 + errors)."""
         members = self._network.members
         steps = engine.timing.episode_steps
         last = last_fifth(steps)
@@ -118,7 +117,7 @@ class Selection:
             observation = step.observation
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)
-            # Once an episode is over, the steps of the one that follows it change no verdict.
+            # Steps of an episode that follows a finished one do not change the verdict.
             done = None if verdict.won is None else step.terminated & step.reached
             if late:
                 verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost, done)

@@ -1,4 +1,4 @@
-"""Many trainings: seeds and hyper-parameters side by side on one device, as far as they fit together."""
+"""Sweeps: trainings with several seeds and hyper-parameters, batched on one device where possible."""
 
 from __future__ import annotations
 
@@ -27,20 +27,22 @@ from rans.structure import entries
 from rans.tasks import TASKS
 
 _BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
-"""Entries of a config in which members of a batch may differ, besides numbers among the task's settings."""
+"""Config entries in which members of a batch may differ, besides numeric settings of the task."""
 
 Item = TypeVar("Item")
 
 
 class Sweep:
-    """Trains members together as far as their configs allow, batch after batch.
+    """Trains many members in batches of compatible configs.
 
-    Configs, one a member, that differ only in seed, in `Coefficients` and in numbers among the task's
-    settings form one batch; one that cannot work is a ConfigError. The folder, in which nothing is written
-    before `train`, holds ``configs.json`` and a run folder for each batch, from which it can go on.
+    Configs (one per member) that differ only in seed, in `Coefficients` and in numeric settings of the task
+    form one batch. The folder has ``configs.json`` and a run folder per batch, from which the sweep can be
+    resumed; nothing is written before `train`.
 
-    Batches are divided into so many ``parts``, by default one a process, and processes train parts in turn:
-    as many processes as you like may go on with a sweep.
+    Batches are divided into ``parts``, by default one per process. Any number of processes may resume a sweep.
+
+    Raises:
+        ConfigError: a config is invalid.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class Sweep:
         ]
         self.seconds = 0.0
         self.timed_steps = 0
-        """Of training without compiling; environment steps of all members in that time."""
+        """Environment steps of all members within ``seconds``, the training time without compilation."""
         tables = [dict(entries(to_table(member.config))) for member in self.members]
         self.varied = [
             name
@@ -79,13 +81,16 @@ class Sweep:
     def train(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
     ) -> None:
-        """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`.
+        """Train until every member has solved its task or used all its steps, or ``stop``; see `Trainer.train`.
 
-        After that every process knows of all members. WorkerLost where another one is gone; ConfigError
-        where another sweep is at work in the folder, or was, or a part of it is a symbolic link.
+        Afterwards every process has the results of all members.
+
+        Raises:
+            WorkerLost: another process is gone.
+            ConfigError: the folder belongs to another sweep, is in use, or has a part that is a symbolic link.
         """
         lock = Lock(inside(self.path, LOCK))
-        inside(self.path, "best")  # told before the work, not after it
+        inside(self.path, "best")  # checked before the training, not after it
         if self.processes.is_first:
             lock.take(
                 f"{self.path} is being trained by another sweep; wait for its end, or stop it."
@@ -98,7 +103,7 @@ class Sweep:
             lock.release()
 
     def _begin(self) -> None:
-        """Write what goes on with this sweep; ConfigError where the folder holds another one."""
+        """Write the configs; ConfigError if the folder has another sweep."""
         file = inside(self.path, "configs.json")
         members = [member.config for member in self.members]
         if file.exists() and read_configs(self.path)[0] != members:
@@ -124,23 +129,23 @@ class Sweep:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
                 self._train(run, batch, report, stop)
         try:
-            self._hear_from_others()
+            self._gather_results()
         except WorkerLost as error:
             advice = f"What was trained is kept; go on with `rans sweep --resume {self.path}`."
             raise WorkerLost(f"{error} {advice}") from error
 
-    def _hear_from_others(self) -> None:
-        own = [number for batch in self.processes.mine(self._batches) for number in batch]
-        told = {
+    def _gather_results(self) -> None:
+        local = [number for batch in self.processes.mine(self._batches) for number in batch]
+        results = {
             number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
-            for number in own
+            for number in local
         }
-        said = self.processes.from_all((told, self.seconds, self.timed_steps))
-        for trained, _, _ in said:
+        gathered = self.processes.from_all((results, self.seconds, self.timed_steps))
+        for trained, _, _ in gathered:
             for number, (rows, weights, in_a_row) in trained.items():
                 self.members[number] = Member(self.members[number].config, rows, weights, in_a_row)
-        self.seconds = max(seconds for _, seconds, _ in said)
-        self.timed_steps = sum(steps for _, _, steps in said)
+        self.seconds = max(seconds for _, seconds, _ in gathered)
+        self.timed_steps = sum(steps for _, _, steps in gathered)
 
     def _train(
         self,
@@ -163,7 +168,7 @@ class Sweep:
         self.timed_steps += trainer.timed_steps
 
     def save(self, member: Member, path: Path) -> None:
-        """Write a member's config, metrics and agent into a run folder; ConfigError where it is not new."""
+        """Write config, metrics and agent of a member into a new run folder; ConfigError if it exists."""
         run = RunFolder(path)
         run.begin(member.config, self.command)
         for row in member.rows:
@@ -177,21 +182,21 @@ class Sweep:
         )
 
     def best(self) -> Member:
-        """The best seed of the config that does best over its seeds: one lucky seed is no good config."""
+        """Best seed of the config with the best results over all its seeds."""
         return min(min(self.configs(), key=_rank), key=lambda member: _rank([member]))
 
     def configs(self) -> list[list[Member]]:
-        """The members that have begun, those that differ only in their seed together."""
+        """Members that have started, grouped by config without the seed."""
         begun = [member for member in self.members if member.rows]
         return grouped(begun, lambda member: _key(member.config, lambda name, _: name != "seed"))
 
     def choice(self, member: Member) -> dict[str, Any]:
-        """The member's values of what varies."""
+        """Values of the varied hyper-parameters of a member."""
         table = dict(entries(to_table(member.config)))
         return {name: table[name] for name in self.varied}
 
     def results(self) -> list[dict[str, Any]]:
-        """One row a member that has begun: what it is and how it ended; JSON values."""
+        """One row per started member: number, seed, varied values and last metrics; JSON values."""
         return [
             {
                 "member": number,
@@ -207,7 +212,7 @@ class Sweep:
 
 
 def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
-    """What the sweep that left this folder trains, what began it, and in how many parts; or a ConfigError."""
+    """Configs, command and number of parts of the sweep in this folder; ConfigError if there is none."""
     file = inside(path, "configs.json")
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
@@ -226,7 +231,7 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
 
 
 def check(config: TrainConfig) -> Architecture:
-    """The architecture of a config's network; ConfigError where the config cannot work."""
+    """Network architecture of a config; ConfigError if the config is invalid."""
     check_device(config.device)
     engine = Engine(
         load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing
@@ -244,12 +249,12 @@ def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item
 
 
 def short(name: str) -> str:
-    """An entry's name for a table: without where it is."""
+    """Name of an entry for a table: its last part."""
     return name.rsplit(".", 1)[-1]
 
 
 def _key(config: TrainConfig, counts: Callable[[str, Any], bool]) -> str:
-    """Equal for configs whose entries that count are equal."""
+    """Key of the selected entries of a config; equal for equal entries."""
     return json.dumps(
         [(name, value) for name, value in entries(to_table(config)) if counts(name, value)]
     )
@@ -262,7 +267,7 @@ def _is_structure(name: str, value: Any) -> bool:
 
 
 def _rank(members: Sequence[Member]) -> tuple[float, float, float]:
-    """Smaller is better: share not solved, diverged counts double; mean steps until solved; mean failure."""
+    """Sort key, smaller is better: unsolved share (diverged counts double), mean steps, negative mean success."""
     last = [member.rows[-1] for member in members]
     unsolved = fmean((not member.solved) + member.diverged for member in members)
     steps = fmean(row["steps"] for row in last) if unsolved == 0 else 0.0

@@ -1,4 +1,4 @@
-"""Training from configs: until solved or out of steps, never further than a checkpoint from safety."""
+"""Training from configs until the task is solved or the steps are used up, with regular checkpoints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 
 _COMPILING = 30.0
-"""Seconds of training from which on compiling pays, which takes 5 to 35 and makes it twice as fast."""
+"""Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = (
     "layers",
@@ -49,17 +49,26 @@ _ARCHITECTURE = (
     "recurrent_units",
     "privileged_critic",
 )
-"""Settings of the network rather than of its training."""
+"""Settings that define the network, as opposed to its training."""
 
 
 class Trainer:
-    """Members that train together, in one run folder. Sets torch's number of threads, for the whole process.
+    """Trains the members of one batch together in one run folder.
 
-    Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
-    settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
-    first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
-    whose weights become infinite are left alone. The algorithm "imitation" learns from the ``expert``; where a
-    config asks for a safety filter, it is the ``guard``.
+    The number of threads of torch is set for the whole process. Nothing is written before `train`, and only by
+    the first of the processes that share the environments.
+
+    Args:
+        configs: one per member; they differ only in seed, coefficients and numeric settings of the task.
+        craft: spacecraft.
+        run: run folder.
+        processes: processes among which the environments are divided.
+        goes_on: whether training continues, as in a sweep, when the weights of a member become non-finite.
+        expert: controller from which the algorithm "imitation" learns.
+        guard: safety filter, if the config requests one.
+
+    Raises:
+        ConfigError: a config is invalid.
     """
 
     def __init__(
@@ -86,7 +95,7 @@ class Trainer:
         each = processes.share("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
         seeds = [config.seed for config in configs]
-        # Gradients go through torch's tensors.
+        # Automatic differentiation needs tensors of torch throughout.
         plain = first.plain or first.algorithm == "gradient"
         self.curriculum = Curriculum(
             tasks, first.curriculum, field_dtype(device, plain=plain), device, each
@@ -108,7 +117,7 @@ class Trainer:
             plain=plain,
         )
         settings = [config.ppo for config in configs]
-        # The network of an imitation is computed by torch, beside an engine that is compiled.
+        # In imitation the network runs in torch although the engine is compiled.
         by_torch = plain or first.algorithm == "imitation"
         making = _making(first, expert)
         self.learner = begin(self.engine, settings, seeds, by_torch, making)
@@ -125,7 +134,7 @@ class Trainer:
             first.plain,
             guard,
         )
-        self._said: list[dict[str, float]] = []
+        self._statistics: list[dict[str, float]] = []
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
         self._begun = self._reported = (0, 0.0)
         # Opened by `train`, so that a start that fails leaves no empty event file.
@@ -133,7 +142,7 @@ class Trainer:
 
     @property
     def solved(self) -> bool:
-        """Whether enough reports in a row found every member's task solved."""
+        """Whether enough consecutive reports found the task of every member solved."""
         return not self.running()
 
     def running(self) -> list[int]:
@@ -142,12 +151,12 @@ class Trainer:
 
     @property
     def timed_steps(self) -> int:
-        """Environment steps of all members that ``seconds`` went into; a solved member's batch goes on."""
+        """Environment steps of all members within ``seconds``, including members that are already solved."""
         return (self.steps - self._begun[0]) * len(self.members)
 
     @property
     def rate(self) -> float:
-        """Environment steps of a member per second since the warm-up."""
+        """Environment steps per second and member since the warm-up."""
         return self._rate_since(self._begun)
 
     def _rate_since(self, then: tuple[int, float]) -> float:
@@ -160,13 +169,15 @@ class Trainer:
     def train(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
     ) -> None:
-        """Train until solved, out of steps, or told to stop.
+        """Train until the task is solved, the steps are used up, or ``stop`` returns true.
 
-        After every row of metrics ``report`` is called, after every iteration ``stop`` is asked.
+        Args:
+            report: called after every row of metrics.
+            stop: called after every iteration.
 
         Raises:
-            NonFiniteState: a value became NaN; the state was dumped into the run folder.
-            ConfigError: the disk refused.
+            NonFiniteState: a value became NaN; the state was written to the run folder.
+            ConfigError: a file could not be written.
             WorkerLost: another process is gone.
         """
         try:
@@ -207,7 +218,7 @@ class Trainer:
         stop: Callable[[], bool],
         over: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Train until it ends, is told to stop, which is returned, or this is over."""
+        """Train until the end, ``stop`` or ``over``; whether it was ``stop``."""
         finished = self._ended
         self._warm_up()
         if self._ended and not finished:  # the warm-up took all steps
@@ -231,7 +242,11 @@ class Trainer:
         return stopped
 
     def _compiling_pays(self) -> bool:
-        """Whether much is left on a GPU: all steps, or, where training ends once solved, as much as was."""
+        """Whether compiling saves time on a GPU.
+
+        The time left is estimated from the remaining steps, or, if training ends once solved, as the time taken
+        so far.
+        """
         fixed = self.engine.plain or self.config.compiled is not None
         if self.engine.device.type != "cuda" or fixed:
             return False
@@ -240,7 +255,7 @@ class Trainer:
         return (left if self.config.solved_share is None else took) > _COMPILING
 
     def _warm_up(self) -> None:
-        """On a GPU, load or compile and record everything: iterations that train, but are timed apart."""
+        """On a GPU, compile (or load) and record all graphs in training iterations that are timed separately."""
         begun = time.monotonic()
         steps = self.steps
         if self.engine.device.type == "cuda" and not self._ended:
@@ -252,20 +267,20 @@ class Trainer:
         self._reported = (self.steps, self.seconds)
 
     def _is_report_due(self) -> bool:
-        """Counted from the first step, so that a resumed training judges the agents it would have."""
+        """Whether this iteration is reported; counted from the first step, so that resuming changes nothing."""
         return self.steps // self._rollout % self.config.report_interval == 0
 
     def _iterate(self) -> None:
-        """One iteration of the learner."""
+        """Run one iteration of the learner."""
         self.curriculum.move_to(self.steps)
         self.failures.begin(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
-        said = self.learner.learn().tolist()
+        losses = self.learner.learn().tolist()
         self.steps += self._rollout
         try:
-            self._said = [
+            self._statistics = [
                 statistics(numbers, self.learner, self.steps, self._rollout, self._goes_on)
-                for numbers in said
+                for numbers in losses
             ]
         except NonFiniteState as error:
             file = self.run.path / "nonfinite.safetensors"
@@ -275,15 +290,15 @@ class Trainer:
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
     def _report(self, report: Callable[[Sequence[Member]], object]) -> None:
-        """Judge the members and write a row of metrics everywhere; a solved one has ended."""
+        """Evaluate the members and write their metrics; solved members have ended."""
         judged = self.selection.judge()
         rate = self._rate_since(self._reported)
         due = self._is_report_due()
         # All processes must take the same decisions.
         result = self.processes.any(
             *(
-                member.finds_solved(said["success"])
-                for member, said in zip(self.members, judged, strict=True)
+                member.finds_solved(results["success"])
+                for member, results in zip(self.members, judged, strict=True)
             )
         )
         self._reported = (self.steps, self.seconds)
@@ -295,7 +310,7 @@ class Trainer:
                 "steps_per_s": round(rate),
                 **judged[number],
                 **self.failures.log[number],
-                **self._said[number],
+                **self._statistics[number],
             }
             member.note(row, result[number] if due else None)
             if member.solved:
@@ -308,14 +323,14 @@ class Trainer:
         report(self.members)
 
     def _show(self, number: int, row: dict[str, Any]) -> None:
-        """The row in TensorBoard, by the names that SB3 would give."""
+        """Write the row to TensorBoard, with the names of SB3."""
         judged = (key for key in row if key in ("success", "duty") or key.startswith("error/"))
         named = {f"evaluation/{key.removeprefix('error/')}": row[key] for key in judged}
-        named |= self._said[number] | {"perf/steps_per_s": row["steps_per_s"]}
+        named |= self._statistics[number] | {"perf/steps_per_s": row["steps_per_s"]}
         self._events[number].write(named, {key: () for key in named}, self.steps)
 
     def save(self) -> None:
-        """Write the checkpoint, and the agent if there is one only; all processes must come."""
+        """Write the checkpoint, and the agent of a single member; every process must call this."""
         state = self._checkpoint()
         if not self.processes.is_first:
             return
@@ -341,14 +356,15 @@ class Trainer:
         }
 
     def _network(self) -> str:
-        """What decides what the weights mean, and nothing that may change while training goes on."""
+        """Settings that define the meaning of the weights, as text for the checkpoint."""
         return ", ".join(f"{name} {getattr(self.config.ppo, name)}" for name in _ARCHITECTURE)
 
     def resume(self) -> None:
-        """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
+        """Resume from the checkpoint of the run, bit-identically on a CPU; without one, start anew.
 
-        ConfigError where it is damaged or of another network, where an agent without one would be lost, or
-        where another process trains here.
+        Raises:
+            ConfigError: the checkpoint is damaged or belongs to another network, the folder has an agent
+                without checkpoint, which would be overwritten, or another process trains in it.
         """
         if self.processes.is_first:
             self.run.lock()
@@ -368,7 +384,7 @@ class Trainer:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         try:
-            # Weights of the same shapes may mean something else.
+            # Weights of equal shapes may belong to a different network.
             if (network := saved["network"]) != self._network():
                 raise ValueError(f"its network is another one ({network})")
             self.engine.load_state(saved["engine"])
@@ -378,9 +394,9 @@ class Trainer:
             self.failures.load(saved["failures"])
             self.steps = saved["steps"]
             self.seconds = saved["seconds"]
-            for member, kept in zip(self.members, saved["members"], strict=True):
-                member.in_a_row = kept["in_a_row"]
-                member.weights = kept["weights"]
+            for member, state in zip(self.members, saved["members"], strict=True):
+                member.in_a_row = state["in_a_row"]
+                member.weights = state["weights"]
         except (RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
             reason = " ".join(str(error).split())
             raise ConfigError(
@@ -390,10 +406,10 @@ class Trainer:
 
 
 def _making(config: TrainConfig, expert: Controller | None) -> Making | None:
-    """What makes the config's learner; None: PPO.
+    """Constructor of the learner of a config; None: PPO.
 
     Raises:
-        ConfigError: it should imitate an expert, and none was given.
+        ConfigError: the algorithm is imitation and there is no expert.
     """
     if config.algorithm == "gradient":
         return partial(GradientLearner, own=config.gradient)
@@ -407,22 +423,22 @@ def _making(config: TrainConfig, expert: Controller | None) -> Making | None:
 
 
 def _check_guard(config: TrainConfig, guard: Guard | None) -> None:
-    """Refuse, with a ConfigError, a safety filter that is missing or that cannot be where the training is."""
+    """Raise ConfigError if the safety filter is missing or not supported on the device."""
     if not config.guard:
         return
     if guard is None:
         raise ConfigError("guard needs a safety filter: use `rans train` or rans.train.")
     if config.device == "cuda" and not config.plain:
         raise ConfigError(
-            "guard is true and the device is cuda: the safety filter is in no kernel. Train on cpu, or set plain."
+            "guard is true and the device is cuda: CUDA kernels have no safety filter. Train on cpu, or set plain."
         )
 
 
 def check_device(device: str) -> None:
-    """Refuse, with a ConfigError, a torch device on which no training is possible here and now."""
+    """Raise ConfigError if training is not possible on this torch device."""
     if device not in ("cpu", "cuda"):
         raise ConfigError(
-            f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides."
+            f"device must be cpu or cuda, got {device!r}; CUDA_VISIBLE_DEVICES selects the GPU."
         )
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")

@@ -398,7 +398,7 @@ def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Trans
         try:
             trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
         except SolverFailed:
-            return found
+            return result
         if trial is None:
             return result
         states = trajectory(meeting, start, trial)

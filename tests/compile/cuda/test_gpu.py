@@ -141,7 +141,7 @@ def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
     slow = slow @ slow @ slow
     checked(right)
     checked(wrong)
-    with pytest.raises(ConfigError, match="an action of before"):
+    with pytest.raises(ConfigError, match="an earlier action"):
         told(checked, right)
     checked(right)  # and is not told twice
     torch.cuda.synchronize()

@@ -266,7 +266,7 @@ def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float
         weights[0] = value
         table["weights"]["action_net.bias"] = weights
 
-    assert "the agent's tensor action_net.bias holds numbers that are not finite" in spoilt(
+    assert "the agent's tensor action_net.bias has numbers that are not finite" in spoilt(
         folder, spoil
     )
 
@@ -281,7 +281,7 @@ def test_an_agent_is_not_read_that_is_larger_than_any(alone: Path) -> None:
 def test_a_pipe_is_refused_at_once(folder: Path) -> None:
     (folder / "policy.zip").unlink()
     os.mkfifo(folder / "policy.zip")
-    with pytest.raises(ConfigError, match="it is no file, but a folder, a pipe or a device"):
+    with pytest.raises(ConfigError, match="it is not a file, but a folder, a pipe or a device"):
         opened(folder)
 
 
@@ -331,7 +331,7 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
         ),
         (
             lambda t: t["architecture"].update(zoom=math.nan),
-            "its zoom holds numbers that are not finite",
+            "its zoom has numbers that are not finite",
         ),
         (
             lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}),

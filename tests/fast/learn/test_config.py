@@ -196,11 +196,11 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
             "averages must be numbers between 0 and 1, got 0.5",
         ),
         ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
-        ({"memory": "commands", "history": 0}, "with history 0 and no averages remembers nothing"),
+        ({"memory": "commands", "history": 0}, "with history 0 and no averages stores nothing"),
         ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
         (
             {"filtered_steady": (1.0,)},
-            "filtered_steady has 1 numbers, of 0 filters: give one of each",
+            "filtered_steady has 1 numbers for 0 filters: give one for each",
         ),
         (
             {"filters": (1.0,), "filtered_steady": (-1.0,)},
@@ -208,7 +208,7 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
         ),
         (
             {"filtered_response": (1.0,)},
-            "filtered_response has 1 numbers, of 0 filters: give one of each",
+            "filtered_response has 1 numbers for 0 filters: give one for each",
         ),
         (
             {"filters": (1.0,), "filtered_response": (-1.0,)},
@@ -219,7 +219,7 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
         ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
         (
             {"filters": (1.0,), "memory": "recurrent", "symmetric": False},
-            "not beside memory 'recurrent'",
+            "not with memory 'recurrent'",
         ),
         ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
         ({"layers": "x"}, "layers must be 1 to 32 numbers"),

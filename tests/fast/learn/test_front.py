@@ -178,7 +178,7 @@ def test_one_thread_unless_told_otherwise() -> None:
 
 
 def test_what_it_does_not_know() -> None:
-    with pytest.raises(ConfigError, match="no setting n_envs, target_kl; those of"):
+    with pytest.raises(ConfigError, match="no setting n_envs, target_kl; it has those of"):
         made(target_kl=0.1, n_envs=4)
     with pytest.raises(
         ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"

@@ -210,7 +210,7 @@ def test_what_has_no_gradient_is_refused() -> None:
     for craft in (PLATFORM, replace(PLATFORM, actuators=Pulsed(10))):
         with pytest.raises(ConfigError, match="needs thrusters that are throttled"):
             gradient_learner(craft)
-    with pytest.raises(ConfigError, match="no recurrent memory"):
+    with pytest.raises(ConfigError, match="does not support recurrent memory"):
         gradient_learner(memory="recurrent", symmetric=False)
     engine = Engine(THROTTLED, NEAR, 16, SHORT)
     with pytest.raises(ConfigError, match="plain engine"):

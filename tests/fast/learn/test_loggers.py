@@ -77,7 +77,7 @@ def test_a_service_that_refuses_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "wandb", cast("Any", SimpleNamespace(init=lambda **_: 1 / 0)))
-    with pytest.raises(ConfigError, match="--log wandb cannot begin: division by zero"):
+    with pytest.raises(ConfigError, match="--log wandb cannot start: division by zero"):
         loggers(["wandb"], CONFIG, tmp_path)
 
 

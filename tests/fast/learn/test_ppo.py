@@ -237,7 +237,7 @@ def test_sizes_that_do_not_fit(settings: dict[str, Any], message: str) -> None:
 
 def test_as_many_environments_as_the_engine_has() -> None:
     with pytest.raises(
-        ConfigError, match="n_envs must be the engine's 16 environments a member, got 32"
+        ConfigError, match="n_envs must be the engine's 16 environments per member, got 32"
     ):
         begin(Engine(PLATFORM, NEAR, 16, SHORT), [replace(TINY, n_envs=32)], [0])
 
