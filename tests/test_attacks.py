@@ -324,7 +324,7 @@ def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
 def test_options_do_not_command_the_terminal(
     capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:
-    assert "has characters that command terminals" in said(capsys, *command)
+    assert "has control characters" in said(capsys, *command)
 
 
 def test_names_are_neither_mark_up_nor_commands_anywhere(

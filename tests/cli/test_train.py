@@ -157,7 +157,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     capsys.readouterr()
     said = refused(capsys, "--config", "first/config.json", "--run", "other")
     assert "cannot read the spacecraft file my craft.toml" in said
-    assert f"--spacecraft {then} takes that of then" in said
+    assert f"--spacecraft {then} uses that of the run" in said
 
 
 @pytest.mark.usefixtures("undrawn")
