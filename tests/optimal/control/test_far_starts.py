@@ -22,7 +22,7 @@ def test_near_starts_keep_the_weights() -> None:
 
 
 def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
-    """A dash along each axis speeds up half of the way and brakes the other: 2 m sqrt(a d). Feedback wastes some."""
+    """A dash along each axis speeds up half of the way and brakes the other: 2 m sqrt(a d)."""
     task = Hold()
     craft = load_spacecraft("vbar-chaser")
     starts = scenarios(task, craft, 3, 8)
