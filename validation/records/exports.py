@@ -31,7 +31,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import environment, write_json
+from rans.files import environment, read_json, write_json
 from rans.policy.heads import OnOff
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -256,11 +256,21 @@ class Exports:
     """Where the table goes."""
 
     def run(self) -> int:
-        """Print the table; 0 if every export commands what its agent does."""
+        """Print the table; 0 if every export commands what its agent does.
+
+        The file is written after every agent, and keeps the rows of agents that are not asked for.
+        """
         torch.set_num_threads(1)
-        found = [
-            row for name in self.agents or pretrained_names() for row in rows(name, self.count)
-        ]
+        before = read_json(self.output)["rows"] if self.output.exists() else []
+        shipped = pretrained_names()
+        by_agent = {name: [row for row in before if row["agent"] == name] for name in shipped}
+        found: list[Row] = []
+        for name in self.agents or shipped:
+            measured = list(rows(name, self.count))
+            found += measured
+            by_agent[name] = [asdict(row) for row in measured]
+            ordered = [row for one in sorted(by_agent) for row in by_agent[one]]
+            write_json(self.output, {"environment": environment(), "rows": ordered})
         headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
         Terminal(room=110).print(
             table(
@@ -278,9 +288,6 @@ class Exports:
                     for row in found
                 ),
             )
-        )
-        write_json(
-            self.output, {"environment": environment(), "rows": [asdict(row) for row in found]}
         )
         return 0 if all(row.passed for row in found) else 1
 

@@ -54,10 +54,13 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
 
 
 def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
-    """Rows of what only some craft have: throttle levels, propellant, reaction wheels."""
+    """Rows of what only some craft have: throttle levels, several supplies, propellant, reaction wheels."""
     actuators = craft.actuators
     if (actuators.low, actuators.high) != (0.0, 1.0) or getattr(actuators, "always_lit", False):
         yield "a thruster's command", actuators.allowed
+    if len(craft.supplies) > 1:
+        for number, members in enumerate(craft.supplies):
+            yield f"supply {number}", f"of thrusters {', '.join(map(str, members))}"
     if (tank := craft.propellant) is not None:
         yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
     for i, wheel in enumerate(craft.wheels):

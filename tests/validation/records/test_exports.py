@@ -19,6 +19,10 @@ def test_a_table_of_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str
         ("go-to-pose-2d-fast", form, 250, 0) for form in ("sb3", "onnx", "numpy", *compiled)
     ]
     assert "beyond rounding" in capsys.readouterr().out
+    Exports(("go-to-pose-2d",), 250, tmp_path / "exports.json").run()  # the others' rows stay
+    again = json.loads((tmp_path / "exports.json").read_text())["rows"]
+    assert len(again) == 2 * len(rows)
+    assert again[len(rows) :] == rows
 
 
 def test_a_difference_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
