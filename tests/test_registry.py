@@ -175,7 +175,9 @@ class NotMade:
 
 @pytest.mark.parametrize("known", [SPACECRAFT, CONTROLLERS, TASKS, CONDITIONS])
 def test_a_class_of_the_wrong_kind_is_not_called(known: Registry[Any]) -> None:
-    with pytest.raises(ConfigError, match=r"the class NotMade|must be a dataclass|conditions must be"):
+    with pytest.raises(
+        ConfigError, match=r"the class NotMade|must be a dataclass|conditions must be"
+    ):
         known["tests.test_registry:NotMade"]
 
 

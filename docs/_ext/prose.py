@@ -56,7 +56,9 @@ INTERNAL = frozenset(
 )
 """Pages for those who change RANS or read proofs: as long as they need."""
 
-REFERENCE = frozenset({"agents.md", "assurances.md", "protocol.md", "raft.md", "robustness.md", "tasks.md"})
+REFERENCE = frozenset(
+    {"agents.md", "assurances.md", "protocol.md", "raft.md", "robustness.md", "tasks.md"}
+)
 """Pages of tables and definitions, which are looked up and not read: as long as they need."""
 
 

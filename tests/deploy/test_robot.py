@@ -430,7 +430,8 @@ def avoider(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def avoiding(folder: Path, **changes: Any) -> Plan:
-    return Plan(str(folder), {"name": "avoid", "settings": {}}, **{"zones": ZONES} | changes)
+    settings: dict[str, Any] = {"zones": ZONES} | changes
+    return Plan(str(folder), {"name": "avoid", "settings": {}}, **settings)
 
 
 class Forward:
