@@ -40,9 +40,9 @@ class Hold(OrbitalMission):
     position_tolerance: float = 5.0
     """Distance from the hold point that counts as reached, m."""
     velocity_tolerance: float = 0.05
-    """Speed that counts as held, m/s."""
+    """Speed that counts as at rest, m/s."""
     shortest_aim: float = 20.0
-    """The velocity to gain is at least for so long a time, s: in the last two periods the craft slows down."""
+    """Least coasting time of the velocity to gain, s: the craft slows down in the last two periods."""
     done_weight: float = 1.0
     violation_weight: float = 1.0
     impulse_weight: float = 0.002

@@ -36,19 +36,19 @@ from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape, SpeedLimit
 
 PLANS = 24
-"""Times of arrival that are compared for the plan of an episode, evenly up to its deadline."""
+"""Number of arrival times that are compared for the plan of an episode, evenly up to its deadline."""
 COAST_POINTS = 7
-"""Points of a coast that are checked against keep-out balls."""
+"""Number of points of a coast that are checked against keep-out balls."""
 LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
-"""Times before the planned arrival at which a part of the velocity to gain may be burnt later, s."""
+"""Times before the planned arrival to which a part of the burn may be postponed, s."""
 _WORTH = 0.005
-"""Share of the velocity to gain that burning a part of it later must save."""
+"""Least share of the velocity change that postponing a part of the burn must save."""
 _SLOW = 0.9
-"""Share of the speed of arrival below which burns may be made later."""
+"""Burns may be postponed while the speed at the arrival is below this share of the velocity tolerance."""
 _NOTHING = 1e-9
-"""Added to determinants, m^2 per (m/s)^2."""
+"""Added to determinants so that none is zero, m^2 per (m/s)^2."""
 REFINEMENTS = 3
-"""How often the distance between these times is halved around the best one."""
+"""Number of times that the distance between the arrival times is halved around the best one."""
 _PENALTY = 10.0
 """Price of a plan that violates a limit, m/s per unit of its margin."""
 _INSTANT = 1e-3
@@ -87,9 +87,9 @@ class OrbitalMission(SingleTask):
     position_tolerance: float = 0.5
     """Distance from the goal at which the mission succeeds, m."""
     velocity_tolerance: float = 0.2
-    """Speed at which it is won there, m/s."""
+    """Speed at which the mission succeeds, m/s."""
     shortest_aim: float = 1.0
-    """The velocity to gain is at least for so long a time, s, however little is left."""
+    """Least coasting time of the velocity to gain, s."""
     impulse_weight: float = 0.1
     """Reward lost per newton-second of thruster impulse."""
     gain_weight: float = 1.2
@@ -106,11 +106,11 @@ class OrbitalMission(SingleTask):
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     optimal_problem = "rendezvous"
     braking_time: float = 20.0
-    """Time between the last planned arrival and the deadline where missions count braking, s."""
+    """Time between the latest planned arrival and the deadline, s; only of missions that brake."""
     speed_reserve: float = 0.03
-    """Share of a speed limit that recommended velocities stay below it: limits fall on the way of a period."""
+    """Share of a speed limit that recommended velocities stay below it: the limit may fall within a period."""
     keep_out_reserve: float = 4.0
-    """By how much recommended velocities pass beside keep-out balls, m: coasts are checked at a few points."""
+    """Distance that recommended velocities keep from keep-out balls, m: coasts are checked at a few points."""
     brakes: ClassVar[bool] = False
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
 
@@ -150,19 +150,19 @@ class OrbitalMission(SingleTask):
     def _cheaper(
         self, start: State, goal: State, latest: Field, time: Field, arrival: Field, price: Field
     ) -> tuple[Field, Field]:
-        """A time of arrival and its price, where that is cheaper; else those that are known."""
+        """The cheaper of a new time of arrival and the best one so far, with its price."""
         whole = at_least(self._whole(time), self.timing.control_period)
         new = self._planned_price(start, goal, whole, latest)
         better = new < price
         return where(better, whole, arrival), where(better, new, price)
 
     def _whole(self, time: Field) -> Field:
-        """A time, s, no later than this one, that a command begins at: within a period no aim can be taken."""
+        """A time rounded down to whole control periods, s, as commands change only there."""
         period = self.timing.control_period
         return floor(time * (1.0 / period) + 1e-3) * period
 
     def _planned_price(self, start: Any, goal: Any, time: Field, latest: Field) -> Field:
-        """Velocity that an arrival after this time costs, m/s; more where limits delay it beyond the latest one."""
+        """Velocity change for an arrival after a time, m/s, and a penalty if limits delay it beyond the latest."""
         gain = self.velocity_to_gain(start, goal, time)
         begun = start.v + gain
         price = self._price(start, goal, time, gain)
@@ -285,13 +285,13 @@ class OrbitalMission(SingleTask):
                         x = where(better, nothing, x)
                         y = where(better, nothing, y)
         z = where(time > 0.5 * math.pi / n, nothing, gain.z)
-        # Whoever waits arrives faster: nobody waits until that is too fast.
+        # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         slow = at_goal.norm() < self.velocity_tolerance * _SLOW
         return map_leaves(partial(where, slow), Vec3(x, y, z), gain)
 
     def _around(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Any:
-        """What is added to a velocity, m/s, so that the coast for this time passes beside a ball."""
+        """Velocity change, m/s, with which the coast for this time passes beside a ball."""
         nearest = state.p - ball.centre
         distance = nearest.norm()
         when = time
@@ -314,7 +314,7 @@ class OrbitalMission(SingleTask):
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
         advised = self.recommended(state, goal, arrival) - state.v
-        # Just before an arrival that misses it the velocity to gain has no bound.
+        # The velocity to gain is unbounded just before an arrival that misses the goal.
         nearby = 0.1 / self.position_tolerance
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
