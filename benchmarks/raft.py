@@ -362,8 +362,7 @@ class Raft:
             )
         if not self.quick:
             for spacecraft in (PLATFORM, WHEELED):
-                command = f"{COMMAND}, {spacecraft}"
-                Table("raft.md", command, _HEADINGS, rows(found, spacecraft), "").write(self.docs)
+                in_document(self.docs, spacecraft).write(self.docs)
         return 0
 
 
@@ -380,6 +379,12 @@ _HEADINGS = (
     "others held",
     "others near",
 )
+
+
+def in_document(docs: Path, spacecraft: str) -> Table:
+    """The table of a spacecraft in docs/raft.md, of the evidence in docs/validation."""
+    evidence = read_json(docs / _FILE)
+    return Table("raft.md", f"{COMMAND}, {spacecraft}", _HEADINGS, rows(evidence, spacecraft), "")
 
 
 def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:

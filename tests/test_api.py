@@ -195,7 +195,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.optimal_trajectory(objective="time", intervals="a"),  # type: ignore[arg-type]
-            "intervals must be >= 1 and <= 1,048,575, got 'a'",
+            "intervals must be a whole number >= 1 and <= 1,048,575, got 'a'",
         ),
         (
             lambda: rans.validate(layer="thruster"),

@@ -278,6 +278,7 @@ def _task_picture(name: str) -> str:
     file = PICTURES / f"task-{name}.svg"
     caption = file.with_suffix(".txt")
     if not caption.exists():
+        PICTURES.mkdir(exist_ok=True)
         caption.write_text(save_task_picture(name, file), "utf-8")
     return caption.read_text("utf-8")
 

@@ -132,7 +132,7 @@ def test_what_comes_with_the_package_is_exported_already(
     for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
         assert main(["export", name, "--format", "rans", "--output", "again"]) == 2
         told = " ".join(capsys.readouterr().err.split())
-        assert "go-to-pose-2d comes with RANS as an export writes it" in told
+        assert "go-to-pose-2d comes with RANS in this format already" in told
 
 
 def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:

@@ -323,7 +323,7 @@ def test_a_shipped_agent_is_exported_by_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*FAST, "numpy", "--output", str(tmp_path / "mine")]) == 0
-    assert "holds the agent, its contract and its card" in capsys.readouterr().out
+    assert "has the agent, its contract and its card" in capsys.readouterr().out
     assert {file.name for file in (tmp_path / "mine").iterdir()} == {
         "agent.py",
         "agent.npz",

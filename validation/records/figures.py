@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks import settled_gate_entry
+from benchmarks import raft, settled_gate_entry
 from rans.files import read_json
 from rans.model.spacecraft_file import spacecraft_names
 from validation.markdown import Table
@@ -97,6 +97,10 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "dock port": partial(missions.in_document, mission="dock-port"),
     "dock": partial(missions.in_document, mission="dock"),
     "hold": partial(missions.in_document, mission="hold"),
+    "land": partial(missions.in_document, mission="land"),
+    "rendezvous": partial(missions.in_document, mission="rendezvous"),
+    "RAFT": partial(raft.in_document, spacecraft=raft.PLATFORM),
+    "RAFT with a wheel": partial(raft.in_document, spacecraft=raft.WHEELED),
     "stress": stress,
     "settled gate": settled_gate_entry.in_document,
     "validations": validations,
