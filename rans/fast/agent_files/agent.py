@@ -289,7 +289,7 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     }
     for name, values in numbers.items():
         if not _are_finite(values):
-            raise ValueError(f"its {name} has numbers that are not finite")
+            raise ValueError(f"in its {name} there are numbers that are not finite")
     if views is not None and not _are_views(views, given):
         raise ValueError("its symmetries are of another spacecraft")
     if given.nominal and len(given.nominal) != given.privileged:

@@ -45,7 +45,8 @@ class MissionGuidance(ModelBased):
         super().__init__(craft, task, timing)
         if not isinstance(self._task, OrbitalMission):
             raise ConfigError(
-                f"mission guidance flies missions on an orbit, and {type(self._task).__name__} is none."
+                "mission guidance flies missions on an orbit, such as dock, hold and rendezvous, and "
+                f"{type(self._task).__name__} is not one."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._levers = np.array(per_velocity(self._craft, self._timing.control_period))

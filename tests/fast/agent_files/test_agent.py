@@ -335,7 +335,7 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
         ),
         (
             lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}),
-            "its filters holds numbers",
+            "in its filters there are numbers",
         ),
         (
             lambda t: t["architecture"].update(filters=_FILTERS),
