@@ -331,7 +331,7 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
         ),
         (
             lambda t: t["architecture"].update(zoom=math.nan),
-            "its zoom has numbers that are not finite",
+            "in its zoom there are numbers that are not finite",
         ),
         (
             lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}),
