@@ -253,7 +253,7 @@ def test_horizons_are_whole_periods(periods: int) -> None:
             lambda: MinimumFuel(control_period=math.nan),
             "control_period must be a finite number > 0 s",
         ),
-        (lambda: MinimumTime(0), "intervals must be >= 1 and <= 1,048,575, got 0"),
+        (lambda: MinimumTime(0), "intervals must be a whole number >= 1 and <= 1,048,575, got 0"),
         (
             lambda: QuadraticTracking(command_weight=-1.0),
             "command_weight must be finite and not negative",
