@@ -193,7 +193,7 @@ class Optimal:
             raise ConfigError(f"--start and --goal are not for {self.task}, whose goal is fixed.")
         deadline = task.deadline[1] if self.horizon is None else self.horizon
         folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
-        makers = contestants_of(craft, self.agents)
+        makers = contestants_of(craft, task, self.agents)
         table = self._with_progress(
             "bounds",
             lambda step: judged(

@@ -560,6 +560,11 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
     again = replay(short)
     assert 0 < again.decisions < report.decisions
     assert again.equal == again.decisions
+    # It may have been killed anywhere in a message.
+    whole = short.read_bytes()
+    for cut in range(1, 200):
+        short.write_bytes(whole[:-cut])
+        assert [*entries(short)] == kept[: len([*entries(short)])]
 
 
 def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:

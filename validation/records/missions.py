@@ -181,6 +181,8 @@ class Missions:
                     ),
                     "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
                 }
+                if not MissionGuidance.keeps_limits(task):
+                    del makers["mission guidance"]
                 for who, (made, flown) in makers.items():
                     flight = fly(craft, task, made(), flown, task.timing)
                     yield _row(condition, who, flight, impulses(flight), lower)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -98,7 +99,7 @@ def entries(file: Path) -> Iterator[Entry]:
                     yield Entry(record.log_time, topic, kind, record.data)
     except OSError as error:
         raise ConfigError(f"{file} cannot be read: {error}.") from error
-    except McapError as error:
-        if channels:  # its process was ended while it wrote
+    except (McapError, struct.error) as error:
+        if channels:  # its process was ended while it wrote, perhaps in the middle of a number
             return
         raise ConfigError(f"{file} is no MCAP bag: {error}.") from error

@@ -116,15 +116,15 @@ class Table:
 
 
 def contestants_of(
-    craft: Spacecraft, agents: Sequence[str] = ()
+    craft: Spacecraft, mission: OrbitalMission, agents: Sequence[str] = ()
 ) -> dict[str, Callable[[OrbitalMission], Controller]]:
-    """Guidance of every kind, LQR, and agents by their run folders' names."""
+    """Guidance of every kind that keeps the limits of a mission, LQR, and agents by their run folders' names."""
 
     def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
         agent = contestant(spec).controller
         return lambda task: agent
 
-    return {
+    makers: dict[str, Callable[[OrbitalMission], Controller]] = {
         **{spec: flown_by(spec) for spec in agents},
         "guidance": lambda task: VelocityToGain(craft, task, task.timing),
         "guidance to the deadline": lambda task: VelocityToGain(
@@ -134,6 +134,9 @@ def contestants_of(
         "convex guidance": lambda task: ConvexGuidance(craft, task, task.timing),
         "LQR": lambda task: LQR(craft, task, task.timing),
     }
+    if not MissionGuidance.keeps_limits(mission):
+        del makers["mission guidance"]
+    return makers
 
 
 def judged(

@@ -13,8 +13,10 @@ from rans.model.fields import Heading, Quat
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import ModelBased
+from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Ball, SpeedLimit
 
 
 class MissionGuidance(ModelBased):
@@ -33,7 +35,8 @@ class MissionGuidance(ModelBased):
         timing: control period, and length of the episode.
 
     Raises:
-        ConfigError: the task is no mission on an orbit, or the craft has other thrusters.
+        ConfigError: the task is no mission on an orbit or has other limits, such as a cone, or the craft has
+            other thrusters.
     """
 
     name = "mission"
@@ -45,11 +48,22 @@ class MissionGuidance(ModelBased):
         super().__init__(craft, task, timing)
         if not isinstance(self._task, OrbitalMission):
             raise ConfigError(
-                "mission guidance flies missions on an orbit, such as dock, hold and rendezvous, and "
+                "mission guidance flies missions on an orbit, such as dock and hold, and "
                 f"{type(self._task).__name__} is not one."
+            )
+        if not self.keeps_limits(self._task):
+            raise ConfigError(
+                "mission guidance keeps speed limits and keep-out balls, but "
+                f"{type(self._task).__name__} has other limits; fly it with convex."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._levers = np.array(per_velocity(self._craft, self._timing.control_period))
+
+    @staticmethod
+    def keeps_limits(task: OrbitalMission) -> bool:
+        """Whether all limits of a mission are of the kinds that its recommendation keeps."""
+        goal = scenario(task, task.dimensions[0], seed=0, episode=0).goal
+        return all(isinstance(limit, Ball | SpeedLimit) for limit in task.limits(goal).values())
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; nothing is remembered."""

@@ -17,7 +17,7 @@ from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import Dock
+from rans.tasks import Dock, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 
@@ -77,3 +77,9 @@ def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
 def test_craft_with_other_thrusters_are_refused() -> None:
     with pytest.raises(ConfigError, match="one throttled or pulsed thruster either way"):
         MissionGuidance("mars-lander-steered", Dock())
+
+
+def test_a_mission_with_a_cone_is_refused() -> None:
+    """Of 256 flights none kept the cone."""
+    with pytest.raises(ConfigError, match="Rendezvous has other limits"):
+        MissionGuidance("arpod-chaser", Rendezvous())
