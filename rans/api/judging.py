@@ -509,7 +509,7 @@ def benchmark(
     task: str = "go-to-pose",
     *,
     device: str | None = None,
-    num_envs: Sequence[int] = (),
+    num_envs: int | Sequence[int] = (),
     quick: bool = False,
 ) -> Speed:
     """Measure the speed of engine, trainer, optimizer and agents on this machine.
@@ -522,7 +522,7 @@ def benchmark(
         spacecraft: names, TOML files or objects.
         task: task to step and to train.
         device: "cpu" or "cuda"; None: a GPU if there is one.
-        num_envs: batch sizes; empty: the usual ones for the device.
+        num_envs: batch size, or several; empty: the usual ones for the device.
         quick: rough figures in seconds.
 
     Raises:
@@ -538,10 +538,11 @@ def benchmark(
     device = chosen_device(device, quick)
     several = isinstance(spacecraft, Sequence) and not isinstance(spacecraft, str)
     crafts: Any = spacecraft if several else [spacecraft]
+    sizes = [num_envs] if isinstance(num_envs, int) else num_envs
     results: list[Measurement] = []
     with watched() as stage:
         step = stage("measuring", None)
-        for one in measured(map(load_spacecraft, crafts), task, num_envs, device, quick):
+        for one in measured(map(load_spacecraft, crafts), task, sizes, device, quick):
             results.append(one)
             step(1)
     return Speed(device, results, list(bounds(results)))

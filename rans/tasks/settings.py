@@ -27,6 +27,9 @@ def check_settings(task: Any) -> None:
         value = getattr(task, field.name)
         if isinstance(value, bool):
             continue
+        is_range = isinstance(field.default, tuple)
+        if is_range and not (isinstance(value, tuple) and len(value) == 2):
+            raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
         numbers = [
             x
             for x in (value if isinstance(value, tuple) else (value,))

@@ -72,6 +72,8 @@ def test_what_works(change: dict[str, Any]) -> None:
             r"spawn_distance must be a range \(low, high\), got \(2\.0, 1\.0\)",
         ),
         ({"spawn_distance": (1.0, math.nan)}, "spawn_distance must be finite"),
+        ({"spawn_distance": 3.0}, r"spawn_distance must be a range \(low, high\), got 3\.0"),
+        ({"spawn_distance": (1.0, 2.0, 3.0)}, r"must be a range .*, got \(1\.0, 2\.0, 3\.0\)"),
         (
             {"fail_distance": 4.5},
             r"must exceed the farthest start, 4\.5 m, got 4\.5: episodes would",
