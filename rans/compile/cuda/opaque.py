@@ -43,7 +43,7 @@ def _operation() -> Callable[[int, int, Tensor], tuple[Tensor, Tensor]]:
     @torch.library.custom_op(
         "rans::rows",
         mutates_args=(),
-        schema="(int number, int which, Tensor given) -> (Tensor, Tensor)",
+        schema="(int number, int which, Tensor tensor) -> (Tensor, Tensor)",
     )
     def rows(number: int, which: int, tensor: Tensor) -> tuple[Tensor, Tensor]:
         return _KNOWN[number].rows(which, tensor)
