@@ -1,4 +1,4 @@
-"""What whoever flies an agent elsewhere must know, as JSON: columns, thrusters, timing, pairs to check."""
+"""Interface contract of an exported agent as JSON: observation columns, thrusters, timing and test vectors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much latency, mass error and sensor noise an agent bears, measured before it is handed on."""
+"""Latency, mass error and sensor noise that an agent tolerates, measured for its export."""
 
 from __future__ import annotations
 

@@ -31,11 +31,11 @@ from rans.structure import is_range
 Slot = tuple[int, int]
 """A uniform number by the block that it is drawn from and its place in it."""
 _UNSIZED = ("count", "share", "time", "slow_period")
-"""Ranges that say which trouble comes or when, not how much of it."""
+"""Ranges of kinds and times of faults and disturbances, which have no size."""
 
 
 class Sized(tuple[float, float]):
-    """A range that knows the value at which there is no trouble, from which it can grow and shrink."""
+    """A range with its nominal value, about which it can be widened or narrowed."""
 
     nominal: float
 

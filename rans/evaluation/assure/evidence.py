@@ -1,4 +1,4 @@
-"""What an assurance is of: hashes by which anybody can tell whether theirs is the same."""
+"""Evidence of an assurance: hashes of the agent, task and conditions, for comparison with those of a reader."""
 
 from __future__ import annotations
 

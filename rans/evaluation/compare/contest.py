@@ -38,19 +38,19 @@ _TIMED_STARTS = 4
 
 @dataclass(frozen=True)
 class Contest:
-    """Same plant, starts, rate and goal set for everyone."""
+    """Conditions of a comparison: all contestants have the same plant, starts, control rate and goal set."""
 
     craft: Spacecraft
     task: Task
-    """With the starts that agents are judged on."""
+    """Task with the evaluation starts."""
     timing: Timing
     seed: int
     episodes: int
-    """Starts: scenarios 0 to N - 1 of the seed."""
+    """Number of starts N: scenarios 0 to N - 1 of the seed."""
     engine: EngineName = "fast"
-    """What computes the motion of the contestants."""
+    """Engine that computes the motion."""
     conditions: Conditions | None = None
-    """What episodes do not promise; None: a perfect world."""
+    """Domain randomization, disturbances, faults and sensors; None: everything is nominal."""
     guard: Guard | None = None
     """Safety filter between every contestant and the effectors; None: every command is given."""
 
@@ -218,9 +218,9 @@ class Entry:
 
     @cached_property
     def _turns_unseen(self) -> np.ndarray:
-        """(N,) whether it ever turns by half a turn a period, in the plane: whoever does is not seen to stay.
+        """(N,) whether the craft ever turns by half a turn or more in a control period, in the plane.
 
-        Looks a period apart take whole turns for none, and bounds of settling do not hold for these.
+        States one period apart do not show such turns, so that bounds of the settling time do not apply to these.
         """
         spin = self.flight.states.spin()
         return (np.abs(spin[0]).max(axis=0) * self._period >= math.pi) & (len(spin) == 1)

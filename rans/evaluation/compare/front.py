@@ -1,4 +1,4 @@
-"""Time against impulse: who dominates whom, and how far everybody is from what is possible."""
+"""Pareto front of time and impulse: which contestant dominates which, and distances from the bounds."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class Front:
         }
 
     def others(self) -> list[Entry]:
-        """Whoever is no position of a line."""
+        """Contestants that are not settings of one trade-off agent."""
         turned = {one.name for line in self.lines().values() for one in line}
         return [entry for entry in self.entries if entry.name not in turned]
 
@@ -160,7 +160,7 @@ class Front:
         return sum(won) / len(won)
 
     def events(self, start: int) -> list[Event]:
-        """What is bounded from a start: least time, the horizons, and everybody's own time."""
+        """Events that are bounded from a start: the least time, the horizons, and the time of each contestant."""
         own = (float(entry.arrival[start]) for entry in self.entries)
         horizons = dict.fromkeys([*self.horizons, *(t for t in own if 0.0 < t < math.inf)])
         return [Event(), *(Event(horizon=t) for t in horizons)]

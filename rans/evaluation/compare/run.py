@@ -115,7 +115,7 @@ class Comparison(NotebookRepr):
     def _last_watched(self) -> float:
         """Until when a flight that settles is watched long enough for the bound to hold, s.
 
-        Whoever enters the tolerances in the last moment of an episode may be too fast to stay there.
+        A craft that enters the tolerances at the end of an episode may be too fast to stay there.
         """
         craft = self.contest.craft
         task = self.contest.task

@@ -26,7 +26,7 @@ from rans.tasks.derived import layout
 
 
 class Agent:
-    """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
+    """Controller that gives the deterministic actions of a policy: a network of one member, on the CPU."""
 
     def __init__(self, network: Network, name: str, craft: Spacecraft | None = None) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""Whoever can be judged, by one text: an agent of a run, one that comes with RANS, a controller."""
+"""Contestants by name: the agent of a run folder, an agent that comes with RANS, or a controller."""
 
 from __future__ import annotations
 

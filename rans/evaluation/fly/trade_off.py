@@ -1,4 +1,4 @@
-"""An agent with a trade-off, its trade-off fixed: it then flies what needs no trade-off, beside everybody else."""
+"""Agents whose trade-off input is fixed, so that they are compared with agents that have none."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FixedTradeOff:
 
 
 def without_trade_off(run: LoadedRun) -> LoadedRun:
-    """The same for the plain task if its trade-off is fixed, so that it is compared with whoever has none."""
+    """The same agent for the task without a trade-off, if its trade-off is fixed."""
     trade_off = run.task.held_trade_off
     if trade_off is None:
         return run

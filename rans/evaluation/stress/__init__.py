@@ -1,1 +1,1 @@
-"""How much of each trouble contestants bear, and who bears more."""
+"""Robustness: success of contestants against the size of every disturbance and fault."""

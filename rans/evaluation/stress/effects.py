@@ -1,4 +1,4 @@
-"""Troubles by size: each alone, the same in every episode, from nothing to more than anybody holds."""
+"""Disturbances, faults and errors by size: each alone, and the same in every episode."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from rans.randomization.conditions import (
 
 @dataclass(frozen=True)
 class Level:
-    """One world that contestants fly in."""
+    """Conditions in which contestants fly: an effect of one size, or named conditions."""
 
     effect: str
     """Name of the effect, or of the conditions."""
     size: float | None
-    """In the effect's unit; None where there is nothing to measure."""
+    """Size in the unit of the effect; None for named conditions."""
     conditions: Conditions
 
     @property
     def name(self) -> str:
-        """Also that of its file; other files of conditions have other ones."""
+        """Name of the level, which is unique and can be a file name."""
         if self.effect.endswith(".toml"):
             return distinct(self.effect).strip("-")
         words = re.sub(r"[^\w.]+", "-", self.effect).strip("-")
@@ -43,31 +43,31 @@ class Level:
 
 @dataclass(frozen=True)
 class Effect:
-    """One trouble that can be small or large."""
+    """Disturbance, fault or error whose size can vary."""
 
     group: str
-    """Heading under which it belongs."""
+    """Heading of the group in tables and pages."""
     name: str
     unit: str
-    """Unit of its sizes."""
+    """Unit of the sizes."""
     nominal: float
-    """The size at which there is no trouble."""
+    """Size that has no effect."""
     sizes: tuple[float, ...]
-    """From the smallest trouble to the largest."""
+    """Sizes that are flown, in ascending order of the effect."""
     make: Callable[[float], Conditions]
-    """The world of one size."""
+    """Function that makes the conditions of a size."""
 
     def levels(self) -> Iterator[Level]:
-        """A world a size."""
+        """Yield one level for each size."""
         for size in self.sizes:
             yield Level(self.name, size, self.make(size))
 
 
 def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
-    """Every effect, as far as this spacecraft can meet it.
+    """Every effect that applies to this spacecraft.
 
-    Sizes reach beyond the ranges of the conditions ``train-robust``, in which agents that knew one perfect
-    world broke; pushes and turns are shares of what the strongest thruster gives, least on-times whole periods.
+    Sizes reach beyond the ranges of the conditions ``train-robust``. Disturbance forces and torques
+    are fractions of those of the strongest thruster, and least on-times are whole control periods.
     """
     return [*_of_valves(craft, timing), *_of_body(), *_disturbances(craft), *_readings()]
 

@@ -1,4 +1,4 @@
-"""How episodes ended, and to which size of a trouble contestants hold their goals."""
+"""Outcomes of episodes, and the size of an effect up to which contestants hold their goals."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from rans.evaluation.measure.statistics import Estimate, share
 from rans.flight import Flight
 
 WANTED = 0.99
-"""Share of episodes from which a trouble counts as mastered, and a task as solved (`rans.show.pages.report`)."""
+"""Share of held episodes from which an effect counts as tolerated, and a task as solved."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How N episodes of one contestant in one world ended, in the order of their numbers."""
+    """Outcomes of N episodes of one contestant under the same conditions, in the order of their numbers."""
 
     errors: dict[str, np.ndarray]
     """The largest of every error that has a tolerance over the last fifth, (N,) SI; infinite if lost."""
@@ -57,7 +57,7 @@ class Outcome:
 
 
 def holds_to(sizes: Sequence[float], shares: Sequence[Estimate]) -> float | None:
-    """The size up to which at every flown one 99 % are held; None if not even at the first."""
+    """Largest size up to which 99 % of the episodes are held at every size; None if they are not at the first."""
     held = [
         size for k, size in enumerate(sizes) if all(one.value >= WANTED for one in shares[: k + 1])
     ]
@@ -65,14 +65,14 @@ def holds_to(sizes: Sequence[float], shares: Sequence[Estimate]) -> float | None
 
 
 class BreakEven(NamedTuple):
-    """Where two are equally good: 1 stands for the first of them, -1 for the second, 0 for neither."""
+    """Size at which two contestants are equally good: 1 stands for the first, -1 for the second, 0 for neither."""
 
     size: float | None
-    """Up to which neither is ahead, or at which the lead changes hands; None: there is no such size."""
+    """Size up to which neither is ahead, or at which the lead changes; None: there is no such size."""
     before: int
-    """Who is ahead at smaller sizes."""
+    """The contestant that is ahead at smaller sizes."""
     after: int
-    """And at larger ones."""
+    """The contestant that is ahead at larger sizes."""
 
     def text(self, first: str, second: str, unit: str) -> str:
         """In words."""
@@ -85,9 +85,10 @@ class BreakEven(NamedTuple):
 def break_even(
     sizes: Sequence[float], first: Sequence[Estimate], second: Sequence[Estimate]
 ) -> BreakEven:
-    """Who bears more of a trouble; who is ahead is only where the two intervals share no point.
+    """Compare the success of two contestants over the size of an effect.
 
-    Where the lead changes hands, that is where the straight line between two sizes' differences is zero.
+    A contestant is ahead where the two confidence intervals do not overlap. The size at which the lead changes is
+    interpolated linearly between the differences at two sizes.
     """
     leads = [(a.low > b.high) - (a.high < b.low) for a, b in zip(first, second, strict=True)]
     begins = next((k for k, lead in enumerate(leads) if lead), None)
