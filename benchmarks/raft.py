@@ -51,7 +51,7 @@ TIMING = Timing(control_period=0.1, substeps=1, episode_steps=400)
 TASK = GoToPosition().for_evaluation()
 """From 3 to 4 m away, at rest; an episode fails 8 m away from its goal."""
 SEEDS = (42, 1337, 7, 101, 102, 103, 104, 105, 106, 107)
-"""Of starts and faults: those that RAFT reports, and seven others."""
+"""Seeds of starts and faults: the three that RAFT reports, and seven others."""
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Shares to which two thrusters are degraded in a sweep."""
 PLATFORM = "floating-platform-shared"
@@ -240,7 +240,7 @@ class Cell(NamedTuple):
     name: str
     seeds: tuple[int, ...]
     faults: tuple[Faults, ...]
-    """Of each seed."""
+    """Faults of the episodes of each seed."""
     after: float
     """s after which the faults begin."""
 
@@ -279,7 +279,7 @@ def _classes(craft: Spacecraft, every: list[Cell]) -> dict[str, np.ndarray]:
 
 
 def counts(who: Contestant, agents: Path, cell: Cell, able: np.ndarray) -> dict[Class, list[int]]:
-    """Of each class: episodes held, those of the others that stayed within 8 m of their goal, and all."""
+    """Count the episodes of each class: held, not held but within 8 m of the goal, and all."""
     craft = load_spacecraft(who.spacecraft)
     faults = Faults(
         *(np.concatenate([getattr(one, x) for one in cell.faults]) for x in ("gain", "leak"))

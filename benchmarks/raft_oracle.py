@@ -21,7 +21,7 @@ _BRAKING = 0.9
 _REACTION = 0.5
 """s in which a wrong velocity is corrected."""
 _SHARE = 0.7
-"""Of the balanced acceleration that is asked for, so that some is left for turning."""
+"""Share of the balanced acceleration that the law asks for; the rest is left for turning."""
 _LEVER = 0.1
 """m: how much a rad/s^2 counts beside a m/s^2."""
 _OWED = (0.4, 0.4, 4.0)
@@ -88,7 +88,14 @@ class Oracle:
     name = "oracle"
 
     def __init__(self, craft: Spacecraft, gain: np.ndarray, leak: np.ndarray, begins: int) -> None:
-        """Of N craft with these gains and leaks, (N, n), from so many control periods on."""
+        """Make the law for N craft.
+
+        Args:
+            craft: spacecraft as designed.
+            gain: share of its force that each thruster gives when open, (N, n).
+            leak: share of its force that each thruster always gives, (N, n).
+            begins: number of the control period in which the faults begin.
+        """
         self._patterns = patterns(len(craft.thrusters))
         self._wheel = 0.0
         if craft.wheels:

@@ -44,7 +44,7 @@ def leaderboard_page() -> str:
         "# Leaderboard",
         "",
         "Ranked from the files of evidence, every time the site is built. Shares have 95 % intervals in the files; "
-        "agents whose intervals overlap are not told apart by a rank. How comparisons are made: "
+        "a rank does not separate agents whose intervals overlap. How comparisons are made: "
         "[Protocol](../protocol.md).",
     ]
     for table in (*task_tables(), robustness(), faults(), *missions(), assurance(), settled_gate()):

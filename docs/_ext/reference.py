@@ -75,7 +75,7 @@ API = {
 """Public names by what they are for; `check_api` compares them with `rans.__all__`."""
 
 PICTURES = Path(__file__).parents[1] / "_pictures"
-"""Of spacecraft and tasks; drawn once, never committed."""
+"""Folder of the pictures of spacecraft and tasks, which are made once and never committed."""
 FLOWN = (
     "go-to-pose-2d",
     "go-to-pose-2d-robust",

@@ -45,7 +45,7 @@ class Stress:
     episodes: int = 256
     """Number of flights at each magnitude and in each set of conditions."""
     slow_episodes: int = 32
-    """The same for slow controllers, such as mpc."""
+    """Number of flights of slow controllers, such as mpc, at each magnitude and in each set of conditions."""
     seed: int = EVALUATION_SEED
     """Seed of starts, goals and disturbances."""
     guard: bool = False

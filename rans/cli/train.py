@@ -112,20 +112,11 @@ class Train:
             config = replace(config, plain=self.plain or config.plain)
             craft = run.spacecraft()
             world = join(config.device)
-            trainer = Trainer(
-                [config],
-                craft,
-                run,
-                world,
-                expert=expert_of(config, craft),
-                guard=guard_of(config, craft),
-            )
-            trainer.resume()
-            return trainer
-        config = self.resolved()
-        world = join(config.device)
-        run = RunFolder(world.from_first(self.output or run_path(config)))
-        craft = load_spacecraft(config.spacecraft)
+        else:
+            config = self.resolved()
+            world = join(config.device)
+            run = RunFolder(world.from_first(self.output or run_path(config)))
+            craft = load_spacecraft(config.spacecraft)
         trainer = Trainer(
             [config],
             craft,
@@ -134,7 +125,9 @@ class Train:
             expert=expert_of(config, craft),
             guard=guard_of(config, craft),
         )
-        if world.is_first:
+        if self.resume is not None:
+            trainer.resume()
+        elif world.is_first:
             run.begin(config, command_line())
         return trainer
 

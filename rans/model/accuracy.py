@@ -45,8 +45,8 @@ _UNEVEN = 1.5
 """Reduction of the angle by unequal moments of inertia: the error of a rod or a plate at 0.4 rad is that of a
 sphere at 1 rad."""
 _RESERVE = 4.0
-"""The same reduction where substeps are chosen; a tumbling rod amplifies its errors and gets twice as many
-steps."""
+"""Reduction of the angle by unequal moments of inertia in the choice of substeps: a tumbling rod amplifies its
+errors and gets twice as many steps."""
 
 _FLIGHT = 25.0
 """Duration of the flights for which the accuracy is specified, s."""

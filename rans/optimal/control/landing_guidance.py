@@ -29,11 +29,11 @@ from rans.tasks.land import Land
 _TURNING = 0.9
 """Share of the torques that plans use: the rest follows them."""
 _UPRIGHT = math.radians(0.4)
-"""Of the tilt limit that plans leave, rad: they take turning about two axes at once as independent."""
+"""Reserve of plans below the tilt limit, rad, because plans treat turns about two axes as independent."""
 _ARRIVAL = 0.5
 """Share of the tolerances within which plans end."""
 _OFF = 0.4
-"""The same by which a plan's end may be missed before it is made anew."""
+"""Share of the tolerances by which the end of a plan may be missed before the landing is planned again."""
 _ASTRAY = np.array([5.0] * 3 + [1.0] * 3 + [0.04] * 2 + [0.08] * 2)
 """Deviations from a plan that linear corrections may take beyond the limits: m, m/s, rad, rad/s."""
 _PAUSE = 4
