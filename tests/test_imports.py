@@ -61,13 +61,7 @@ RANK = {unit: rank for rank, units in enumerate(LAYERS) for unit in units}
 
 OWN_ROOMS = "rans.model", "rans.effectors", "rans.tasks"
 """Where the kinds of tasks and effectors are known; other rooms ask a task or an effector for its properties."""
-CHECKED = {
-    "rans.optimal.control.convex_guidance": {"OrbitalMission"},
-    "rans.optimal.control.landing_guidance": {"Land"},
-    "rans.optimal.control.mission_guidance": {"OrbitalMission"},
-    "rans.optimal.control.visiting": {"Inspect"},
-    "rans.optimal.convex.landing": {"Throttle"},
-}
+CHECKED = {"rans.optimal.convex.landing": {"Throttle"}}
 """Kinds that a module asks for to refuse all others with a sentence."""
 JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
 """Drake's side reads settings only, and has to have equations of its own for each kind."""

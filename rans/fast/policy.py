@@ -190,7 +190,7 @@ class AgentPolicy(ActorCriticPolicy):
         policy = self._evaluated(obs).policy
         known = cast("Any", self.action_dist)
         if isinstance(policy, ClippedGaussian):
-            return known.proba_distribution(policy.mean, policy.log_std)
+            return known.proba_distribution(policy.mean, policy.log_spread)
         if not isinstance(policy, OnOff):
             raise ConfigError(
                 "Stable-Baselines3 has no distribution for this agent's head: fly it by its commands."

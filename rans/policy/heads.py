@@ -110,19 +110,26 @@ class ClippedGaussian(NamedTuple):
     mean: Tensor
     """(N, n)."""
     log_std: Tensor
-    """(N, n), or (n,) for all."""
+    """(N, n), or (n,) for all, of commands divided by their scale."""
+    log_scale: Tensor | None = None
+    """(N, n): logarithm of a scale of the noise of each command, which is given and not learnt; None: 0."""
+
+    @property
+    def log_spread(self) -> Tensor:
+        """Logarithm of the standard deviation of the commands, (N, n) or (n,)."""
+        return self.log_std if self.log_scale is None else self.log_std + self.log_scale
 
     def log_prob(self, action: Tensor) -> Tensor:
         """Log-density (N,) of an action (N, n) before it is clipped."""
-        return _log_density(action, self.mean, self.log_std).sum(dim=1)
+        return _log_density(action, self.mean, self.log_spread).sum(dim=1)
 
     def entropy(self) -> Tensor:
-        """Differential entropy (N,), nats."""
+        """Differential entropy (N,) of commands divided by their scale, nats: a scale is no choice."""
         return (0.5 + 0.5 * math.log(2 * math.pi) + self.log_std).expand_as(self.mean).sum(dim=1)
 
     def sample(self, uniform: Tensor) -> Tensor:
         """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        return self.mean + self.log_std.exp() * _normal(uniform)
+        return self.mean + self.log_spread.exp() * _normal(uniform)
 
     def mode(self) -> Tensor:
         """Most likely command (N, n)."""
@@ -142,7 +149,9 @@ class ClippedGaussian(NamedTuple):
         return self.mean * 0
 
     def placed(self, place: Tensor) -> ClippedGaussian:
-        """As `OnOff.placed`."""
+        """As `OnOff.placed`; a scale belongs to each thruster where it is, and to no other side."""
+        if self.log_scale is not None:
+            raise NotImplementedError
         return ClippedGaussian(
             self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place)
         )
@@ -224,65 +233,6 @@ class GatedGaussian(NamedTuple):
         # Where the probability rounds to one, nothing is left beyond it.
         within = within.nan_to_num(0.5).clamp(0.0, 1.0)
         return fires, self.level + self.log_std.exp() * _normal(within)
-
-
-class Guided(NamedTuple):
-    """N commands of n throttled thrusters that are shares of those that guidance recommends.
-
-    The shares are what a network learns. The standard deviation of a command is proportional to the
-    recommendation, so that exploration ends where nothing is left to be done. An action is a command before it
-    is clipped to [0, 1].
-    """
-
-    share: Tensor
-    """(N, n)."""
-    advice: Tensor
-    """(N, n): the commands that are recommended, before they are clipped."""
-    log_std: Tensor
-    """(N, n), or (n,) for all: of the share."""
-
-    @property
-    def mean(self) -> Tensor:
-        """Of the commands, (N, n)."""
-        return self.share * self.advice
-
-    @property
-    def _spread(self) -> Tensor:
-        return self.log_std + torch.log(self.advice.abs() + _LEAST_NOISE)
-
-    def log_prob(self, action: Tensor) -> Tensor:
-        """Log-density (N,) of an action (N, n) before it is clipped."""
-        return _log_density(action, self.mean, self._spread).sum(dim=1)
-
-    def entropy(self) -> Tensor:
-        """Differential entropy (N,) of the shares, nats: what is recommended is no choice."""
-        entropy = 0.5 + 0.5 * math.log(2 * math.pi) + self.log_std
-        return entropy.expand_as(self.share).sum(dim=1)
-
-    def sample(self, uniform: Tensor) -> Tensor:
-        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        return self.mean + self._spread.exp() * _normal(uniform)
-
-    def mode(self) -> Tensor:
-        """Most likely command (N, n)."""
-        return self.command(self.mean)
-
-    def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are commanded, (N, n): in [0, 1]."""
-        return action.clamp(0.0, 1.0)
-
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Distribution`."""
-        action = self.sample(uniform)
-        return action.detach(), Inward.apply(action)  # type: ignore[return-value]
-
-    def margin(self) -> Tensor:
-        """See `Distribution`: there is no jump."""
-        return self.mean * 0
-
-    def placed(self, place: Tensor) -> Guided:
-        """Refused: recommendations are those of each thruster where it is, from no other side."""
-        raise NotImplementedError
 
 
 class Inward(torch.autograd.Function):
@@ -457,11 +407,14 @@ class GuidedHead(Head):
 
     def distribution(
         self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> Guided:
-        """See `Head`."""
+    ) -> ClippedGaussian:
+        """See `Head`; a command's standard deviation is proportional to the recommendation.
+
+        Exploration so ends where nothing is left to be done. The entropy is that of the shares.
+        """
         assert log_std is not None
         assert advice is not None
-        return Guided(outputs, advice, log_std)
+        return ClippedGaussian(outputs * advice, log_std, torch.log(advice.abs() + _LEAST_NOISE))
 
     def command(self, *outputs: Field) -> Field:
         """See `Head`."""

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from rans.display import Settings
 from rans.errors import ConfigError
@@ -61,6 +61,21 @@ class Task(Settings, ABC):
             own.observation_terms = vars(cls)["sight"]
         elif "observation_terms" in vars(cls):
             own.sight = vars(cls)["observation_terms"]  # for `super().sight` in tasks of users
+
+    @classmethod
+    def expected(cls, task: Task, purpose: str) -> Self:
+        """A task that must be of this class.
+
+        Args:
+            task: task.
+            purpose: beginning of the message, such as "landing guidance flies descents".
+
+        Raises:
+            ConfigError: the task is of another class.
+        """
+        if isinstance(task, cls):
+            return task
+        raise ConfigError(f"{purpose}, and {type(task).__name__} is not one.")
 
     symmetric: ClassVar[bool] = True
     """Whether policies exploit the symmetry of the spacecraft by default (decision 009)."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, SolverFailed, is_finite
+from rans.errors import SolverFailed
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import ModelBased
+from rans.optimal.control.planning import PlanningGuidance
 from rans.optimal.convex.impulses import Impulses
 from rans.optimal.convex.rendezvous import (
     Meeting,
@@ -48,7 +48,7 @@ class _Plan:
     """(checks + 1, 2 d) expected at every check from now on."""
 
 
-class ConvexGuidance(ModelBased):
+class ConvexGuidance(PlanningGuidance[_Plan]):
     """Flies the transfer of least impulse that keeps a mission's limits, planned by a conic program.
 
     >>> rans.ConvexGuidance("afrl-deputy", "dock")
@@ -57,6 +57,7 @@ class ConvexGuidance(ModelBased):
     At first, and whenever an episode is so far off its plan that the arrival would be missed by a tenth of the
     tolerances, the program of `rans.optimal.convex.rendezvous` is solved from the state as it is. Between, the
     planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
+    Where no transfer is found, the craft coasts.
 
     Args:
         craft: by name, TOML file or as such; one whose thrusters do not turn it.
@@ -72,8 +73,6 @@ class ConvexGuidance(ModelBased):
     """
 
     name = "convex"
-    slow = True
-    heeds_constraints: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -83,24 +82,17 @@ class ConvexGuidance(ModelBased):
         search: bool = True,
         reserve: float = 0.005,
     ) -> None:
-        super().__init__(craft, task, timing)
-        if not isinstance(self._task, OrbitalMission):
-            raise ConfigError(
-                f"convex guidance flies missions on an orbit, and {type(self._task).__name__} is none."
-            )
-        if not (is_finite(reserve) and 0.0 <= reserve < 0.5):
-            raise ConfigError(f"reserve must be at least 0 and below 0.5, got {reserve!r}.")
+        super().__init__(craft, task, timing, reserve)
+        self._mission = OrbitalMission.expected(
+            self._task, "convex guidance flies missions on an orbit"
+        )
         self._search = search
         # Speeds of arrival are no equations of the closed form.
-        self._closed_form = not search and not self._task.brakes
-        self._reserve = reserve
+        self._closed_form = not search and not self._mission.brakes
         self._later = _LATER
         self._every = 1
         self._meeting: Meeting | None = None
         self._impulses: Impulses | None = None
-        self._plans: list[_Plan | None] = []
-        self.failures = 0
-        """Times that no transfer was found; the craft then coasts."""
 
     @classmethod
     def as_expert(cls, craft: Spacecraft, task: Task, timing: Timing) -> ConvexGuidance:
@@ -109,10 +101,6 @@ class ConvexGuidance(ModelBased):
         expert._later = (1.0,)
         expert._every = _EVERY
         return expert
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; plans are forgotten."""
-        self._plans = [None] * count
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
@@ -181,7 +169,7 @@ class ConvexGuidance(ModelBased):
             p=type(goal.p)(*(np.ravel(x)[:1] for x in leaves(goal.p))),
             v=type(goal.v)(*(np.ravel(x)[:1] for x in leaves(goal.v))),
         )
-        meeting = Meeting.of(self._craft, self._task, one)  # type: ignore[arg-type]
+        meeting = Meeting.of(self._craft, self._mission, one)
         kept = 1.0 - self._reserve
         return replace(
             meeting,

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, is_finite
+from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import ModelBased
+from rans.optimal.control.planning import PlanningGuidance
 from rans.optimal.convex.landing import Descent, Lander, best_landing, landing
 from rans.optimal.trajectory.steered_landing import (
     SteeredLanding,
@@ -46,7 +46,7 @@ _AGAIN = (0, 1, 3, 6, 10)
 """Periods by which a plan that is made anew is longer than what was left of the old one."""
 
 
-class LandingGuidance(ModelBased):
+class LandingGuidance(PlanningGuidance["_Followed"]):
     """Flies the landing of least propellant of a craft that has to turn, planned once and followed.
 
     >>> rans.LandingGuidance("mars-lander-steered", "land")
@@ -56,7 +56,8 @@ class LandingGuidance(ModelBased):
     the landing of one that does not (`rans.optimal.trajectory.steered_landing`). The plan's thrust and turning are
     given, corrected by a time-varying LQR for deviations in position, velocity, tilt and its rate. Where these are
     large, or the corrected flight would still miss the site, the plan is made anew from the state as it is, until
-    6 s before its end. A perfect world needs one plan, which takes about a second of a core.
+    6 s before its end. A perfect world needs one plan, which takes about a second of a core. Where no landing is
+    found, the craft brakes upright.
 
     Args:
         craft: by name, TOML file or as such; engines that push along z of B together, and reaction wheels that turn
@@ -71,8 +72,6 @@ class LandingGuidance(ModelBased):
     """
 
     name = "landing"
-    slow = True
-    heeds_constraints: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -81,13 +80,8 @@ class LandingGuidance(ModelBased):
         timing: Timing | None = None,
         reserve: float = 0.003,
     ) -> None:
-        super().__init__(craft, task, timing)
-        if not isinstance(self._task, Land):
-            raise ConfigError(
-                f"landing guidance flies descents, and {type(self._task).__name__} is none."
-            )
-        if not (is_finite(reserve) and 0.0 <= reserve < 0.5):
-            raise ConfigError(f"reserve must be at least 0 and below 0.5, got {reserve!r}.")
+        super().__init__(craft, task, timing, reserve)
+        mission = Land.expected(self._task, "landing guidance flies descents")
         lander = Lander.of(self._craft)
         self._full_thrust = lander.largest_thrust / self._craft.actuators.high
         self._full_mass = lander.mass
@@ -102,7 +96,7 @@ class LandingGuidance(ModelBased):
         # Motors turn the craft against their wheels.
         self._shares = -np.linalg.pinv(axes.T) / torques[:, None]
         self._turning = 1.0 / np.abs(self._shares @ self._inertia).sum(axis=1).max()
-        descent = Descent.of(self._task)
+        descent = Descent.of(mission)
         kept = 1.0 - reserve
         self._lander = replace(lander, largest_thrust=lander.largest_thrust * kept)
         self._descent = replace(
@@ -115,13 +109,6 @@ class LandingGuidance(ModelBased):
         self._landings = SteeredLandings(
             self._lander, self._descent, self._turning * _TURNING, self._timing.control_period
         )
-        self._plans: list[_Followed | None] = []
-        self.failures = 0
-        """Times that no landing was found; the craft then brakes upright."""
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; plans are forgotten."""
-        self._plans = [None] * count
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state, and where the site is."""

@@ -46,15 +46,13 @@ class MissionGuidance(ModelBased):
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None
     ) -> None:
         super().__init__(craft, task, timing)
-        if not isinstance(self._task, OrbitalMission):
-            raise ConfigError(
-                "mission guidance flies missions on an orbit, such as dock and hold, and "
-                f"{type(self._task).__name__} is not one."
-            )
-        if not self.keeps_limits(self._task):
+        self._mission = OrbitalMission.expected(
+            self._task, "mission guidance flies missions on an orbit, such as dock and hold"
+        )
+        if not self.keeps_limits(self._mission):
             raise ConfigError(
                 "mission guidance keeps speed limits and keep-out balls, but "
-                f"{type(self._task).__name__} has other limits; fly it with convex."
+                f"{type(self._mission).__name__} has other limits; fly it with convex."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._levers = np.array(per_velocity(self._craft, self._timing.control_period))
@@ -70,8 +68,8 @@ class MissionGuidance(ModelBased):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
-        assert isinstance(self._task, OrbitalMission)
-        change = self._task.recommended(state, goal, self._task.arrival(goal)) - state.v
+        arrival = self._mission.arrival(goal)
+        change = self._mission.recommended(state, goal, arrival) - state.v
         in_body = state.attitude.to(self._identity).rotate(change)
         shape = np.shape(state.p.x)
         columns = [np.broadcast_to(np.asarray(x, float), shape) for x in in_body.columns()]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Quat, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
@@ -60,13 +59,7 @@ class Visiting:
         least: float = 0.05,
     ) -> None:
         self.craft = load_spacecraft(craft)
-        found = load_task(task)
-        if not isinstance(found, Inspect):
-            raise ConfigError(
-                f"visiting flies round inspected targets, and {type(found).__name__} has none: fly guidance, "
-                "LQR or MPC."
-            )
-        self.task: Inspect = found
+        self.task = Inspect.expected(load_task(task), "visiting flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._distance = distance
         self._speed = speed
