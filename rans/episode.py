@@ -17,7 +17,7 @@ from rans.effectors.motion import states_at_checks
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.dynamics import NODES
+from rans.model.dynamics import NODES, advance
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
@@ -195,8 +195,16 @@ class World:
         """Conditions of the setup."""
         return self.setup.conditions
 
-    def move(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
-        """States at the checks of a control period by the equations of motion; the last one is at its end."""
+    def move(
+        self, state: Any, step_inputs: StepInputs, integrate: Callable[..., Any] = advance
+    ) -> tuple[Any, ...]:
+        """States at the checks of a control period by the equations of motion; the last one is at its end.
+
+        Args:
+            state: state at the start of the period.
+            step_inputs: command, body and disturbance.
+            integrate: replaces `rans.model.dynamics.advance`, for programs that are printed.
+        """
         body = step_inputs.body
         command = step_inputs.commands[0]
         pieces = None
@@ -212,6 +220,7 @@ class World:
             self.nodes,
             step_inputs.disturbance,
             pieces,
+            integrate,
         )
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from rans.compile.substeps import Call, Substeps
 from rans.model.fields import Field
 from rans.model.trace import Symbol, ordered
 from rans.policy.activations import ACTIVATIONS
@@ -45,7 +46,7 @@ def function(
     name: str,
     arguments: Mapping[str, Sequence[Symbol]],
     results: Mapping[str, Sequence[Field]],
-    stages: Iterable[Stage] = (),
+    stages: Iterable[Stage | Call] = (),
 ) -> str:
     """The text of a function.
 
@@ -53,7 +54,8 @@ def function(
         name: of the function.
         arguments: arrays that it takes, in order: the symbols that their entries are.
         results: arrays in the object that it returns.
-        stages: layers between inputs and results, in order (`rans.policy.scalars.symbols`).
+        stages: layers and substeps between inputs and results, in order (`rans.policy.scalars.symbols`,
+            `rans.compile.substeps`).
     """
     named = {
         symbol: f"{argument}[{k}]"
@@ -67,15 +69,32 @@ def function(
     body = []
     for number, stage in enumerate(stages):
         body += lines.values(stage.inputs)
-        text = lines.row(stage.inputs)
-        for layer in stage.layers:
-            text = f'dense("{layer.weight.removesuffix(".weight")}", "{layer.activation}", {text})'
-        body.append(f"const layers{number} = {text};")
-        lines.names |= {symbol: f"layers{number}[{k}]" for k, symbol in enumerate(stage.outputs)}
+        if isinstance(stage, Call):
+            state, others = lines.row(stage.state), lines.row(stage.others)
+            text = f"repeated({stage.function}, {stage.repeats}, {state}, {others})"
+        else:
+            text = lines.row(stage.inputs)
+            for layer in stage.layers:
+                weights = layer.weight.removesuffix(".weight")
+                text = f'dense("{weights}", "{layer.activation}", {text})'
+        body.append(f"const stage{number} = {text};")
+        lines.names |= {symbol: f"stage{number}[{k}]" for k, symbol in enumerate(stage.outputs)}
     body += lines.values(wanted)
     answer = ", ".join(f"{key}: {lines.row(row)}" for key, row in found.items())
     body.append(f"return {{{answer}}};")
     return "\n".join((f"function {name}({', '.join(arguments)}) {{", *body, "}"))
+
+
+def substep_functions(substeps: Substeps) -> str:
+    """The text of functions that calls name, and of ``repeated``, which applies one to a state several times."""
+    texts = [
+        function(kind.name, {"state": kind.state, "load": kind.others}, {"state": kind.after})
+        for kind in substeps.kinds
+    ]
+    loop = "for (let k = 0; k < count; ++k) state = substep(state, load).state;"
+    return "\n".join(
+        (*texts, f"function repeated(substep, count, state, load) {{\n{loop}\nreturn state;\n}}")
+    )
 
 
 def activations() -> str:

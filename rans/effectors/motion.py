@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,6 +53,7 @@ def states_at_checks(
     nodes: int = NODES,
     disturbance: Wrench | None = None,
     pieces: Iterable[Piece] | None = None,
+    integrate: Callable[..., Any] = advance,
 ) -> tuple[AnyState, ...]:
     """States at the checks of a control period in which a command is held (`rans.model.timing.Timing.checks`).
 
@@ -70,6 +71,7 @@ def states_at_checks(
         disturbance: disturbance wrench, constant in W.
         pieces: pieces of the period under delayed valves and failing thrusters
             (`rans.randomization.parameters.StepInputs.pieces`); None: thrusters follow the command without delay.
+        integrate: replaces `rans.model.dynamics.advance`, for programs that are printed.
     """
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period
@@ -94,7 +96,7 @@ def states_at_checks(
             if push.growth is not None and pull is not None:
                 pull = grown(pull, 0.5 * (push.growth[0] + push.growth[1]))
             momentum = push.momentum if craft.dimension == 3 else None
-            state = advance(
+            state = integrate(
                 state, push.first, body, duration, steps, fewer, pull, drift, push.last, momentum
             )
         state = state.normalised()

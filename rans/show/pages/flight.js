@@ -1,7 +1,7 @@
 // One flight, driven by the printed functions: its goal, thrusters, sensors and delay may change while it lasts.
 const LAYERS = Object.fromEntries(Object.entries(WEIGHTS).map(([name, layer]) => {
   const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
-  return [name, {weights: new Int16Array(bytes(layer.weights)), scales: new Float32Array(bytes(layer.scales)),
+  return [name, {weights: new (DATA.bits === 16 ? Int16Array : Int8Array)(bytes(layer.weights)), scales: new Float32Array(bytes(layer.scales)),
     biases: new Float32Array(bytes(layer.biases))}];
 }));
 

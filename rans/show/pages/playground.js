@@ -5,10 +5,22 @@ const field = at("field"), strip = at("history");
 const SPAN = 25;  // seconds of the history
 let running = !matchMedia("(prefers-reduced-motion: reduce)").matches;
 let speed = 1, frames = [flight.pose()], clock = 0, last = 0, records = [], trail = [], dragged = "";
-let view = {x: 0, y: 0, half: 3};
+const DIMENSION = DATA.planar ? 2 : 3, SIZE = DATA.planar ? 3 : 7;  // of a position and of a pose
+let view = {centre: [0, 0, 0], half: 3, floor: 0};
+let azimuth = -1.1, elevation = 0.4;  // from where a flight in space is seen, rad
 const follows = !DATA.errors.some(error => error.name === "position");
 const ink = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const turn = ([x, y, angle], [u, v]) => [x + u * Math.cos(angle) - v * Math.sin(angle), y + u * Math.sin(angle) + v * Math.cos(angle)];
+const dot = (a, b) => a.reduce((sum, x, k) => sum + x * (b[k] ?? 0), 0);
+const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+// A point of B, m, in W: the pose is (x, y, heading), or (x, y, z) and a quaternion (w, x, y, z).
+function turn(pose, point) {
+  if (DATA.planar) {
+    const [x, y, angle] = pose, [u, v] = point;
+    return [x + u * Math.cos(angle) - v * Math.sin(angle), y + u * Math.sin(angle) + v * Math.cos(angle)];
+  }
+  const [w, ...axis] = pose.slice(3), once = cross(axis, point), twice = cross(axis, once);
+  return point.map((u, k) => pose[k] + u + 2 * (w * once[k] + twice[k]));
+}
 
 // A canvas as sharp as the screen; returns its pen, width and height in CSS pixels.
 function ready(canvas) {
@@ -25,18 +37,31 @@ function ready(canvas) {
 
 // From W, m, to the picture and back.
 const scale = () => Math.min(field.clientWidth, field.clientHeight) / (2 * view.half);
-const shown = ([x, y]) => [field.clientWidth / 2 + (x - view.x) * scale(), field.clientHeight / 2 - (y - view.y) * scale()];
-const placed = (x, y) => [view.x + (x - field.clientWidth / 2) / scale(), view.y - (y - field.clientHeight / 2) / scale()];
+// Axes of the picture in W: to the right, up, and towards the reader.
+function camera() {
+  if (DATA.planar) return [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  const [c, s] = [Math.cos(azimuth), Math.sin(azimuth)], [level, height] = [Math.cos(elevation), Math.sin(elevation)];
+  return [[-s, c, 0], [-height * c, -height * s, level], [level * c, level * s, height]];
+}
+const offset = point => { const from = view.centre.map((x, k) => (point[k] ?? 0) - x); return camera().map(axis => dot(axis, from)); };
+const shown = point => {
+  const [u, v] = offset(point.slice(0, DIMENSION));
+  return [field.clientWidth / 2 + u * scale(), field.clientHeight / 2 - v * scale()];
+};
+// A point moved within the picture by so many metres to the right and up.
+const pushed = (point, u, v) => { const [right, up] = camera(); return point.map((x, k) => k < DIMENSION ? x + u * right[k] + v * up[k] : x); };
+const placed = (x, y) => pushed(view.centre, (x - field.clientWidth / 2) / scale(), (field.clientHeight / 2 - y) / scale());
 
 function frame() {
   const pose = flight.pose(), goal = flight.goal;
-  if (follows) { view = {x: pose[0], y: pose[1], half: 3}; return; }
-  const reach = Math.max(...[pose, goal].flatMap(([x, y]) => [Math.abs(x - view.x), Math.abs(y - view.y)])) + 3 * DATA.radius;
+  if (follows) { view = {...view, centre: centre(pose, pose), half: 3, floor: pose[2] - 1}; return; }
+  const reach = Math.max(...[pose, goal].flatMap(one => offset(one.slice(0, DIMENSION)).slice(0, 2).map(Math.abs))) + 3 * DATA.radius;
   if (reach > view.half) view.half = reach;
 }
+const centre = (a, b) => [0, 1, 2].map(k => k < DIMENSION ? (a[k] + b[k]) / 2 : 0);
 function begin_anew() {
   const pose = flight.pose(), goal = flight.goal;
-  view = {x: (pose[0] + goal[0]) / 2, y: (pose[1] + goal[1]) / 2, half: 1.5};
+  view = {centre: centre(pose, goal), half: DATA.planar ? 1.5 : 5 * DATA.radius, floor: Math.min(pose[2], goal[2]) - 2 * DATA.radius};
   records = []; trail = [pose]; frames = [pose]; clock = 0;
   frame(); view.half *= 1.1; told(); draw();
 }
@@ -46,19 +71,35 @@ function path(pen, points) {
   points.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y));
 }
 function arrow(pen, from, vector, colour) {
-  const a = shown(from), b = shown([from[0] + 2 * vector[0], from[1] + 2 * vector[1]]);
+  const a = shown(from), b = shown(vector.map((x, k) => from[k] + 2 * x));
   const angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
   pen.strokeStyle = colour; pen.lineWidth = 3;
   path(pen, [a, b]); pen.stroke();
   path(pen, [-0.4, 0, 0.4].map(turned => turned ? [b[0] - 9 * Math.cos(angle + turned), b[1] - 9 * Math.sin(angle + turned)] : b));
   pen.stroke();
 }
+const every = () => view.half > 12 ? 5 : view.half > 1.5 ? 1 : 0.2;  // m from line to line of the grid
 function floor(pen, width, height) {
-  const [x0, y1] = placed(0, 0), [x1, y0] = placed(width, height), every = view.half > 12 ? 5 : 1;
   pen.strokeStyle = ink("--line"); pen.lineWidth = 1;
+  pen.fillStyle = ink("--soft"); pen.font = "12px system-ui"; pen.fillText(`grid ${every()} m`, 8, height - 8);
+  if (DATA.planar) lines(pen, placed(0, height), placed(width, 0), every());
+  else ground(pen, every());
+}
+// A level grid below start and goal, with plumb lines.
+function ground(pen, every) {
+  const under = ([x, y]) => [x, y, view.floor], reach = every * Math.ceil(1.3 * view.half / every);
+  const [x, y] = view.centre.map(u => every * Math.round(u / every));
+  for (let k = -reach; k <= reach + 1e-9; k += every) {
+    path(pen, [[x + k, y - reach], [x + k, y + reach]].map(one => shown(under(one)))); pen.stroke();
+    path(pen, [[x - reach, y + k], [x + reach, y + k]].map(one => shown(under(one)))); pen.stroke();
+  }
+  pen.strokeStyle = ink("--soft"); pen.setLineDash([2, 4]);
+  for (const pose of follows ? [frames[0]] : [frames[0], flight.goal]) { path(pen, [shown(pose), shown(under(pose))]); pen.stroke(); }
+  pen.setLineDash([]);
+}
+function lines(pen, [x0, y0], [x1, y1], every) {
   for (let x = Math.ceil(x0 / every) * every; x <= x1; x += every) { path(pen, [shown([x, y0]), shown([x, y1])]); pen.stroke(); }
   for (let y = Math.ceil(y0 / every) * every; y <= y1; y += every) { path(pen, [shown([x0, y]), shown([x1, y])]); pen.stroke(); }
-  pen.fillStyle = ink("--soft"); pen.font = "12px system-ui"; pen.fillText(`grid ${every} m`, 8, height - 8);
 }
 function scenery(pen, numbers) {
   pen.strokeStyle = ink("--zone"); pen.fillStyle = ink("--zone"); pen.lineWidth = 2;
@@ -68,7 +109,10 @@ function scenery(pen, numbers) {
     from += size;
     pen.beginPath();
     if (kind === "Ball") {
-      pen.arc(...shown(values), values[4] * scale(), 0, 7);
+      pen.arc(...shown(values), values[2 * DIMENSION] * scale(), 0, 7);
+    } else if (!DATA.planar) {
+      cone(pen, values);
+      pen.strokeStyle = ink("--good");
     } else {
       const [x, y, u, v, half, length] = values, heading = Math.atan2(v, u);
       pen.moveTo(...shown([x, y]));
@@ -83,12 +127,27 @@ function scenery(pen, numbers) {
     pen.strokeStyle = ink("--zone");
   }
 }
+// The rim of a cone in space, and lines from its apex.
+function cone(pen, [x, y, z, a, b, c, half, length]) {
+  const axis = [a, b, c], side = cross(axis, Math.abs(c) < 0.9 ? [0, 0, 1] : [1, 0, 0]), size = Math.hypot(...side);
+  const first = side.map(u => u / size), second = cross(axis, first);
+  for (let k = 0; k <= 24; ++k) {
+    const [u, v] = [Math.cos(k * Math.PI / 12), Math.sin(k * Math.PI / 12)].map(t => t * length * Math.sin(half));
+    const rim = [x, y, z].map((p, n) => p + length * Math.cos(half) * axis[n] + u * first[n] + v * second[n]);
+    if (k) pen.lineTo(...shown(rim)); else pen.moveTo(...shown(rim));
+    if (k % 4 === 0) { pen.lineTo(...shown([x, y, z])); pen.moveTo(...shown(rim)); }
+  }
+}
 function goal(pen) {
   const place = flight.goal, size = DATA.radius * scale();
   if (follows) {
-    const pose = frames[0], v = flight.carried.slice(DATA.goal + 3, DATA.goal + 5);
+    const pose = frames[0], v = flight.carried.slice(DATA.goal + SIZE, DATA.goal + SIZE + DIMENSION);
     arrow(pen, pose, v, ink("--good"));
-    arrow(pen, pose, flight.carried.slice(3, 5), ink("--link"));
+    arrow(pen, pose, flight.carried.slice(SIZE, SIZE + DIMENSION), ink("--link"));
+    return;
+  }
+  if (!DATA.planar) {
+    pen.globalAlpha = 0.6; box(pen, place, "--good"); pen.globalAlpha = 1;
     return;
   }
   const [x, y] = shown(place);
@@ -112,16 +171,42 @@ function craft(pen, pose) {
     path(pen, [shown(turn(pose, thruster.at)), shown(turn(pose, thruster.at.map((u, n) => u - way[n])))]);
     pen.stroke();
   });
-  pen.fillStyle = ink("--link"); pen.strokeStyle = ink("--link"); pen.lineWidth = 2;
-  pen.beginPath(); pen.arc(x, y, size, 0, 7); pen.globalAlpha = 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
-  pen.lineWidth = 3; path(pen, [[x, y], shown(turn(pose, [DATA.radius, 0]))]); pen.stroke();
+  if (DATA.planar) {
+    pen.fillStyle = ink("--link"); pen.strokeStyle = ink("--link"); pen.lineWidth = 2;
+    pen.beginPath(); pen.arc(x, y, size, 0, 7); pen.globalAlpha = 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
+    pen.lineWidth = 3; path(pen, [[x, y], shown(turn(pose, [DATA.radius, 0]))]); pen.stroke();
+  } else box(pen, pose, "--link");
   pen.font = "600 11px system-ui"; pen.textAlign = "center"; pen.textBaseline = "middle";
   nozzles(pose).forEach(([u, v], k) => {
     pen.fillStyle = {ok: ink("--soft"), dead: ink("--bad"), "stuck open": ink("--plume")}[flight.faults[k]];
     if (flight.faults[k] !== "ok") { pen.beginPath(); pen.arc(u, v, 8, 0, 7); pen.fill(); pen.fillStyle = ink("--page"); }
-    if (size > 22 || flight.faults[k] !== "ok") pen.fillText(k, u, v);
+    if (size > (DATA.planar ? 22 : 90) || flight.faults[k] !== "ok") pen.fillText(k, u, v);
   });
   pen.textAlign = "start"; pen.textBaseline = "alphabetic";
+}
+// A box as large as the thrusters lie apart: the faces that are seen, and its x axis, which is longer, with its y and z axes.
+const HALVES = DATA.planar ? [] : [0, 1, 2].map(k => Math.max(0.25 * DATA.radius, ...DATA.thrusters.map(({at: place}) => Math.abs(place[k]))));
+function box(pen, pose, colour) {
+  const towards = camera()[2], middle = pose.slice(0, 3);
+  pen.fillStyle = pen.strokeStyle = ink(colour); pen.lineWidth = 1.5;
+  [0, 1, 2].forEach(k => [-1, 1].forEach(side => {
+    const normal = [0, 0, 0]; normal[k] = side;
+    const facing = dot(turn(pose, normal).map((x, n) => x - middle[n]), towards);
+    if (facing <= 0) return;
+    const [m, n] = [(k + 1) % 3, (k + 2) % 3];
+    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([u, v]) => {
+      const point = [0, 0, 0];
+      [point[k], point[m], point[n]] = [side * HALVES[k], u * HALVES[m], v * HALVES[n]];
+      return shown(turn(pose, point));
+    });
+    const before = pen.globalAlpha;
+    path(pen, corners); pen.closePath();
+    pen.globalAlpha = before * (0.15 + 0.35 * facing); pen.fill(); pen.globalAlpha = before; pen.stroke();
+  }));
+  [1.9, 1.3, 1.3].forEach((length, k) => {
+    const tip = [0, 0, 0]; tip[k] = length * DATA.radius;
+    pen.lineWidth = k ? 1 : 3; path(pen, [shown(middle), shown(turn(pose, tip))]); pen.stroke();
+  });
 }
 // Where the numbers of thrusters stand: inwards of the nozzle, along its force, so that two of a corner are apart.
 const nozzles = pose => DATA.thrusters.map(({at: place, along}) => {
@@ -213,12 +298,13 @@ function cycle(k) {
 function rewound(periods) {
   flight.rewind(periods);
   records.length = Math.min(records.length, flight.past.length);
-  trail = [...flight.past.slice(-Math.round(SPAN / DATA.period)).map(one => one.carried.slice(0, 3)), flight.pose()];
+  trail = [...flight.past.slice(-Math.round(SPAN / DATA.period)).map(one => one.carried.slice(0, SIZE)), flight.pose()];
   frames = [flight.pose()];
   told(); draw();
 }
 function moved(coordinates) {
-  flight.placeGoal(coordinates.map((x, k) => k === 2 ? Math.atan2(Math.sin(x), Math.cos(x)) : Math.max(-20, Math.min(20, x))));
+  const angle = x => DATA.planar ? Math.atan2(Math.sin(x), Math.cos(x)) : x;
+  flight.placeGoal(coordinates.map((x, k) => k < DIMENSION ? Math.max(-20, Math.min(20, x)) : angle(x)));
   told(); draw();
 }
 at("pause").onclick = () => { running = !running; told(); };
@@ -252,7 +338,13 @@ if (DATA.moves) {
   const set = (k, x) => moved(flight.goal.map((old, n) => n === k ? x : old));
   sliders.push(slider("place", "x", [-5, 5, 0.05], () => flight.goal[0], x => set(0, x), x => `${x.toFixed(2)} m`));
   sliders.push(slider("place", "y", [-5, 5, 0.05], () => flight.goal[1], x => set(1, x), x => `${x.toFixed(2)} m`));
-  if (DATA.turned) {
+  if (!DATA.planar) sliders.push(slider("place", "z", [-5, 5, 0.05], () => flight.goal[2], x => set(2, x), x => `${x.toFixed(2)} m`));
+  if (DATA.turned && !DATA.planar) ["roll", "pitch", "yaw"].forEach((name, k) => {
+    const set = x => moved([...flight.goal.slice(0, 3), ...quaternion(angles(flight.goal.slice(3)).map((old, n) => n === k ? x * Math.PI / 180 : old))]);
+    const most = name === "pitch" ? 85 : 180;
+    sliders.push(slider("place", name, [-most, most, 5], () => angles(flight.goal.slice(3))[k] * 180 / Math.PI, set, x => `${x.toFixed(0)}°`));
+  });
+  if (DATA.turned && DATA.planar) {
     const degrees = () => flight.goal[2] * 180 / Math.PI;
     sliders.push(slider("place", "heading", [-180, 180, 5], degrees, x => set(2, x * Math.PI / 180), x => `${x.toFixed(0)}°`));
   }
@@ -261,14 +353,29 @@ if (DATA.moves) {
   at("lead").textContent = "The agent flies in this page. Click a thruster to make it fail.";
 }
 
+if (!DATA.planar) {
+  at("lead").append(" Drag the background to look from another side.");
+  field.setAttribute("aria-label", "The spacecraft and its goal in space. Arrow keys move the goal; with Shift they turn the view.");
+}
+// Roll, pitch and yaw (about x, y and z of B in reverse order) of a quaternion (w, x, y, z), rad, and back.
+function angles([w, x, y, z]) {
+  return [Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), Math.asin(Math.max(-1, Math.min(1, 2 * (w * y - z * x)))),
+    Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))];
+}
+function quaternion([roll, pitch, yaw]) {
+  const [a, b, c] = [roll, pitch, yaw].map(x => Math.cos(x / 2)), [d, e, f] = [roll, pitch, yaw].map(x => Math.sin(x / 2));
+  return [a * b * c + d * e * f, d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c];
+}
+
 // Pointer: a thruster, the goal's heading, or the goal.
 function hit(x, y) {
   const near = ([u, v], reach) => Math.hypot(u - x, v - y) < reach;
   const found = nozzles(frames[0]).map((place, k) => [Math.hypot(place[0] - x, place[1] - y), k]).sort((a, b) => a[0] - b[0])[0];
   if (found && found[0] < 13) return found[1];
-  if (!DATA.moves) return "";
-  if (DATA.turned && near(shown(turn(flight.goal, [1.5 * DATA.radius, 0])), 16)) return "heading";
-  return near(shown(flight.goal), Math.max(DATA.radius * scale(), 22)) ? "goal" : "";
+  const elsewhere = DATA.planar ? "" : "view";
+  if (!DATA.moves) return elsewhere;
+  if (DATA.turned && DATA.planar && near(shown(turn(flight.goal, [1.5 * DATA.radius, 0])), 16)) return "heading";
+  return near(shown(flight.goal), Math.max(DATA.radius * scale(), 22)) ? "goal" : elsewhere;
 }
 const inside = event => { const box = field.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
 field.onpointerdown = event => {
@@ -279,9 +386,16 @@ field.onpointerdown = event => {
 field.onpointermove = event => {
   const [x, y] = inside(event);
   if (!dragged) { field.style.cursor = hit(x, y) === "" ? "default" : "pointer"; return; }
-  const [u, v] = placed(x, y), now = flight.goal;
-  moved(dragged === "goal" ? [u, v, now[2]] : [now[0], now[1], Math.atan2(v - now[1], u - now[0])]);
+  const now = flight.goal, [a, b] = shown(now), [u, v] = [(x - a) / scale(), (b - y) / scale()];
+  if (dragged === "view") looked(event.movementX / 120, event.movementY / 120);
+  else if (dragged === "goal") moved(pushed(now, u, v));
+  else moved([now[0], now[1], Math.atan2(v, u)]);
 };
+function looked(aside, up) {
+  azimuth -= aside;
+  elevation = Math.max(-1.5, Math.min(1.5, elevation + up));
+  draw();
+}
 field.onpointerup = field.onpointercancel = () => { dragged = ""; };
 // A finger on the goal drags it; elsewhere it scrolls the page.
 field.addEventListener("touchstart", event => {
@@ -291,10 +405,10 @@ field.addEventListener("touchstart", event => {
 addEventListener("keydown", event => {
   if (event.key === " " && !["BUTTON", "INPUT"].includes(event.target.tagName)) { event.preventDefault(); at("pause").click(); }
   const way = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1]}[event.key];
-  if (way && DATA.moves && event.target === field) {
-    event.preventDefault();
-    moved(flight.goal.map((x, k) => x + (way[k] ?? 0)));
-  }
+  if (!way || event.target !== field || !(DATA.moves || !DATA.planar)) return;
+  event.preventDefault();
+  if (event.shiftKey && !DATA.planar) looked(way[0], way[1]);
+  else if (DATA.moves) moved(pushed(flight.goal, ...way));
 });
 addEventListener("resize", draw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rans.compile.javascript import JAVASCRIPT, activations, function
+from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
+from rans.compile.substeps import Substeps
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, World, step
 from rans.errors import ConfigError
@@ -38,8 +39,8 @@ from rans.show.scene.interactive import interactive_world, may_move_goal, noise_
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, Shape
 
-_STEPS = 32767
-"""Largest whole number that a weight is rounded to, as a share of the largest weight of its row."""
+_WEIGHTS = 80_000
+"""Number of weights up to which they have 16 bits: 213 kB as base64. More of them have 8 bits."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,12 @@ class Playground:
             lstrip_blocks=True,
         )
         template = environment.get_template("playground.html.j2")
-        return template.render(title=self.title, script=self.script, page=_text("playground.js"))
+        return template.render(
+            title=self.title,
+            bits=self.data.get("bits"),
+            script=self.script,
+            page=_text("playground.js"),
+        )
 
     def write(self, file: Path) -> None:
         """Write the page; `ConfigError` if the disk refuses."""
@@ -97,10 +103,6 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
             f"{controller.name} has {missing}, which no page computes; `rans view --play` flies it."
         )
     setup = run.judged
-    if setup.craft.dimension == 3:
-        raise ConfigError(
-            f"{setup.craft.name} flies in space, and the page shows the plane: `rans view --play` flies it."
-        )
     world = interactive_world(setup)
     tables = parameters(controller.network)
     try:
@@ -116,11 +118,14 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
             f"the task {task_name(setup.task)} does more than arithmetic on fields, which no page computes: "
             f"{error} `rans view --play` flies it."
         ) from error
-    data = _data(traced, run, seed, episode)
+    names = [name for name in tables if name.endswith(".weight")]
+    bits = 16 if sum(tables[name].size for name in names) <= _WEIGHTS else 8
+    data = _data(traced, run, seed, episode) | {"bits": bits}
     layers = {
-        name.removesuffix(".weight"): _packed(table, tables[name.removesuffix("weight") + "bias"])
-        for name, table in tables.items()
-        if name.endswith(".weight")
+        name.removesuffix(".weight"): _packed(
+            tables[name], tables[name.removesuffix("weight") + "bias"], bits
+        )
+        for name in names
     }
     script = "\n".join(
         (
@@ -201,9 +206,10 @@ class _Traced:
         gain = inputs("gain", len(craft.thrusters))
         leak = inputs("leak", len(craft.thrusters))
         poses: list[Field] = []
+        substeps = Substeps()
 
         def move(state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
-            states = world.move(state, step_inputs)
+            states = world.move(state, step_inputs, substeps.advance)
             poses.extend(x for one in states for x in leaves((one.p, one.attitude)))
             return states
 
@@ -212,9 +218,9 @@ class _Traced:
         after = replace(outcome.episode, body=None)
         over = [outcome.failed, False if outcome.done is None else outcome.done]
         arguments = {"carried": self.carried, "command": command, "gain": gain, "leak": leak}
-        return function(
-            "advance", arguments, {"carried": leaves(after), "poses": poses, "over": over}
-        )
+        results = {"carried": leaves(after), "poses": poses, "over": over}
+        text = function("advance", arguments, results, substeps.calls)
+        return f"{substep_functions(substeps)}\n{text}"
 
     def describe(self) -> str:
         """``describe(carried)``: errors, whether all are within their tolerances, and scenery."""
@@ -285,13 +291,14 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
     }
 
 
-def _packed(weights: np.ndarray, biases: np.ndarray) -> dict[str, str]:
-    """A layer as base64: weights (o, i) in 16 bits as shares of the largest of their row, the rest in float32."""
+def _packed(weights: np.ndarray, biases: np.ndarray, bits: int) -> dict[str, str]:
+    """A layer as base64: weights (o, i) as whole shares of the largest of their row, the rest in float32."""
     largest = np.maximum(np.abs(weights).max(axis=1), 1e-30)
-    shares = np.round(weights / largest[:, None] * _STEPS).astype("<i2")
+    steps = 2 ** (bits - 1) - 1
+    shares = np.round(weights / largest[:, None] * steps).astype(f"<i{bits // 8}")
     parts = {
         "weights": shares,
-        "scales": (largest / _STEPS).astype("<f4"),
+        "scales": (largest / steps).astype("<f4"),
         "biases": biases.astype("<f4"),
     }
     return {name: base64.b64encode(part.tobytes()).decode() for name, part in parts.items()}

@@ -1,0 +1,145 @@
+"""Substeps of the motion as calls of printed functions, so that a traced control period stays short.
+
+A traced control period repeats the equations of motion for each of its substeps and pieces: 18,000 lines for a
+CubeSat with pulsed thrusters. `Substeps.advance` records calls instead, and traces the equations once for each kind
+of substep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
+from rans.model.dynamics import NODES, AnyState, Wrench, advance
+from rans.model.fields import Field, Vec3, leaves, unflatten
+from rans.model.trace import Symbol
+from rans.policy.program import inputs
+
+
+class Call(NamedTuple):
+    """A function applied to a state several times in succession; what else it reads stays the same."""
+
+    function: str
+    """Name of the function."""
+    repeats: int
+    """Number of applications."""
+    state: tuple[Symbol, ...]
+    """State before the first one."""
+    others: tuple[Symbol, ...]
+    """What else the function reads."""
+    outputs: tuple[Symbol, ...]
+    """State after the last one: inputs of what is computed afterwards."""
+
+    @property
+    def inputs(self) -> tuple[Symbol, ...]:
+        """All that is read."""
+        return (*self.state, *self.others)
+
+
+@dataclass(frozen=True)
+class Substep:
+    """A function to print: the state after one kind of substep."""
+
+    name: str
+    state: tuple[Symbol, ...]
+    """State before it, as inputs."""
+    others: tuple[Symbol, ...]
+    """What else it reads, as inputs."""
+    after: tuple[Symbol, ...]
+    """State after it."""
+
+
+class Substeps:
+    """Records motion as calls. Kinds of substeps differ in which wrenches act, and in the body's numbers.
+
+    Attributes:
+        calls: in order.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[Call] = []
+        self._kinds: dict[tuple[Any, ...], Substep] = {}
+
+    @property
+    def kinds(self) -> tuple[Substep, ...]:
+        """The functions that are called."""
+        return tuple(self._kinds.values())
+
+    def advance(
+        self,
+        state: AnyState,
+        applied: Wrench,
+        body: Body,
+        duration: Field,
+        substeps: int = 1,
+        nodes: int = NODES,
+        disturbance: Wrench | None = None,
+        drift: Drift = FREE,
+        last: Wrench | None = None,
+        momentum: tuple[Vec3, Vec3] | None = None,
+    ) -> AnyState:
+        """The same as `rans.model.dynamics.advance`, on symbols."""
+        # Where loads change from substep to substep, one function makes all of them.
+        together = 1 if last is None and momentum is None else substeps
+        repeats = substeps // together
+        state = replace(state, notes=(), stores=())
+        loads = (
+            replace(applied, exhaust=None),
+            None if last is None else replace(last, exhaust=None),
+            momentum,
+            duration / repeats,
+        )
+        constants = (Body(body.mass, body.inertia), disturbance)
+
+        # Numbers of the body and the disturbance stay numbers, and what they multiply is folded.
+        varying = [x for x in leaves(constants) if isinstance(x, Symbol)]
+        key = (
+            together,
+            nodes,
+            last is None,
+            momentum is None,
+            disturbance is None,
+            tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
+        )
+        if key not in self._kinds:
+            before = inputs("state", len(leaves(state)))
+            read = inputs("load", len(leaves(loads)) + len(varying))
+            entries = iter(read)
+            first, end, wheels, step = unflatten(loads, entries)
+            fixed, push = unflatten(
+                constants,
+                [next(entries) if isinstance(x, Symbol) else x for x in leaves(constants)],
+            )
+            after = advance(
+                unflatten(state, before),
+                first,
+                fixed,
+                step,
+                together,
+                nodes,
+                push,
+                drift,
+                end,
+                wheels,
+            )
+            self._kinds[key] = Substep(
+                f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))
+            )
+        outputs = inputs(f"moved_{len(self.calls)}", len(leaves(state)))
+        self.calls.append(
+            Call(
+                self._kinds[key].name,
+                repeats,
+                _symbols(leaves(state)),
+                _symbols([*leaves(loads), *varying]),
+                tuple(outputs),
+            )
+        )
+        return unflatten(state, outputs)
+
+
+def _symbols(fields: Sequence[Field]) -> tuple[Symbol, ...]:
+    return tuple(map(Symbol.constant, fields))
