@@ -19,6 +19,7 @@ LIBRARIES = {
     "rsl_rl_ppo": "rsl_rl",
     "sb3_agents": "stable_baselines3",
     "skrl_ppo": "skrl",
+    "tianshou_ppo": "tianshou",
     "torchrl_ppo": "torchrl",
 }
 SHARED = {"shared", "table"}

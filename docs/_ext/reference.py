@@ -83,6 +83,10 @@ FLOWN = (
     "avoid-2d",
     "dock-port-2d",
     "track-velocity-2d",
+    "go-to-pose-3d-cubesat-3u",
+    "go-to-pose-3d",
+    "dock-port-3d",
+    "land-3d",
 )
 """Agents that fly in pages of the site (docs/fly.md)."""
 

@@ -18,6 +18,7 @@ RUNS = {
     "CleanRL PPO": ("cleanrl_ppo.py", 3_000_000),
     "TorchRL PPO": ("torchrl_ppo.py", 3_000_000),
     "skrl PPO": ("skrl_ppo.py", 3_000_000),
+    "tianshou PPO": ("tianshou_ppo.py", 3_000_000),
     "Stable-Baselines3 PPO": ("sb3_agents.py PPO", 3_000_000),
     "sb3-contrib TRPO": ("sb3_agents.py TRPO", 1_000_000),
     "Stable-Baselines3 DQN": ("sb3_agents.py DQN", 60_000),

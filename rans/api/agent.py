@@ -251,7 +251,7 @@ class Agent:
     def playground(self, file: str | Path, seed: int = EVALUATION_SEED, episode: int = 0) -> Path:
         """Write a page (.html) in which the agent flies in the browser, offline, and return its path.
 
-        Who reads it moves the goal, lets thrusters fail, and adds delay and noise. It shows the plane.
+        Who reads it moves the goal, lets thrusters fail, and adds delay and noise.
 
         Args:
             file: page to write.
@@ -259,7 +259,7 @@ class Agent:
             episode: number of the first start.
 
         Raises:
-            ConfigError: this is no trained agent of the plane, or the name has another ending.
+            ConfigError: this is no trained agent, or the name has another ending.
         """
         from rans.show.pages.playground import playground
 

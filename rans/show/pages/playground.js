@@ -12,6 +12,10 @@ const follows = !DATA.errors.some(error => error.name === "position");
 const ink = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const dot = (a, b) => a.reduce((sum, x, k) => sum + x * (b[k] ?? 0), 0);
 const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+// A spacecraft far away in space is drawn larger than it is, with a radius of 12 pixels at least.
+const enlarged = () => DATA.planar ? 1 : Math.max(1, 12 / (DATA.radius * scale()));
+// A point of B, m, in the picture.
+const drawn = (pose, point) => shown(turn(pose, point.map(u => u * enlarged())));
 // A point of B, m, in W: the pose is (x, y, heading), or (x, y, z) and a quaternion (w, x, y, z).
 function turn(pose, point) {
   if (DATA.planar) {
@@ -78,10 +82,14 @@ function arrow(pen, from, vector, colour) {
   path(pen, [-0.4, 0, 0.4].map(turned => turned ? [b[0] - 9 * Math.cos(angle + turned), b[1] - 9 * Math.sin(angle + turned)] : b));
   pen.stroke();
 }
-const every = () => view.half > 12 ? 5 : view.half > 1.5 ? 1 : 0.2;  // m from line to line of the grid
+// m from line to line of the grid: 1, 2 or 5 times a power of ten, so that there are 6 to 20 lines.
+function every() {
+  const size = view.half / 5, decade = 10 ** Math.floor(Math.log10(size));
+  return decade * [1, 2, 5, 10].find(u => u * decade >= size);
+}
 function floor(pen, width, height) {
   pen.strokeStyle = ink("--line"); pen.lineWidth = 1;
-  pen.fillStyle = ink("--soft"); pen.font = "12px system-ui"; pen.fillText(`grid ${every()} m`, 8, height - 8);
+  pen.fillStyle = ink("--soft"); pen.font = "12px system-ui"; pen.fillText(`grid ${Number(every().toPrecision(1))} m`, 8, height - 8);
   if (DATA.planar) lines(pen, placed(0, height), placed(width, 0), every());
   else ground(pen, every());
 }
@@ -163,12 +171,12 @@ function goal(pen) {
   }
 }
 function craft(pen, pose) {
-  const size = DATA.radius * scale(), open = flight.open, [x, y] = shown(pose);
+  const size = DATA.radius * scale() * enlarged(), open = flight.open, [x, y] = shown(pose);
   pen.lineCap = "round"; pen.lineWidth = Math.max(3, size / 6); pen.strokeStyle = ink("--plume");
   DATA.thrusters.forEach((thruster, k) => {
     if (!open[k]) return;
     const way = thruster.along.map(u => u * DATA.radius * 0.9 * open[k]);
-    path(pen, [shown(turn(pose, thruster.at)), shown(turn(pose, thruster.at.map((u, n) => u - way[n])))]);
+    path(pen, [drawn(pose, thruster.at), drawn(pose, thruster.at.map((u, n) => u - way[n]))]);
     pen.stroke();
   });
   if (DATA.planar) {
@@ -197,7 +205,7 @@ function box(pen, pose, colour) {
     const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([u, v]) => {
       const point = [0, 0, 0];
       [point[k], point[m], point[n]] = [side * HALVES[k], u * HALVES[m], v * HALVES[n]];
-      return shown(turn(pose, point));
+      return drawn(pose, point);
     });
     const before = pen.globalAlpha;
     path(pen, corners); pen.closePath();
@@ -205,13 +213,13 @@ function box(pen, pose, colour) {
   }));
   [1.9, 1.3, 1.3].forEach((length, k) => {
     const tip = [0, 0, 0]; tip[k] = length * DATA.radius;
-    pen.lineWidth = k ? 1 : 3; path(pen, [shown(middle), shown(turn(pose, tip))]); pen.stroke();
+    pen.lineWidth = k ? 1 : 3; path(pen, [shown(middle), drawn(pose, tip)]); pen.stroke();
   });
 }
 // Where the numbers of thrusters stand: inwards of the nozzle, along its force, so that two of a corner are apart.
 const nozzles = pose => DATA.thrusters.map(({at: place, along}) => {
   const size = Math.hypot(...along) || 1;
-  return shown(turn(pose, place.map((u, n) => u * 0.86 + along[n] / size * DATA.radius * 0.2)));
+  return drawn(pose, place.map((u, n) => u * 0.86 + along[n] / size * DATA.radius * 0.2));
 });
 
 function history() {
@@ -253,7 +261,10 @@ function draw() {
 function told() {
   const {errors, reached} = flight.seen;
   const parts = [`Start ${flight.number}`, `${flight.time.toFixed(1)} s`];
-  DATA.errors.forEach((error, n) => parts.push(`${error.name} ${(error.factor * errors[n]).toFixed(1)} ${error.unit}`));
+  DATA.errors.forEach(({name, factor, unit}, n) => {
+    const value = factor * errors[n], far = value >= 1000 && unit.startsWith("cm");
+    parts.push(`${name} ${far ? (value / 100).toFixed(1) : value.toFixed(1)} ${far ? unit.slice(1) : unit}`);
+  });
   if (flight.over) parts.push(flight.over === "won" ? "mission won: restart, or take the next start" : "failed: go back, or restart");
   else if (reached[0]) parts.push("within all tolerances");
   at("status").textContent = parts.join(" · ");
@@ -354,7 +365,7 @@ if (DATA.moves) {
 }
 
 if (!DATA.planar) {
-  at("lead").append(" Drag the background to look from another side.");
+  at("lead").append(" Drag the background to turn the view.");
   field.setAttribute("aria-label", "The spacecraft and its goal in space. Arrow keys move the goal; with Shift they turn the view.");
 }
 // Roll, pitch and yaw (about x, y and z of B in reverse order) of a quaternion (w, x, y, z), rad, and back.
