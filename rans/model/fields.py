@@ -49,8 +49,8 @@ def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin, cos, exp, log, tanh, absolute, floor = map(
-    _unary, ("sin", "cos", "exp", "log", "tanh", "abs", "floor")
+sin, cos, exp, log, log1p, tanh, absolute, floor = map(
+    _unary, ("sin", "cos", "exp", "log", "log1p", "tanh", "abs", "floor")
 )
 
 

@@ -32,6 +32,7 @@ _ARITHMETIC = {
 }
 _COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 _COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
+_REAL_FUNCTIONS = ("sin", "cos", "exp", "log", "log1p", "tanh", "sqrt", "atan2")
 _FOLDED: dict[str, Callable[..., Any]] = {
     **{
         sign: getattr(operator, f"__{name}__")
@@ -44,7 +45,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     "minimum": min,
     "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
-    **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "tanh", "sqrt", "atan2")},
+    **{name: getattr(math, name) for name in _REAL_FUNCTIONS},
 }
 UNTRACEABLE = (TypeError, AttributeError)
 """Exceptions of tasks that use more than arithmetic on a symbol, such as a method of tensors."""
@@ -185,10 +186,7 @@ def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
     if operation in _COMPARISONS:
         return "bool"
     kinds = {arg.kind for arg in (args[1:] if operation == "where" else args)}
-    if (
-        operation in ("real", "/", "sin", "cos", "exp", "log", "tanh", "sqrt", "atan2")
-        or "real" in kinds
-    ):
+    if operation in ("real", "/", *_REAL_FUNCTIONS) or "real" in kinds:
         return "real"
     return "int" if "int" in kinds else "bool"
 

@@ -1,7 +1,7 @@
 """Activation functions between layers: one line each, in operations on fields.
 
-Executors that know a function print it in their own way. The others print its formula; the fused gradients of
-an update, which need its slope too, leave it to autograd.
+Executors that know a function print it in their own way. The others print its formula. The gradients of an
+update that need no autograd print its slope; functions without one are left to autograd.
 """
 
 from __future__ import annotations
@@ -19,14 +19,22 @@ class Activation(NamedTuple):
     """Name of the module of `torch.nn` that computes it."""
     formula: Callable[[Field], Field]
     """The same of fields of any library."""
+    slope: Callable[[Field], Field] | None = None
+    """Derivative at a number, from the function's value there; None: autograd computes it."""
 
 
 ACTIVATIONS = {
-    "tanh": Activation("Tanh", tanh),
-    "elu": Activation("ELU", lambda x: where(x > 0.0, x, exp(where(x > 0.0, x * 0.0, x)) - 1.0)),
-    "relu": Activation("ReLU", lambda x: where(x > 0.0, x, x * 0.0)),
+    "tanh": Activation("Tanh", tanh, lambda y: 1.0 - y * y),
+    "elu": Activation(
+        "ELU",
+        lambda x: where(x > 0.0, x, exp(where(x > 0.0, x * 0.0, x)) - 1.0),
+        lambda y: where(y > 0.0, 1.0, y + 1.0),
+    ),
+    "relu": Activation(
+        "ReLU", lambda x: where(x > 0.0, x, x * 0.0), lambda y: where(y > 0.0, 1.0, 0.0)
+    ),
     "silu": Activation("SiLU", lambda x: x * (tanh(x * 0.5) * 0.5 + 0.5)),
 }
 """By their names in settings and agents' files."""
-WITH_SLOPE = ("tanh", "elu", "relu")
-"""Those whose slopes the fused gradients know, from the function's value."""
+WITH_SLOPE = tuple(name for name, one in ACTIVATIONS.items() if one.slope is not None)
+"""Those of which the gradients without autograd are computed."""

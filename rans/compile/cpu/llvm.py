@@ -265,6 +265,8 @@ OPERATIONS: dict[str, Callable[..., Value]] = {
     "neg": Code.fneg,
     "tanh": Code.tanh,
     "exp": Code.exp,
+    "log1p": Code.log_one_plus,
+    "abs": lambda code, x: code.intrinsic(f"llvm.fabs.v{LANES}f32", x),
     "where": Code.select,
     "maximum": lambda code, a, b: code.select(code.fcmp_ordered("<", a, b), b, a),
     "minimum": lambda code, a, b: code.select(code.fcmp_ordered(">", a, b), b, a),

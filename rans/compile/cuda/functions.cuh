@@ -60,3 +60,5 @@ __device__ inline float exponential(float x) { return __expf(x); }
 __device__ inline double exponential(double x) { return exp(x); }
 __device__ inline float logarithm(float x) { return __logf(x); }
 __device__ inline double logarithm(double x) { return log(x); }
+__device__ inline float logarithm_of_one_plus(float x) { return __logf(1.0f + x); }
+__device__ inline double logarithm_of_one_plus(double x) { return log1p(x); }

@@ -1,6 +1,5 @@
-// PPO's losses of a sample, and their derivatives by the network's outputs: as `rans.fast.learn.ppo.losses`.
-
-constexpr int STATISTICS = 5;
+// PPO's losses of a sample, and their derivatives by the network's outputs. `choice`, `transition_losses` and `d_logit`
+// are printed from `rans.compile.loss_gradient`.
 
 __device__ inline float of_four(float x) {
   x += __shfl_xor_sync(~0u, x, 1);
@@ -26,38 +25,31 @@ __device__ inline void learn(float (&outputs)[HEADS / 4], const float* actions, 
                              const Coefficients& given, bool counts, float (&statistics)[STATISTICS]) {
   const int first = lane() % 4 * 2;
   float log_prob = 0.0f, entropy = 0.0f, value = 0.0f;
-  float opening[HEADS / 4], chosen[HEADS / 4];
+  float opening[HEADS / 4], command[HEADS / 4];
 #pragma unroll
   for (int i = 0; i < HEADS / 4; ++i) {
     const int column = i / 2 * 8 + first + i % 2;
-    const float logit = outputs[i];
     const bool is_thruster = column < THRUSTERS;
-    chosen[i] = is_thruster && counts ? actions[i / 2 * 8 + i % 2] : 0.0f;
-    // softplus(x) = max(x, 0) + log(1 + exp(-|x|)), and its slope
-    const float small = __expf(-abs(logit)), bend = __logf(1.0f + small), whole = __fdividef(1.0f, 1.0f + small);
-    opening[i] = logit >= 0.0f ? whole : small * whole;
-    log_prob -= is_thruster ? max((1.0f - 2.0f * chosen[i]) * logit, 0.0f) + bend : 0.0f;
-    entropy += is_thruster ? max(logit, 0.0f) + bend - logit * opening[i] : 0.0f;
-    value += column == THRUSTERS ? logit : 0.0f;
+    command[i] = is_thruster && counts ? actions[i / 2 * 8 + i % 2] : 0.0f;
+    float own_log_prob, own_entropy;
+    choice(outputs[i], command[i], own_log_prob, own_entropy, opening[i]);
+    log_prob += is_thruster ? own_log_prob : 0.0f;
+    entropy += is_thruster ? own_entropy : 0.0f;
+    value += column == THRUSTERS ? outputs[i] : 0.0f;
   }
   log_prob = of_four(log_prob), value = of_four(value), entropy = of_four(entropy);
-  // No gain where the ratio has left its range in the direction of the gain.
-  const float change = log_prob - sample.log_prob, ratio = __expf(change), error = value - sample.target;
-  const float gain = sample.advantage * ratio;
-  const float clipped = sample.advantage * max(1.0f - given.clip_range, min(1.0f + given.clip_range, ratio));
-  const float slope = gain <= clipped ? -gain : 0.0f;
+  float d_log_prob, d_value, losses[STATISTICS];
+  transition_losses(log_prob, entropy, value, sample.log_prob, sample.advantage, sample.target, given.clip_range,
+                    given.vf_coef, d_log_prob, d_value, losses[0], losses[1], losses[2], losses[3], losses[4]);
 #pragma unroll
   for (int i = 0; i < HEADS / 4; ++i) {
     const int column = i / 2 * 8 + first + i % 2;
-    const float of_entropy = outputs[i] * opening[i] * (1.0f - opening[i]);
-    const float of_logit = slope * (chosen[i] - opening[i]) + given.ent_coef * of_entropy;
-    const float found = column < THRUSTERS ? of_logit : 2.0f * given.vf_coef * error;
-    outputs[i] = counts && column <= THRUSTERS ? found : 0.0f;
+    float own;
+    d_logit(outputs[i], command[i], opening[i], d_log_prob, given.ent_coef, own);
+    const float gradient = column < THRUSTERS ? own : d_value;
+    outputs[i] = counts && column <= THRUSTERS ? gradient : 0.0f;
   }
   if (!counts || lane() % 4) return;
-  statistics[0] -= min(gain, clipped);
-  statistics[1] += error * error;
-  statistics[2] -= entropy;
-  statistics[3] += ratio - 1.0f - change;
-  statistics[4] += abs(ratio - 1.0f) > given.clip_range ? 1.0f : 0.0f;
+#pragma unroll
+  for (int i = 0; i < STATISTICS; ++i) statistics[i] += losses[i];
 }

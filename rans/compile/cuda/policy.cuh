@@ -8,17 +8,14 @@
 struct Tanh {
   static __device__ inline float of(float x) { return 1.0f - __fdividef(2.0f, __expf(2.0f * x) + 1.0f); }
   static __device__ inline float quick(float x) { return quick_tanh(x); }
-  static __device__ inline float slope(float y) { return 1.0f - y * y; }  // where its value is y
 };
 struct Relu {
   static __device__ inline float of(float x) { return max(x, 0.0f); }
   static __device__ inline float quick(float x) { return of(x); }
-  static __device__ inline float slope(float y) { return y > 0.0f ? 1.0f : 0.0f; }
 };
 struct Elu {
   static __device__ inline float of(float x) { return x > 0.0f ? x : expm1f(x); }
   static __device__ inline float quick(float x) { return x > 0.0f ? x : __expf(x) - 1.0f; }
-  static __device__ inline float slope(float y) { return y > 0.0f ? 1.0f : y + 1.0f; }
 };
 
 template <int PARTS, class Function> __device__ inline float activated(float x) {

@@ -26,6 +26,7 @@ _FUNCTIONS = {
     "cos": "cosine",
     "exp": "exponential",
     "log": "logarithm",
+    "log1p": "logarithm_of_one_plus",
     "tanh": "tanh",
     "minimum": "min",
     "maximum": "max",

@@ -51,7 +51,7 @@ __device__ inline void through(const float (&sums)[2][4], const unsigned (&value
   for (int i = 0; i < 4; ++i) {
     const float low = __uint_as_float(values[i] << 16), high = __uint_as_float(values[i] & 0xffff0000u);
     const float* two = &sums[i / 2][i % 2 * 2];
-    result[i] = packed(two[0] * Activation::slope(low), two[1] * Activation::slope(high));
+    result[i] = packed(two[0] * slope(low), two[1] * slope(high));
   }
 }
 

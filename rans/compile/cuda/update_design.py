@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from inspect import signature
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from rans.compile import loss_gradient
 from rans.compile.cuda.design import DoesNotFit, padded, up
-from rans.policy.activations import WITH_SLOPE
+from rans.compile.cuda.source import Lines, indented
+from rans.compile.loss_gradient import STATISTICS
+from rans.model.trace import Symbol
+from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
 
@@ -22,8 +27,6 @@ WARPS = 8
 """Of the kernel's block, of which a multiprocessor has one; each takes 16 samples of a tile."""
 PAD = 8
 """Numbers between the rows of a matrix, so that eight rows meet all banks of shared memory."""
-STATISTICS = 5
-"""Sums over samples: those of `rans.fast.learn.ppo.Losses` but the loss."""
 _WIDEST = 128
 _MOST_INPUTS = 64
 """Gradients of larger weights would not stay in the kernel's registers."""
@@ -204,6 +207,7 @@ class KernelDesign(UpdateDesign):
             "WARPS": WARPS,
             "PAD": PAD,
             "SUMS": self.size,
+            "STATISTICS": STATISTICS,
         }
         texts = [
             files("rans.compile.cuda").joinpath(name).read_text()
@@ -211,9 +215,62 @@ class KernelDesign(UpdateDesign):
         ]
         return "\n".join(
             (
+                "typedef float real;",
                 *texts[:3],
                 f"typedef {self.given.activation.capitalize()} Activation;",
                 *(f"constexpr int {name} = {number};" for name, number in numbers.items()),
+                _slope(self.given.activation),
+                *_losses(),
                 *texts[3:],
             )
         )
+
+
+class _QuickLines(Lines):
+    """Lines whose divisions are to two units in the last place, as `__fdividef` computes them."""
+
+    def expression(self, symbol: Symbol, args: list[str]) -> str:
+        if symbol.operation == "/":
+            return f"__fdividef({args[0]}, {args[1]})"
+        return super().expression(symbol, args)
+
+
+def _function(name: str, inputs: Sequence[Symbol], results: Mapping[str, Symbol]) -> str:
+    """CUDA C++ of a function that gives results by reference."""
+    lines = _QuickLines()
+    body = [*lines.values(results.values())]
+    body += [f"{result} = {lines.operand(value)};" for result, value in results.items()]
+    arguments = [f"const real {one.value}" for one in inputs]
+    arguments += [f"real& {result}" for result in results]
+    return "\n".join(
+        (f"__device__ inline void {name}({', '.join(arguments)}) {{", *indented(body), "}")
+    )
+
+
+def _inputs(function: Callable[..., object]) -> list[Symbol]:
+    """Symbols of a function's arguments, with their names."""
+    return [Symbol.input(name) for name in signature(function).parameters]
+
+
+def _slope(activation: str) -> str:
+    """CUDA C++ of ``slope``, the derivative of an activation from its value."""
+    derivative = ACTIVATIONS[activation].slope
+    assert derivative is not None
+    value = Symbol.input("value")
+    lines = _QuickLines()
+    body = [*lines.values([derivative(value)]), f"return {lines.operand(derivative(value))};"]
+    return "\n".join(("__device__ inline float slope(const real value) {", *indented(body), "}"))
+
+
+def _losses() -> Iterator[str]:
+    """CUDA C++ of the functions of `rans.compile.loss_gradient`."""
+    inputs = _inputs(loss_gradient.choice)
+    results = loss_gradient.choice(*inputs)._asdict()
+    yield _function("choice", inputs, results)
+    inputs = _inputs(loss_gradient.transition_losses)
+    d_log_prob, d_value, statistics = loss_gradient.transition_losses(*inputs)
+    results = {"d_log_prob": d_log_prob, "d_value": d_value}
+    results |= {f"statistic_{k}": value for k, value in enumerate(statistics)}
+    yield _function("transition_losses", inputs, results)
+    inputs = _inputs(loss_gradient.d_logit)
+    yield _function("d_logit", inputs, {"result": loss_gradient.d_logit(*inputs)})

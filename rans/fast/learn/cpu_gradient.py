@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -11,19 +12,26 @@ from torch import Tensor
 
 from rans.compile.cpu.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, shared
 from rans.compile.cpu.matmul import WIDTH, correlation, dense, each, gather, product, row_sums
+from rans.compile.loss_gradient import (
+    STATISTICS,
+    Choice,
+    choice,
+    d_logit,
+    transition_losses,
+)
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.rollout import Batch
-from rans.policy.activations import WITH_SLOPE
+from rans.model.fields import leaves
+from rans.model.trace import Symbol
+from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
 from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 _TILE = 512
 """Largest number of samples whose activations fit the cache of a core."""
 _GIVEN = 4
-_SUMS = 5
-"""Number of inputs and of sums of the losses."""
-
+"""Number of inputs of the losses: three coefficients, and the share of a sample in the mean."""
 
 _CAN = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
 
@@ -131,7 +139,7 @@ class CpuGradient:
         count = len(part.memory)
         tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
         scratch = np.empty(sum(self._sizes[1:]) * tile, np.float32)
-        numbers = np.zeros(_GIVEN + _SUMS, np.float32)
+        numbers = np.zeros(_GIVEN + STATISTICS, np.float32)
         numbers[:_GIVEN] = *(x[0] for x in self._coefficients), 1 / count
         tensors = (
             part.memory.T.contiguous(),
@@ -240,70 +248,52 @@ class CpuGradient:
         numbers: Value,
         tile: Value,
     ) -> None:
-        """As `rans.fast.learn.ppo.losses`: outputs become their gradients, statistics are added."""
+        """Outputs become their gradients, statistics are added; see `rans.compile.loss_gradient`."""
         action, log_prob, advantage, target = samples
-        clip, weight, bonus, share = (
+        clip_range, vf_coef, ent_coef, share = (
             code.everywhere(code.read(numbers, i, FLOAT)) for i in range(_GIVEN)
         )
-        zero, one, two = (code.everywhere(float(i)) for i in range(3))
+        zero = code.everywhere(0.0)
 
         def vector(number: Value, sums: list[Value]) -> list[Value]:
             place = code.mul(number, LONG(LANES))
             rows = [code.add(place, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
+            *logits, value = [code.read(outputs, row) for row in rows]
             commands = [
                 code.read(action, code.add(place, code.mul(stride, LONG(i))))
                 for i in range(self._thrusters)
             ]
-            logits = [code.read(outputs, row) for row in rows[:-1]]
-            # Log-probability and entropy of the actions: e^-|l| gives log(1 + e^l) and its slope.
-            change = code.fneg(code.read(log_prob, place))
-            chaos = zero
-            opening = list[Value]()
-            for logit, chosen in zip(logits, commands, strict=True):
-                positive = code.fcmp_ordered(">", logit, zero)
-                size = code.select(positive, logit, code.fneg(logit))
-                small = code.exp(code.fneg(size))
-                beyond = code.log_one_plus(small)
-                opened = code.fdiv(code.select(positive, one, small), code.fadd(one, small))
-                softplus = code.fadd(code.select(positive, logit, zero), beyond)
-                change = code.fadd(change, code.fsub(code.fmul(chosen, logit), softplus))
-                chaos = code.fadd(chaos, code.fsub(softplus, code.fmul(logit, opened)))
-                opening.append(opened)
-            # Clipped surrogate objective.
-            ratio = code.exp(change)
-            gains = code.read(advantage, place)
-            low = code.fsub(one, clip)
-            high = code.fadd(one, clip)
-            inside = code.select(code.fcmp_ordered("<", ratio, low), low, ratio)
-            inside = code.select(code.fcmp_ordered(">", inside, high), high, inside)
-            gain = code.fmul(gains, ratio)
-            clipped = code.fmul(gains, inside)
-            counts = code.fcmp_ordered("<=", gain, clipped)
-            slope = code.fmul(code.select(counts, code.fneg(gain), zero), share)
-            for row, logit, chosen, opened in zip(rows, logits, commands, opening, strict=False):
-                random = code.fmul(
-                    code.fmul(logit, opened),
-                    code.fmul(code.fsub(one, opened), code.fmul(bonus, share)),
+            # Log-probability and entropy of the actions.
+            choices = [
+                Choice(*_printed(code, choice, *both))
+                for both in zip(logits, commands, strict=True)
+            ]
+            log_probs, entropies = (
+                functools.reduce(code.fadd, each) for each in list(zip(*choices, strict=True))[:2]
+            )
+            # Losses, and derivatives of the mean over the minibatch.
+            d_log_prob, d_value, *losses = _printed(
+                code,
+                transition_losses,
+                log_probs,
+                entropies,
+                value,
+                code.read(log_prob, place),
+                code.read(advantage, place),
+                code.read(target, place),
+                clip_range,
+                vf_coef,
+            )
+            for row, logit, command, one in zip(rows, logits, commands, choices, strict=False):
+                (derivative,) = _printed(
+                    code, d_logit, logit, command, one.opening, d_log_prob, ent_coef
                 )
-                code.write(code.times_plus(slope, code.fsub(chosen, opened), random), outputs, row)
-            error = code.fsub(code.read(outputs, rows[-1]), code.read(target, place))
-            code.write(
-                code.fmul(error, code.fmul(code.fmul(two, weight), share)), outputs, rows[-1]
-            )
-            past = code.fsub(ratio, one)
-            off = code.select(code.fcmp_ordered(">", past, zero), past, code.fneg(past))
-            far = code.fcmp_ordered(">", off, clip)
-            result = (
-                code.fneg(code.select(counts, gain, clipped)),
-                code.fmul(error, error),
-                code.fneg(chaos),
-                code.fsub(past, change),
-                code.select(far, one, zero),
-            )
-            return [code.fadd(old, new) for old, new in zip(sums, result, strict=True)]
+                code.write(code.fmul(derivative, share), outputs, row)
+            code.write(code.fmul(d_value, share), outputs, rows[-1])
+            return [code.fadd(old, new) for old, new in zip(sums, losses, strict=True)]
 
         for i, value in enumerate(
-            code.repeat(code.udiv(tile, LONG(LANES)), [zero] * _SUMS, vector)
+            code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
         ):
             gather(code, value, numbers, LONG(_GIVEN + i))
 
@@ -351,14 +341,18 @@ class CpuGradient:
 
     def _before(self, code: Code, gradient: Value, value: Value) -> Value:
         """Gradient before an activation, from that after it and the value of the activation."""
-        one = code.everywhere(1.0)
-        if self._activation == "tanh":
-            return code.fmul(gradient, code.fsub(one, code.fmul(value, value)))
-        zero = code.everywhere(0.0)
-        below = zero if self._activation == "relu" else code.fmul(gradient, code.fadd(value, one))
-        return code.select(code.fcmp_ordered(">", value, zero), gradient, below)
+        slope = ACTIVATIONS[self._activation].slope
+        assert slope is not None
+        return code.fmul(gradient, _printed(code, slope, value)[0])
 
     def _parts(self, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights (heads, features) and biases (heads,)."""
         weight, bias = np.split(head, [self._sizes[-1] * self._sizes[-2]])
         return weight.reshape(self._sizes[-1], -1), bias
+
+
+def _printed(code: Code, function: Callable[..., Any], *values: Value) -> list[Value]:
+    """Vectors of a function of fields, from those of its arguments."""
+    inputs = [Symbol.input(f"x{k}") for k in range(len(values))]
+    roots = leaves(function(*inputs))
+    return code.evaluated(roots, dict(zip(inputs, values, strict=True)))

@@ -17,17 +17,17 @@ from rans.compile.cuda.design import DoesNotFit
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.update_design import (
     PAD,
-    STATISTICS,
     WARPS,
     KernelDesign,
     Places,
     UpdateDesign,
 )
+from rans.compile.loss_gradient import STATISTICS, choice, d_logit, transition_losses
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
 from rans.fast.learn.rollout import Batch
-from rans.policy.heads import OnOff
+from rans.policy.activations import ACTIVATIONS
 from rans.policy.network import Network
 
 
@@ -296,15 +296,9 @@ class MatrixGradient(FusedGradient):
         """Gradients before activations, from those after them, and their sums over the samples."""
         y = value.float()
         after = torch.cat(gradients, dim=1).float()
-        kind = self._network.architecture.activation
-        slope = (
-            1 - y * y
-            if kind == "tanh"
-            else (y > 0).float()
-            if kind == "relu"
-            else torch.where(y > 0, 1.0, y + 1.0)
-        )
-        result = (after * slope).bfloat16()
+        slope = ACTIVATIONS[self._network.architecture.activation].slope
+        assert slope is not None
+        result = (after * slope(y)).bfloat16()
         return result, result.float().sum(dim=0)
 
     def _learnt(
@@ -316,35 +310,30 @@ class MatrixGradient(FusedGradient):
         advantage: Tensor,
         target: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Gradients of the outputs, their sums, and sums of the statistics (`rans.fast.learn.ppo.losses`)."""
+        """Gradients of the outputs, their sums, and sums of the statistics."""
         coefficients = self._coefficients
         thrusters = action.shape[1]
         result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + constant
-        policy = OnOff(result[:, :thrusters])
-        error = result[:, thrusters] - target
-        change = policy.log_prob(action) - log_prob
-        ratio = change.exp()
-        gain = advantage * ratio
-        clipped = advantage * torch.minimum(
-            torch.maximum(ratio, 1 - coefficients.clip_range), 1 + coefficients.clip_range
+        logit = result[:, :thrusters]
+        one = choice(logit, action)
+        losses = transition_losses(
+            one.log_prob.sum(dim=1),
+            one.entropy.sum(dim=1),
+            result[:, thrusters],
+            log_prob,
+            advantage,
+            target,
+            coefficients.clip_range,
+            coefficients.vf_coef,
         )
-        # The gradient is zero where the ratio has left its range in the direction of the advantage.
-        slope = torch.where(gain <= clipped, -gain, 0.0)[:, None]
-        opening = torch.sigmoid(policy.logit)
-        d_logit = slope * (action - opening) + coefficients.ent_coef * policy.logit * opening * (
-            1 - opening
+        of_logits = d_logit(
+            logit, action, one.opening, losses.d_log_prob[:, None], coefficients.ent_coef
         )
-        d_value = (2 * coefficients.vf_coef * error)[:, None]
-        idle = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
-        gradient = torch.cat((d_logit, d_value, idle), dim=1)
-        statistics = (
-            -torch.minimum(gain, clipped),
-            error.square(),
-            -policy.entropy(),
-            ratio - 1 - change,
-            ((ratio - 1).abs() > coefficients.clip_range).to(ratio.dtype),
-        )
-        return gradient.bfloat16(), gradient.sum(dim=0), torch.stack([x.sum() for x in statistics])
+        of_value = losses.d_value[:, None]
+        idle = of_value.new_zeros(1).expand(len(of_value), self.design.heads - thrusters - 1)
+        gradient = torch.cat((of_logits, of_value, idle), dim=1)
+        sums = torch.stack([x.sum() for x in losses.statistics])
+        return gradient.bfloat16(), gradient.sum(dim=0), sums
 
 
 def _float32(a: Tensor, b: Tensor) -> Tensor:
