@@ -28,10 +28,10 @@ from rans.evaluation.measure.statistics import share
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
-from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft, controls_every_direction, wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.processes import Workers, nothing
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPosition
 from rans.terminal import Terminal, table
@@ -57,8 +57,6 @@ SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 PLATFORM = "floating-platform-shared"
 WHEELED = "roboran-platform"
 _MARGIN = 1e-6
-_BATCH = 2560
-"""Flights side by side, which fit into a few gigabytes."""
 
 Class = Literal["still", "spinning", "neither"]
 
@@ -235,12 +233,13 @@ def ready(who: Contestant, agents: Path, faults: Faults, after: float) -> Contro
 
 
 class Cell(NamedTuple):
-    """A column of the table."""
+    """Episodes of one seed in a column of the table."""
 
     name: str
-    seeds: tuple[int, ...]
-    faults: tuple[Faults, ...]
-    """Faults of the episodes of each seed."""
+    """By which the column is called."""
+    seed: int
+    """Of the starts."""
+    faults: Faults
     after: float
     """s after which the faults begin."""
 
@@ -252,63 +251,46 @@ def cells(episodes: int, seeds: tuple[int, ...]) -> list[Cell]:
     """
     found = []
     for failed in range(5):
-        draws = tuple(
+        draws = [
             drawn(episodes, 8, failed, np.random.default_rng([seed, failed])) for seed in seeds
-        )
-        found.append(Cell(f"{failed} start", seeds, draws, 0.0))
+        ]
+        pairs = list(zip(seeds, draws, strict=True))
+        found += [Cell(f"{failed} start", seed, faults, 0.0) for seed, faults in pairs]
         if failed:
-            found.append(Cell(f"{failed} flight", seeds, draws, INJECTED))
-    first = seeds[:1]
+            found += [Cell(f"{failed} flight", seed, faults, INJECTED) for seed, faults in pairs]
+    first = seeds[0]
     some = max(1, episodes // 4)
     for left in SEVERITIES:
-        draws = tuple(
-            degraded(some, 8, 2, left, np.random.default_rng([seed, 9])) for seed in first
-        )
-        found.append(Cell(f"2 at {left:g}", first, draws, 0.0))
+        faults = degraded(some, 8, 2, left, np.random.default_rng([first, 9]))
+        found.append(Cell(f"2 at {left:g}", first, faults, 0.0))
     return found
 
 
-def _classes(craft: Spacecraft, every: list[Cell]) -> dict[str, np.ndarray]:
-    """What is possible in all episodes of every cell; the same faults at another time are as possible."""
-    known: dict[int, np.ndarray] = {}
-    for cell in every:
-        for one in cell.faults:
-            if id(one) not in known:
-                known[id(one)] = possible(craft, one)
-    return {cell.name: np.concatenate([known[id(one)] for one in cell.faults]) for cell in every}
+def _classes(spacecraft: str, every: list[Cell], workers: Workers[None]) -> list[np.ndarray]:
+    """What is possible in the episodes of every cell; the same faults at another time are as possible."""
+    different = list({id(cell.faults): cell.faults for cell in every}.values())
+    craft = load_spacecraft(spacecraft)
+    found = workers.ordered(_possible, [(craft, faults) for faults in different])
+    known = {id(faults): able for faults, able in zip(different, found, strict=True)}
+    return [known[id(cell.faults)] for cell in every]
 
 
-def counts(who: Contestant, agents: Path, cell: Cell, able: np.ndarray) -> dict[Class, list[int]]:
+def _possible(_: None, craft: Spacecraft, faults: Faults) -> np.ndarray:
+    return possible(craft, faults)
+
+
+def counts(
+    _: None, who: Contestant, agents: Path, cell: Cell, able: np.ndarray
+) -> dict[Class, list[int]]:
     """Count the episodes of each class: held, not held but within 8 m of the goal, and all."""
     craft = load_spacecraft(who.spacecraft)
-    faults = Faults(
-        *(np.concatenate([getattr(one, x) for one in cell.faults]) for x in ("gain", "leak"))
-    )
-    parts = [
-        scenarios(TASK, craft, seed, len(one.gain))
-        for seed, one in zip(cell.seeds, cell.faults, strict=True)
-    ]
-    starts = map_leaves(
-        lambda *columns: np.concatenate(
-            [np.broadcast_to(x, len(cell.faults[0].gain)) for x in columns]
-        ),
-        *parts,
-    )
+    starts = scenarios(TASK, craft, cell.seed, len(able))
+    controller = ready(who, agents, cell.faults, cell.after)
+    flight = flown(craft, controller, starts, cell.faults, cell.after)
+    distance = np.asarray(flight.errors()["position"])
     begins = round(cell.after / TIMING.control_period)
-    held = np.zeros(len(able), dtype=bool)
-    near = held.copy()
-    for first in range(0, len(able), _BATCH):
-        rows = slice(first, first + _BATCH)
-        some = Faults(faults.gain[rows], faults.leak[rows])
-        controller = ready(who, agents, some, cell.after)
-        count = len(some.gain)
-        begin = map_leaves(
-            lambda x, rows=rows, count=count: np.broadcast_to(x[rows], count), starts
-        )
-        flight = flown(craft, controller, begin, some, cell.after)
-        distance = np.asarray(flight.errors()["position"])
-        held[rows] = succeeded(distance[begins:], TIMING.control_period)
-        near[rows] = ~(np.nan_to_num(distance, nan=np.inf).max(axis=0) > TASK.fail_distance)
+    held = succeeded(distance[begins:], TIMING.control_period)
+    near = ~(np.nan_to_num(distance, nan=np.inf).max(axis=0) > TASK.fail_distance)
     return {
         one: [
             int(x.sum()) for x in (held & (able == one), ~held & near & (able == one), able == one)
@@ -329,6 +311,8 @@ class Raft:
     """Folder of the run folders of trained agents."""
     only: tuple[str, ...] = ()
     """What contestants fly, see `Contestant.spec`; by default all. Others keep their figures."""
+    workers: int | None = None
+    """Number of processes that fly; by default one per processor."""
     quick: bool = False
     """32 episodes of one seed, and nothing is written."""
     docs: Path = Path("docs")
@@ -344,15 +328,22 @@ class Raft:
         episodes = 32 if self.quick else self.episodes
         every = cells(episodes, self.seeds[:1] if self.quick else self.seeds)
         flying = [who for who in CONTESTANTS if not self.only or who.spec in self.only]
+        workers = Workers(nothing, count=self.workers, work="flew episodes")
         classes = {
-            spacecraft: _classes(load_spacecraft(spacecraft), every)
+            spacecraft: _classes(spacecraft, every, workers)
             for spacecraft in {who.spacecraft for who in flying}
         }
+        jobs = [
+            (who, self.agents, cell, able)
+            for who in flying
+            for cell, able in zip(every, classes[who.spacecraft], strict=True)
+        ]
+        results = workers.ordered(counts, jobs)
         for who in flying:
-            found["rows"][f"{who.spacecraft}: {who.name}"] = {
-                cell.name: counts(who, self.agents, cell, classes[who.spacecraft][cell.name])
-                for cell in every
-            }
+            row: dict[str, Any] = {}
+            for cell in every:
+                row[cell.name] = _added(row.get(cell.name), next(results))
+            found["rows"][f"{who.spacecraft}: {who.name}"] = row
             console.say(f"{who.spacecraft}, {who.name}: flown")
             if not self.quick:
                 write_json(file, {"environment": environment(), **found})
@@ -364,6 +355,15 @@ class Raft:
             for spacecraft in (PLATFORM, WHEELED):
                 in_document(self.docs, spacecraft).write(self.docs)
         return 0
+
+
+def _added(
+    before: dict[Class, list[int]] | None, more: dict[Class, list[int]]
+) -> dict[Class, list[int]]:
+    """Counts of the same cell of all seeds so far."""
+    if before is None:
+        return more
+    return {name: np.add(before[name], more[name]).tolist() for name in more}
 
 
 _FILE = "validation/raft.json"
