@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 from tyro.conf import Positional
 
 from rans.deploy.c_file import FLAGS
@@ -35,6 +36,7 @@ from rans.files import environment, read_json, write_json
 from rans.policy.heads import OnOff
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.processes import Workers, nothing
 from rans.terminal import Terminal, table
 
 Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -197,24 +199,51 @@ def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
         )
 
 
+class Own(NamedTuple):
+    """What an agent itself answers to batches of observations."""
+
+    network: Network
+    batches: list[np.ndarray]
+    commands: list[np.ndarray]
+    memories: list[np.ndarray]
+    """Before every batch, and after the last; without a column where the agent has no memory."""
+
+
 @torch.no_grad()
-def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Unequal:
-    """An export's answers beside the agent's, batch after batch."""
-    exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
+def own_answers(network: Network, batches: list[np.ndarray]) -> Own:
+    """The agent's answers, batch after batch."""
     memory = network.initial_state(len(batches[0]))
+    commands = []
+    memories = [_columns(memory, batches[0])]
+    for batch in batches:
+        output, columns = network.forward(torch.from_numpy(batch), memory)
+        command = output.policy.mode()
+        memory = network.next_state(columns, memory, command, output)
+        commands.append(command.numpy())
+        memories.append(_columns(memory, batch))
+    return Own(network, batches, commands, memories)
+
+
+def _columns(memory: Tensor | None, batch: np.ndarray) -> np.ndarray:
+    return np.zeros((len(batch), 0), np.float32) if memory is None else memory.numpy()
+
+
+@torch.no_grad()
+def unequal(own: Own, answer: Answer) -> Unequal:
+    """An export's answers beside the agent's, batch after batch."""
+    network = own.network
+    exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
     commands = 0
     beyond = 0
     furthest = 0.0
     slack = DUTY_TOLERANCE if network.architecture.continuous else 0.0
-    for batch in batches:
-        rows = torch.from_numpy(batch)
-        output, columns = network.forward(rows, memory)
-        command = output.policy.mode()
-        given = np.zeros((len(batch), 0), np.float32) if memory is None else memory.numpy()
-        told, after = answer(batch, given)
-        different = (np.abs(told - command.numpy()) > slack).any(axis=1)
+    for k, batch in enumerate(own.batches):
+        memory = own.memories[k]
+        told, after = answer(batch, memory)
+        different = (np.abs(told - own.commands[k]) > slack).any(axis=1)
         if different.any():
-            closest = exact.forward(rows, None if memory is None else memory.double())[0].policy
+            before = torch.from_numpy(memory).double() if memory.size else None
+            closest = exact.forward(torch.from_numpy(batch), before)[0].policy
             near = (
                 closest.logit.abs().amin(dim=1).numpy() < TIE
                 if isinstance(closest, OnOff)
@@ -222,11 +251,9 @@ def unequal(network: Network, batches: list[np.ndarray], answer: Answer) -> Uneq
             )
             commands = commands + int(different.sum())
             beyond = beyond + int((different & ~near).sum())
-        memory = network.next_state(columns, memory, command, output)
-        if memory is not None:
-            furthest = max(
-                furthest, float(np.abs(after - memory.numpy())[~different].max(initial=0.0))
-            )
+        if memory.size:
+            apart = np.abs(after - own.memories[k + 1])
+            furthest = max(furthest, float(apart[~different].max(initial=0.0)))
     return Unequal(commands, beyond, furthest)
 
 
@@ -237,11 +264,16 @@ def rows(name: str, count: int) -> Iterator[Row]:
     craft = run.spacecraft()
     saved: SavedPolicy = read_policy(run.agent_file)
     batches = list(asked(saved.network, Setup(craft, config.settings, config.timing), count))
+    own = own_answers(saved.network, batches)
     for called, (form, answer) in answers().items():
         with tempfile.TemporaryDirectory() as folder:
             write_agent(Path(folder), form, saved, config.ppo, name)
-            found = unequal(saved.network, batches, answer(Path(folder)))
-        yield Row(name, called, sum(map(len, batches)), *found)
+            differs = unequal(own, answer(Path(folder)))
+        yield Row(name, called, sum(map(len, batches)), *differs)
+
+
+def _tables(_: None, name: str, count: int) -> list[dict[str, Any]]:
+    return [asdict(row) for row in rows(name, count)]
 
 
 @dataclass(frozen=True)
@@ -254,6 +286,8 @@ class Exports:
     """Observations for each."""
     output: Path = Path("docs/validation/exports.json")
     """Where the table goes."""
+    workers: int | None = None
+    """Number of processes; by default one per processor."""
 
     def run(self) -> int:
         """Print the table; 0 if every export commands what its agent does.
@@ -265,10 +299,12 @@ class Exports:
         shipped = pretrained_names()
         by_agent = {name: [row for row in before if row["agent"] == name] for name in shipped}
         found: list[Row] = []
-        for name in self.agents or shipped:
-            measured = list(rows(name, self.count))
-            found += measured
-            by_agent[name] = [asdict(row) for row in measured]
+        names = self.agents or shipped
+        workers = Workers(nothing, count=self.workers, work="asked agents")
+        every = workers.ordered(_tables, [(name, self.count) for name in names])
+        for name, measured in zip(names, every, strict=True):
+            found += [Row(**row) for row in measured]
+            by_agent[name] = measured
             ordered = [row for one in sorted(by_agent) for row in by_agent[one]]
             write_json(self.output, {"environment": environment(), "rows": ordered})
         headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
