@@ -182,7 +182,7 @@ def test_names_do_where_objects_do() -> None:
         (lambda: rans.compare("go-to-pose-2d", beside=None), "names of controllers .*, got None"),  # type: ignore[arg-type]
         (
             lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
-            r"a pilot is the name of a controller, or what rans\.load_agent gave, got 3",
+            r"a pilot is the name of a controller, or the result of rans\.load_agent, got 3",
         ),
         (
             lambda: rans.Engine("atmos", "go-to-pose", 1).step(np.zeros((1, 8))),  # type: ignore[arg-type]
@@ -235,7 +235,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.evaluate("multi-task-2d"),
-            "knows several tasks: pick one, as in multi-task-2d#go-to",
+            "has several tasks: pick one, as in multi-task-2d#go-to",
         ),
         (
             lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]

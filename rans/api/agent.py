@@ -377,7 +377,7 @@ def load_agent(
         )
     if setup is None:
         raise ConfigError(
-            f"{brief(agent)} is a policy that knows no task: give one, as in "
+            f"{brief(agent)} is a policy that has no task: give one, as in "
             "rans.load_agent(policy, 'go-to-pose', 'floating-platform')."
         )
     policy = ObjectPolicy(agent, setup.craft, setup.task)

@@ -101,7 +101,7 @@ def evaluate(
     run = in_protocol(agent, protocol)
     if first := next(iter(run.task.parts())):
         raise ConfigError(
-            f"{run.controller.name} knows several tasks: pick one, as in "
+            f"{run.controller.name} has several tasks: pick one, as in "
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)

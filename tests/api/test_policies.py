@@ -84,7 +84,7 @@ def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (shut, "knows no task: give one, as in rans.load_agent"),
+        (shut, "has no task: give one, as in rans.load_agent"),
         (3, "an agent is its name, .*, a policy or"),
     ],
 )
@@ -94,7 +94,7 @@ def test_objects_without_a_task(given: object, said: str) -> None:
 
 
 def test_a_model_for_another_craft(model: A2C) -> None:
-    with pytest.raises(ConfigError, match=r"the A2C observes \(10,\), but free-flyer shows"):
+    with pytest.raises(ConfigError, match=r"the A2C observes \(10,\), but free-flyer has"):
         rans.load_agent(model, "go-to-pose", "free-flyer")
 
 

@@ -131,7 +131,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     ("arguments", "sentence"),
     [
         (["runs/nobody"], "runs/nobody"),
-        ([IDLE], "knows no task"),
+        ([IDLE], "has no task"),
         (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
         (
             ["lqr:go-to-pose-2d", "--output", "/dev/null/x"],

@@ -51,7 +51,7 @@ def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[In
     """The first contestant, and all of them as `enlisted` takes them.
 
     Raises:
-        ConfigError: there is none, the first one knows no task, or one is neither a name nor a controller.
+        ConfigError: there is none, the first one has no task, or one is neither a name nor a controller.
     """
     if not contestants:
         raise ConfigError("name at least one contestant, for example the folder of a run.")
@@ -96,7 +96,7 @@ def contest_of(
 ) -> Contest:
     """The setup of the first contestant, for all others too.
 
-    `ConfigError` if it knows no task, or one that works in the other dimension only.
+    `ConfigError` if it has no task, or one that works in the other dimension only.
 
     Conditions by name, file or as such take the place of its own. With ``guard`` all fly behind the safety
     filter for spacecraft and task.
@@ -121,7 +121,7 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
             f"{name} has a trade-off: fix it, as in {name}#0.5, or leave it open with --front."
         )
     if first := next(iter(run.task.parts())):
-        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+        raise ConfigError(f"{spec} has several tasks: pick one, as in {spec}#{first}.")
     plain = without_trade_off(run)
     if plain is not run and (
         name := controller_name(spec)

@@ -1,1 +1,1 @@
-"""Who can be judged, and how they fly."""
+"""Controllers and agents that can be evaluated, and the flights of their episodes."""

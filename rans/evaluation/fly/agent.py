@@ -1,4 +1,4 @@
-"""A trained agent as a controller: what is in a run folder, ready to fly on any engine."""
+"""A trained agent as a controller: the policy of a run folder, which flies on any engine."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Agent:
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the observation only, and at what it remembers.
+        """See `rans.flight.Controller`; reads the observation and the memory of the policy only.
 
         Raises:
             ConfigError: the observation has another width than those that it was trained on.
@@ -60,32 +60,32 @@ class Agent:
 
 
 class LoadedRun(NamedTuple):
-    """A controller and what it was made for: the agent of a run, or another contestant."""
+    """A controller with the setup that it was made for: the agent of a run, or another contestant."""
 
     controller: Controller
     craft: Spacecraft
     task: Task
-    """With the training's settings; see `judged`."""
+    """Task with the settings of the training; for evaluation see `judged`."""
     timing: Timing
     conditions: Conditions | None = None
-    """Randomization, disturbances, faults and sensors of its episodes; None: everything is as designed."""
+    """Randomization, disturbances, faults and sensor errors of its episodes; None: everything is as designed."""
     guard: Guard | None = None
-    """Safety filter between it and the effectors; None: every command is given."""
+    """Safety filter between the controller and the effectors; None: every command passes."""
 
     def __repr__(self) -> str:
         return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     @property
     def judged(self) -> Setup:
-        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs.
+        """Setup of its evaluation: the task's evaluation starts, and integration as accurate as the craft needs.
 
-        A single substep is what trainings make do with; more were asked for and stay.
+        A timing with a single substep, the usual one of a training, is refined; a timing with more is kept.
         """
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
-        """The same under other conditions, by name, file or as such; None: its own."""
+        """The run under other conditions, given by name, file or as an object; None: under its own."""
         return (
             self
             if conditions is None
@@ -93,7 +93,7 @@ class LoadedRun(NamedTuple):
         )
 
     def guarded(self, guard: bool = True) -> LoadedRun:
-        """The same behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`), if asked.
+        """The run with the safety filter for its spacecraft and task (`rans.guard.safety_filter`), if ``guard``.
 
         Raises:
             ConfigError: the task has no constraints, or no filter knows the craft.
@@ -101,20 +101,24 @@ class LoadedRun(NamedTuple):
         return self._replace(guard=safety_filter(self.judged)) if guard else self
 
 
-def run_of(given: object) -> LoadedRun | None:
-    """The run that an object is, or has as its ``run``, as `rans.Agent` and `Lookahead` do; otherwise None."""
-    result = given if isinstance(given, LoadedRun) else getattr(given, "run", None)
+def run_of(candidate: object) -> LoadedRun | None:
+    """The object if it is a `LoadedRun`, else its ``run``, as of `rans.Agent` and `Lookahead`, or None."""
+    result = candidate if isinstance(candidate, LoadedRun) else getattr(candidate, "run", None)
     return result if isinstance(result, LoadedRun) else None
 
 
 def load_agent(path: Path) -> LoadedRun:
-    """The agent in a run folder; `ConfigError` if that holds no run, or no policy that fits its craft."""
+    """Load the agent in a run folder.
+
+    Raises:
+        ConfigError: the folder holds no run, or no policy that fits its spacecraft.
+    """
     run = RunFolder(path)
     config = run.config()
     craft = run.spacecraft()
     if not run.agent_file.exists():
         raise ConfigError(
-            f"{path} has no policy.zip: its training has not come to its first checkpoint "
+            f"{path} has no policy.zip: its training has not reached its first checkpoint "
             "yet, or was stopped before."
         )
     network = read_policy(run.agent_file).network
@@ -130,19 +134,19 @@ def load_agent(path: Path) -> LoadedRun:
 
 def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
     architecture = network.architecture
-    shown = layout(task, craft.dimension)
-    seen = architecture.layout.width
-    commanded = architecture.thrusters
-    needed = shown.width, len(craft.commands)
-    if (seen, commanded) != needed:
+    expected = layout(task, craft.dimension)
+    observed = architecture.layout.width
+    commands = architecture.thrusters
+    needed = expected.width, len(craft.commands)
+    if (observed, commands) != needed:
         raise ConfigError(
-            f"{run.agent_file} observes {seen} columns and gives {commanded} commands, but "
+            f"{run.agent_file} observes {observed} columns and gives {commands} commands, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs."
         )
-    if architecture.layout != shown:
+    if architecture.layout != expected:
         raise ConfigError(
             f"{run.agent_file} observes other columns than the task in {run.config_file} "
-            "shows: they are of different runs."
+            "has: they are of different runs."
         )
     if architecture.continuous != craft.is_continuous:
         raise ConfigError(

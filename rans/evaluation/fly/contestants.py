@@ -32,10 +32,10 @@ FORMS = (
     f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
-"""What `contestant` understands, for messages."""
+"""Forms of names that `contestant` accepts, for messages."""
 
 EVALUATIONS = Path("runs") / "evaluations"
-"""Where results of contestants without a run folder of their own go."""
+"""Folder for the results of contestants without a run folder."""
 
 
 def contestant(
@@ -44,21 +44,21 @@ def contestant(
     default_setup: Setup | None = None,
     trust: bool = False,
 ) -> LoadedRun:
-    """A controller ready to fly, and in which setup.
+    """Load a contestant by name, with the setup in which it flies.
 
     Args:
-        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder is called
-            so; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME, which fly
+        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder has that
+            name; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME, which fly
             the floating platform or the free flyer, or another spacecraft as in
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
-            position of a trade-off. Policies made elsewhere (see `user_policy`) end in the same
+            position of a trade-off. Policies of other libraries (see `user_policy`) end in the same
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
             (`rans.evaluation.fly.exported`).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
-        default_setup: what policies made elsewhere fly, and a controller named by its bare name or
+        default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
-        trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
+        trust: whether a policy of another library may be a pickle, which runs code when it is opened.
     """
     kind, _, bare = spec.partition(":")
     if default_setup is not None and kind == PREFIX and _is_controller(bare):
@@ -74,7 +74,7 @@ def contestant(
             setup = default_setup
         else:
             raise ConfigError(
-                f"{spec} knows no task: add one, as in {spec}:go-to-pose-2d, or name before it an "
+                f"{spec} has no task: add one, as in {spec}:go-to-pose-2d, or name before it an "
                 f"agent that has one, as in rans compare RUN {spec}."
             )
         return LoadedRun(user_policy(policy, setup.craft, setup.task, trust), *setup[:4])
@@ -92,20 +92,24 @@ def contestant(
 
 
 def text_of(agent: object) -> str:
-    """The text of a name or a folder; `ConfigError` where it is neither."""
+    """Text of a name or a path.
+
+    Raises:
+        ConfigError: it is neither.
+    """
     if isinstance(agent, str | Path) and str(agent):
         return str(agent)
     raise ConfigError(
-        "an agent is its name, its run folder or what rans.load_agent gave, as in "
+        "an agent is given by its name, its run folder or the result of rans.load_agent, as in "
         f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}."
     )
 
 
 def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
-    """Who flies, by its text or as such, in the setup of a protocol.
+    """A contestant, given by its text or as an object, in the setup of a protocol.
 
     Raises:
-        ConfigError: see `contestant`; or a controller was made for another setup, which takes its name.
+        ConfigError: see `contestant`; or the object is a controller for another setup, and must be named.
     """
     run = run_of(agent)
     if run is None:
@@ -121,10 +125,10 @@ def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
 
 
 def agent_folder(spec: str) -> Path:
-    """The run folder behind a text.
+    """The run folder that a text names.
 
     Raises:
-        ConfigError: it names a controller without training, or an agent that does not come with the package.
+        ConfigError: it names a controller without training, or an agent that is not in the package.
     """
     kind, name, _ = _parse(spec)
     if kind not in ("", "pretrained"):
@@ -135,14 +139,14 @@ def agent_folder(spec: str) -> Path:
 
 
 def judged_separately(spec: str) -> list[str]:
-    """The contestant itself, or where it is a multi-task agent, it with each of its tasks."""
+    """Names of the evaluations of a contestant: its own, or one for each task of a multi-task agent."""
     if is_user_policy(spec):
         return [spec]
     return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
 
 
 def output_folder(spec: str) -> Path:
-    """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
+    """Folder for the results of a contestant: its run folder, or a folder in `EVALUATIONS`."""
     if is_user_policy(spec):
         policy, tail = split_policy(spec)
         kind, _, name = policy.partition(":")
@@ -158,7 +162,7 @@ def output_folder(spec: str) -> Path:
 
 
 def controller_name(spec: str) -> str:
-    """Which of `CONTROLLERS` a text names, or nothing: these need no training."""
+    """Name of the controller of `CONTROLLERS` that a text names; "" if it names none."""
     if _is_controller(spec):
         return spec
     kind = "" if is_user_policy(spec) else _parse(spec)[0]
@@ -166,23 +170,23 @@ def controller_name(spec: str) -> str:
 
 
 def picked_task(spec: str) -> str:
-    """Name of the task that was picked from a multi-task agent's, or nothing."""
+    """Name of the task that a text picks from a multi-task agent; "" if it picks none."""
     return "" if is_user_policy(spec) else _parse(spec)[2]
 
 
 def view_command(
     who: Iterable[str], task: Task, conditions: str | None, episode: int, seed: int
 ) -> str:
-    """What shows an episode of contestants again; where a task is from outside, that runs a module's code."""
-    given = ["--conditions", conditions] if conditions else []
-    given += ["--episode", str(episode), "--seed", str(seed)]
+    """Command that shows an episode of contestants again, with ``--trust`` if the task is of a user's module."""
+    options = ["--conditions", conditions] if conditions else []
+    options += ["--episode", str(episode), "--seed", str(seed)]
     return shlex.join(
-        ["rans", "view", *who, *given, *([] if registered_name(task) else ["--trust"])]
+        ["rans", "view", *who, *options, *([] if registered_name(task) else ["--trust"])]
     )
 
 
 def _is_controller(spec: str) -> bool:
-    """Whether a text is the bare name of a controller, or MODULE:NAME of a module that exists."""
+    """Whether a text is the bare name of a controller, or MODULE:NAME with a module that exists."""
     if spec in CONTROLLERS:
         return True
     module, _, name = spec.partition(":")
@@ -195,11 +199,11 @@ def _is_controller(spec: str) -> bool:
 
 
 _LONGEST_NAME = 4096
-"""Characters; no path has more on Linux."""
+"""Largest number of characters in a path on Linux."""
 
 
 def _exists(name: str) -> bool:
-    """Whether there is a file or folder of this name, which may be one that none can have."""
+    """Whether there is a file or folder of this name; False if no file can have the name."""
     try:
         return Path(name).exists()
     except (OSError, ValueError):
@@ -207,7 +211,7 @@ def _exists(name: str) -> bool:
 
 
 def _parse(spec: str) -> tuple[str, str, str]:
-    """Kind, name and picked task; a run folder has no kind."""
+    """Kind, name and picked task of a contestant's text; the kind of a run folder is ""."""
     if len(spec) > _LONGEST_NAME:
         raise ConfigError(f"there is no contestant {brief(spec)}; known are {FORMS}.")
     spec, _, part = spec.partition("#")
@@ -216,14 +220,14 @@ def _parse(spec: str) -> tuple[str, str, str]:
     if kind in kinds and name:
         return kind, name, part
     if spec == f"{kind}:":
-        raise ConfigError(f"{spec} names nobody after its colon; known are {FORMS}.")
+        raise ConfigError(f"{spec} has no name after its colon; known are {FORMS}.")
     if ":" in spec and not _exists(spec):
         module = kind
         (own, _, name) = name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
         if _is_controller(spec):
-            raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d.")
+            raise ConfigError(f"{spec} has no task; add one, as in {spec}:go-to-pose-2d.")
         raise ConfigError(
             f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}."
         )
@@ -231,7 +235,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
         return "pretrained", present_agent(spec), part
     if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
         raise ConfigError(
-            f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
+            f"{spec} has no task; add one, as in {spec}:go-to-pose-2d."
             if spec in CONTROLLERS
             else f"{spec} is not a run folder, and no agent or controller{near}."
         )
@@ -239,12 +243,12 @@ def _parse(spec: str) -> tuple[str, str, str]:
 
 
 def _named_setup(kind: str, name: str, spec: str) -> Setup:
-    """The setup behind "TASK-2d@SPACECRAFT", of a controller."""
+    """Setup of a controller that "TASK-2d@SPACECRAFT" names."""
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
     if dimension not in ("2d", "3d"):
         raise ConfigError(
-            f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d."
+            f"{brief(spec)} must name the number of dimensions, as in {kind}:go-to-pose-2d or -3d."
         )
     axes = int(dimension[0])
     result = TASKS[task]()
@@ -258,7 +262,7 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
 
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:
-    """The setup with one of the tasks of a multi-task."""
+    """The setup with one task of its multi-task."""
     parts = setup.task.parts()
     if part and part not in parts:
         raise ConfigError(

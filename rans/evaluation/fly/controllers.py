@@ -1,6 +1,6 @@
-"""Controllers that need no training: built in, of packages that are installed, or your own.
+"""Controllers that need no training: built in, of installed packages, or a user's own.
 
-And policies that were trained elsewhere, as controllers: an SB3 file, an ONNX file, or any Python function.
+Policies that other libraries trained are controllers too: an SB3 file, an ONNX file, or any Python function.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
 
 Maker = Callable[..., Controller]
-"""Function or class that makes a controller of spacecraft, task and timing, and of tuned settings by keyword."""
+"""Function or class that makes a controller from spacecraft, task and timing, and tuned settings by keyword."""
 
 
 def _checked(result: Any) -> Maker:
@@ -39,14 +39,14 @@ def _checked(result: Any) -> Maker:
         )
     if isinstance(
         result, type
-    ):  # refused before it is called: a spacecraft or a task is a class too
+    ):  # A spacecraft or a task is a class too: it is refused before it is called.
         _check_methods(f"the class {result.__name__}", result)
     maker: Any = result
     return maker
 
 
-def _check_methods(who: str, found: object) -> None:
-    missing = [need for need in ("reset", "act") if not callable(getattr(found, need, None))]
+def _check_methods(who: str, instance: object) -> None:
+    missing = [need for need in ("reset", "act") if not callable(getattr(instance, need, None))]
     if missing:
         raise ConfigError(
             f"{who} is no controller: it has no {' and no '.join(missing)}; see "
@@ -78,9 +78,10 @@ BESIDE = ("lqr", "switching", "mpc", "optimal")
 
 
 def controller(name: str, setup: Setup) -> Controller:
-    """The controller of this name for a setup, with what was tuned for it if it fits, else default settings.
+    """Make a controller by name, with settings that were tuned for the setup, else with default settings.
 
-    `ConfigError` if there is none, or not for this craft.
+    Raises:
+        ConfigError: there is no such controller, or none for this spacecraft.
     """
     maker = CONTROLLERS[name]
     result = tuned(name, setup)
@@ -92,7 +93,7 @@ def controller(name: str, setup: Setup) -> Controller:
 
 
 def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:
-    """Whom a training imitates; None where it learns in another way.
+    """The expert that a training imitates; None if its learner imitates none.
 
     Raises:
         ConfigError: there is no such controller, or it cannot fly this craft or task.
@@ -105,16 +106,16 @@ def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:
 
 
 def guard_of(config: TrainConfig, craft: Spacecraft) -> Guard | None:
-    """The safety filter behind which a training flies; None where it flies without one.
+    """The safety filter of a training; None if it has none.
 
     Raises:
-        ConfigError: the task has no constraints, or throttles that no filter can brake with.
+        ConfigError: the task has no constraints, or the craft has throttles with which no filter can brake.
     """
     return safety_filter(Setup(craft, config.settings, config.timing)) if config.guard else None
 
 
 class CheckedController:
-    """Controller of a plug-in or a user whose commands are checked; a `ConfigError` says what is wrong."""
+    """Controller of a plug-in or a user whose commands are checked; wrong ones raise a `ConfigError`."""
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
         self._craft = setup.craft
@@ -136,7 +137,7 @@ class CheckedController:
 
     @property
     def failures(self) -> int:
-        """Times that its solver found nothing."""
+        """Number of times that its solver found no solution."""
         return getattr(self._made, "failures", 0)
 
     def reset(self, count: int) -> None:
@@ -154,24 +155,24 @@ class CheckedController:
 
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
-"""Forms of names that `user_policy` understands, for messages and help.
+"""Forms of names that `user_policy` accepts, for messages and help.
 
 Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
 """
 
 Policy = Callable[[np.ndarray], Any]
-"""(N, width) float32 observations, as `rans.tasks.observation_terms` orders them, to (N, commands) what the
-craft takes: zeros and ones, or numbers between."""
+"""Function of observations (N, width), float32, in the order of `rans.tasks.observation_terms`, whose results are
+commands (N, commands), zeros and ones or numbers between."""
 
 
 class UserPolicy:
-    """A function of the observation that was made elsewhere; each answer is checked before it flies.
+    """A policy of another library, a function of the observation; its commands are checked before they are flown.
 
     Args:
         spec: text that `user_policy` opens.
         policy: the function.
-        craft: what it flies.
-        task: what its observations are of.
+        craft: spacecraft that it flies.
+        task: task that it observes.
         trust: see `user_policy`.
     """
 
@@ -187,7 +188,7 @@ class UserPolicy:
         self._trust = trust
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Another process loads it anew: not every policy can be pickled."""
+        """Another process loads the policy anew, because not every policy can be pickled."""
         return user_policy, (self._spec, self._craft, self._task, self._trust)
 
     def reset(self, count: int) -> None:
@@ -196,7 +197,7 @@ class UserPolicy:
             self._policy.memory = None
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller` and `answered`; looks at the observation only."""
+        """See `rans.flight.Controller` and `answered`; reads the observation only."""
         return answered(self.name, lambda: self._policy(observation), self._craft, len(observation))
 
 
@@ -205,9 +206,9 @@ class ObjectPolicy(UserPolicy):
 
     Args:
         policy: the object; see `policy_of`.
-        craft: what it flies.
-        task: what it was trained for.
-        name: in tables; None: the name of its class or function.
+        craft: spacecraft that it flies.
+        task: task that it was trained for.
+        name: name in tables; None: the name of its class or function.
 
     Raises:
         ConfigError: the object is no policy, or one for other observations or actions.
@@ -221,52 +222,55 @@ class ObjectPolicy(UserPolicy):
         super().__init__(name or own, policy_of(policy, craft, task), craft, task)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Another process gets a copy of the object, pickled by value where it is of a script."""
-        given = cloudpickle.dumps((self._given, self._craft, self._task, self.name))
-        return _unpickled_policy, (given,)
+        """Another process gets a copy of the object, pickled by value if its class is defined in a script."""
+        content = cloudpickle.dumps((self._given, self._craft, self._task, self.name))
+        return _unpickled_policy, (content,)
 
 
 def _unpickled_policy(content: bytes) -> ObjectPolicy:
-    """What `ObjectPolicy` pickled in another process of this session."""
+    """Copy of an `ObjectPolicy` that another process of this session pickled."""
     policy, craft, task, name = cloudpickle.loads(content)
     return ObjectPolicy(policy, craft, task, name)
 
 
-def policy_of(given: Any, craft: Spacecraft, task: Task) -> Policy:
-    """The function behind an object: SB3's ``predict``, a torch module's call, or the function itself.
+def policy_of(policy: Any, craft: Spacecraft, task: Task) -> Policy:
+    """The policy function of an object: SB3's ``predict``, a torch module's call, or the function itself.
 
     Raises:
         ConfigError: it is none of these, or its spaces are not those of the task and the craft.
     """
-    if callable(getattr(given, "predict", None)):
-        seen, action = (
-            getattr(given, name, None) for name in ("observation_space", "action_space")
+    if callable(getattr(policy, "predict", None)):
+        observation_space, action_space = (
+            getattr(policy, name, None) for name in ("observation_space", "action_space")
         )
-        if seen is not None and action is not None:
-            _check_spaces(f"the {type(given).__name__}", seen, action, craft, task)
-        return lambda observation: given.predict(observation, deterministic=True)[0]
-    if not callable(given) or isinstance(given, type):
+        if observation_space is not None and action_space is not None:
+            _check_spaces(
+                f"the {type(policy).__name__}", observation_space, action_space, craft, task
+            )
+        return lambda observation: policy.predict(observation, deterministic=True)[0]
+    if not callable(policy) or isinstance(policy, type):
         raise ConfigError(
             "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
-            f"(N, width), got {brief(given)}."
+            f"(N, width), got {brief(policy)}."
         )
-    return partial(_called, given)
+    return partial(_called, policy)
 
 
-def _called(given: Callable[[Any], Any], observation: np.ndarray) -> Any:
-    """What a torch module or a function answers."""
+def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
+    """Result of a torch module or a function."""
     import torch
 
-    if not isinstance(given, torch.nn.Module):
-        return given(observation)
+    if not isinstance(function, torch.nn.Module):
+        return function(observation)
     with torch.no_grad():
-        return given(torch.from_numpy(observation)).cpu().numpy()
+        return function(torch.from_numpy(observation)).cpu().numpy()
 
 
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
-    """The commands (N, commands) that somebody else's code answers N observations with.
+    """Commands (N, commands) of a user's code for N observations.
 
-    `ConfigError` if it fails, or answers what the craft's actuators cannot follow.
+    Raises:
+        ConfigError: the code fails, or its commands are not those of the craft's actuators.
     """
     try:
         commands = np.asarray(ask(), dtype=np.float64)
@@ -284,18 +288,18 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
         check(craft, commands, count)
     except ConfigError as error:
         raise ConfigError(
-            f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
+            f"{who} answers with commands that {craft.name} does not take: {error} Probabilities have to be "
             "rounded, and densities clipped, by the policy."
         ) from None
     return commands
 
 
 _LONGEST_REASON = 400
-"""Characters of an exception's text in a sentence."""
+"""Largest number of characters of an exception's text in a message."""
 
 
 def _whole(error: BaseException) -> str:
-    """The text of somebody else's exception in one line: its useful end may not be in the first."""
+    """The text of another library's exception in one line, because its first line may not hold the cause."""
     text = " ".join(str(error).split()).rstrip(".")
     return text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]} ..."
 
@@ -306,7 +310,7 @@ def is_user_policy(spec: str) -> bool:
 
 
 def split_policy(spec: str) -> tuple[str, str]:
-    """The text of a policy in two parts: what `user_policy` opens, and its TASK-2d@SPACECRAFT or nothing.
+    """Split the text of a policy into what `user_policy` opens and its TASK-2d@SPACECRAFT, "" if it has none.
 
     >>> split_policy("sb3:policy.zip:go-to-pose-2d@atmos")
     ('sb3:policy.zip', 'go-to-pose-2d@atmos')
@@ -325,11 +329,13 @@ def split_policy(spec: str) -> tuple[str, str]:
 
 
 def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
-    """The policy behind ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION``.
+    """Load the policy that ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION`` names.
 
-    A module is code that this runs. So is an SB3 file that RANS did not write, a pickle, which is opened only
-    with ``trust``. `ConfigError` if it cannot be loaded, or is for another observation or other actions than
-    task and craft have.
+    Loading a module runs its code. So does an SB3 file that RANS did not write, because it is a pickle; it is
+    opened only with ``trust``.
+
+    Raises:
+        ConfigError: the policy cannot be loaded, or has other observations or actions than task and craft.
     """
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
@@ -338,7 +344,7 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
 
 
 def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
-    """The policy of any SB3 algorithm: the file names its class, so the algorithm need not be known."""
+    """Policy of any SB3 algorithm: the file names the policy's class."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
     _check_file(name)
@@ -346,14 +352,14 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
         return _ours(Path(name), craft, task)
     try:
         data, parameters, _ = load_from_zip_file(name, device="cpu")
-        assert data is not None  # every SB3 file has them
+        assert data is not None  # every SB3 file has data
         spaces = data["observation_space"], data["action_space"]
         policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
         policy.load_state_dict(parameters["policy"])
     except Exception as error:  # a damaged pickle raises anything
         reason = first_line(error).partition(". ")[
             0
-        ]  # torch's advice goes on: to unpickle it all the same
+        ]  # The rest is torch's advice to unpickle the file without checks.
         raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {reason}.") from error
     policy.set_training_mode(False)
     _check_spaces(name, *spaces, craft, task)
@@ -361,7 +367,7 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
 
 
 def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
-    """An agent that RANS wrote, which nothing need be unpickled for."""
+    """Policy of an agent that RANS wrote, which holds no pickle."""
     from rans.fast.agent_files.agent import is_agent, read_policy
     from rans.fast.policy import policy_spaces, predict
 
@@ -377,27 +383,31 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
     )
 
 
-def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
+def _check_spaces(
+    name: str, observation_space: Any, wanted: Any, craft: Spacecraft, task: Task
+) -> None:
     from gymnasium.spaces import MultiBinary, MultiDiscrete
 
     width = observation_width(task, craft.dimension)
     count = len(craft.commands)
-    if seen.shape != (width,):
-        raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
+    if observation_space.shape != (width,):
+        raise ConfigError(
+            f"{name} observes {observation_space.shape}, but {craft.name} has ({width},)."
+        )
     known = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
-    if action not in known:
+    if wanted not in known:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
         wheels = f" and {len(craft.wheels)} reaction wheels" if craft.wheels else ""
         raise ConfigError(
-            f"{name} acts by {action}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
+            f"{name} acts by {wanted}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
             f"take {takes}: {', '.join(dict.fromkeys(map(str, known)))}."
         )
 
 
 def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
-    """A network whose first input is the observation and whose first output the command.
+    """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
-    It may have a second of each, (N, m): what it remembers.
+    Its memory, (N, m), is the second input and the second output, if there is one.
     """
     try:
         from onnxruntime import InferenceSession
@@ -413,23 +423,23 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
     inputs = [node.name for node in session.get_inputs()]
     if not 1 <= len(inputs) <= min(2, len(session.get_outputs())):
         raise ConfigError(
-            f"{name} must have one input, the observation, or besides a memory that is also "
+            f"{name} must have one input, the observation, or a second one, a memory that is also "
             f"its second output, got {', '.join(inputs)}."
         )
     width = observation_width(task, craft.dimension)
-    given = session.get_inputs()[0].shape
-    if len(given) == 2 and isinstance(given[1], int) and given[1] != width:
+    shape = session.get_inputs()[0].shape
+    if len(shape) == 2 and isinstance(shape[1], int) and shape[1] != width:
         raise ConfigError(
-            f"{name} observes {given[1]} numbers, but {craft.name} shows {width} for "
+            f"{name} observes {shape[1]} numbers, but {craft.name} has {width} for "
             f"{type(task).__name__}."
         )
     return OnnxPolicy(session)
 
 
 class OnnxPolicy:
-    """A session of ONNX Runtime; what it remembers is None where episodes begin, which is zeros.
+    """Policy of a session of ONNX Runtime; its memory is None, which means zeros, when episodes begin.
 
-    A network that was exported for a batch of one is asked for one observation after the other.
+    A network that was exported for a batch of one is run for one observation after the other.
     """
 
     def __init__(self, session: Any) -> None:
@@ -439,24 +449,24 @@ class OnnxPolicy:
         self._is_single = session.get_inputs()[0].shape[:1] == [1]
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """The commands (N, thrusters) to observations (N, width)."""
-        given = {self._names[0]: observation}
+        """Commands (N, thrusters) for observations (N, width)."""
+        inputs = {self._names[0]: observation}
         if len(self._names) == 2:
             if self.memory is None:
                 width = self._session.get_inputs()[1].shape[1]
                 self.memory = np.zeros((len(observation), width), np.float32)
-            given[self._names[1]] = self.memory
-        command, *after = self._run(given)
+            inputs[self._names[1]] = self.memory
+        command, *after = self._run(inputs)
         self.memory = after[0] if len(self._names) == 2 else None
         return command
 
-    def _run(self, given: dict[str, np.ndarray]) -> list[np.ndarray]:
-        """The network's outputs, rows as given."""
+    def _run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        """Outputs of the network for inputs by name, in the order of their rows."""
         if not self._is_single:
-            return self._session.run(None, given)
-        count = len(given[self._names[0]])
+            return self._session.run(None, inputs)
+        count = len(inputs[self._names[0]])
         rows = [
-            self._session.run(None, {name: x[k : k + 1] for name, x in given.items()})
+            self._session.run(None, {name: x[k : k + 1] for name, x in inputs.items()})
             for k in range(count)
         ]
         return [np.concatenate(output) for output in zip(*rows, strict=True)]

@@ -1,4 +1,4 @@
-"""Episodes of a seed flown by any controller; on all processors where it is slow, or flies in Drake."""
+"""Flights of the episodes of a seed by any controller, on all processors if it is slow or flies in Drake."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from rans.scenario import draws, sampled_scenarios
 EngineName = Literal["fast", "drake"]
 
 _SHARE = 64
-"""Episodes a process flies at once in Drake: from here on more of them take no less time each."""
+"""Number of episodes that a process flies at once in Drake: with more an episode takes no less time."""
 _SLOW_SHARE = 8
-"""Episodes a process flies at once of a controller that says it is ``slow``: it takes its time for each."""
+"""Number of episodes that a process flies at once of a controller whose attribute ``slow`` is true."""
 
 
 class Flown(NamedTuple):
-    """N flights, and how their controller fared."""
+    """N flights, and how often the solver of their controller failed."""
 
     flight: Flight
     stopped: int
-    """Times that the controller's solver found nothing; 0 of a controller without one."""
+    """Number of times that the controller's solver found no solution; 0 without a solver."""
 
 
 def fly_episodes(
@@ -44,11 +44,11 @@ def fly_episodes(
     """Fly consecutive episodes of a seed.
 
     Args:
-        controller: can be pickled; one that takes its time for every episode has a true attribute ``slow``.
-        setup: what flies, with the starts to fly from.
+        controller: controller, which can be pickled; an attribute ``slow`` says that it is slow for every episode.
+        setup: spacecraft, task with its starts, and timing.
         seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
         episodes: number of episodes.
-        engine: what computes the motion.
+        engine: engine that computes the motion.
         workers: processes, by default one per processor; 1: this one (see `rans.processes.Workers`).
         progress: reports episodes.
         first: number of the first episode.
@@ -74,7 +74,7 @@ def fly_episodes(
 
 
 class _Flyer(NamedTuple):
-    """A controller with what it flies, as each process has it."""
+    """A controller with its setup, in each process."""
 
     controller: Controller
     setup: Setup
@@ -89,13 +89,13 @@ class _Flyer(NamedTuple):
 def fly_draws(
     controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast"
 ) -> Flight:
-    """Fly the N episodes that draw these random numbers, in this process.
+    """Fly the N episodes of given random numbers in this process.
 
     Args:
         controller: see `fly_episodes`.
         setup: see `fly_episodes`.
         own: random numbers of the episodes; ``own.first`` are the episodes' numbers, (N,).
-        engine: what computes the motion.
+        engine: engine that computes the motion.
     """
     craft, task, timing, conditions, guard = setup
     starts = sampled_scenarios(task, craft, own)
@@ -109,7 +109,7 @@ def fly_draws(
 
 
 def _joined(parts: list[Flown]) -> Flown:
-    """Flights of other episodes of the same task as one; episodes are the last axis of a field."""
+    """Flights of several groups of episodes of a task as one; episodes are the last axis of a field."""
 
     def join(*fields: Any) -> np.ndarray:
         return np.concatenate(fields, axis=-1)

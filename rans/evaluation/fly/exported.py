@@ -1,4 +1,4 @@
-"""Agents that were exported as ONNX or NumPy, as contestants: their contract says what they are for."""
+"""Agents that were exported as ONNX or NumPy, as contestants; their contract names their task."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ CONTRACT = "contract.json"
 
 
 def is_exported(folder: Path) -> bool:
-    """Whether a folder holds an exported agent that is no run folder."""
+    """Whether a folder holds an exported agent and no run."""
     return (folder / CONTRACT).is_file() and not (folder / "config.json").exists()
 
 
 def load_exported(folder: Path) -> LoadedRun:
-    """The agent in a folder that `rans export` wrote as ONNX or NumPy, with the task of its contract.
+    """Load the agent of a folder that `rans export` wrote as ONNX or NumPy, with the task of its contract.
 
-    It flies without conditions: a contract need not name them.
+    It flies without conditions, which a contract need not name.
 
     Raises:
-        ConfigError: a file is missing or damaged, or the agent is Python code that nobody vouched for.
+        ConfigError: a file is missing or damaged, or the agent is Python code without ``--trust``.
     """
     file = inside(folder, CONTRACT)
     contract = read_json(file)
@@ -68,14 +68,14 @@ class ExportedPython:
     """The agent of an exported ``agent.py``, which runs that file's code.
 
     Raises:
-        ConfigError: nobody vouched for the code with ``--trust``, or it cannot be loaded.
+        ConfigError: the code is not trusted (``--trust``), or it cannot be loaded.
     """
 
     def __init__(self, folder: Path, craft: Spacecraft) -> None:
         file = inside(folder, "agent.py")
         if not os.environ.get(TRUST_VARIABLE):
             raise ConfigError(
-                f"{file} is Python code, which flying it runs. If you know who made it, add --trust; "
+                f"{file} is Python code, which a flight runs. If you know who wrote it, add --trust; "
                 "from Python, call rans.trust_files() first."
             )
         self.name = folder.resolve().name
@@ -102,11 +102,11 @@ class ExportedPython:
         self._agent.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; decides from the observation only."""
+        """See `rans.flight.Controller`; reads the observation only."""
         return answered(
             self.name, lambda: self._agent.act(observation), self._craft, len(observation)
         )
 
 
 OBSERVERS = (UserPolicy, ExportedPython)
-"""Classes of controllers that decide from the observation alone, besides agents."""
+"""Classes of controllers, besides agents, that read the observation only."""

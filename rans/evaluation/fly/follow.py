@@ -1,4 +1,4 @@
-"""Flights along a path: a velocity tracker guided by the look-ahead planner, and how well it follows."""
+"""Flights along a path by a velocity tracker with the look-ahead planner, and their tracking errors."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from rans.model.timing import MOST_STEPS, Timing
 from rans.tasks import Task
 
 START_SPREAD = 0.2
-"""Farthest that a flight starts from the path's first point, m."""
+"""Largest distance of a start from the path's first point, m."""
 _PATIENCE = 1.5
 _GRACE = 10.0
-"""A flight may take so many times as long as at full speed, and so many seconds more."""
+"""Factor on the duration of a flight at full speed, and seconds added to it: the time that a flight has."""
 
 
 def _tracker(method: str) -> Any:
-    """A method of `Guided` that is the tracker's task's own."""
-    return lambda self, *given: getattr(self.task, method)(*given)
+    """A method of `Guided` that calls the same method of the tracker's task."""
+    return lambda self, *arguments: getattr(self.task, method)(*arguments)
 
 
 @dataclass(frozen=True)
 class Guided(Task):
-    """A velocity tracker's task with a goal that moves: the planner's command of the moment.
+    """A velocity tracker's task whose goal is the planner's velocity command.
 
-    It notes the point of the path that the flight has come to.
+    The notes of the goal hold the progress of the flight along the path.
     """
 
     task: Task
-    """The tracker's."""
+    """Task of the tracker."""
     planner: LookAhead
 
     flag_of = _tracker("flag_of")
@@ -54,7 +54,7 @@ class Guided(Task):
 
     @property
     def drift(self) -> Drift:
-        """The tracker's."""
+        """Drift of the tracker's task."""
         return self.task.drift
 
     def sample(self, random: Random) -> tuple[State, State]:
@@ -67,7 +67,7 @@ class Guided(Task):
         return start, self.remember(begun, start)
 
     def remember(self, goal: Any, state: State) -> Any:
-        """The planner's command where the spacecraft is."""
+        """The planner's command at the position of the spacecraft."""
         position = np.stack(state.p.columns(), axis=1)
         progress, _, command = self.planner.plan(position, goal.notes[0].astype(int))
         return replace(goal, v=type(goal.v)(*command.T), notes=(progress,))
@@ -83,11 +83,11 @@ class Following:
 
     planner: LookAhead
     flight: Flight
-    """Everybody's motion for the full time, however early they arrived."""
+    """Motion of all flights for the full time, even after their arrival."""
 
     @property
     def progress(self) -> np.ndarray:
-        """(T, N) path point each flight had come to when it was given a command."""
+        """(T, N) progress of each flight, an index of the path's points, at each command."""
         return self.flight.goals.notes[0][:-1].astype(int)
 
     @property
@@ -107,7 +107,7 @@ class Following:
 
     @property
     def cross_track(self) -> np.ndarray:
-        """(T, N) distance from the path when a command was given, m."""
+        """(T, N) distance from the path at each command, m."""
         path = self.planner.path
         reach = self.planner.radius
         instants = zip(self.positions, self.progress, strict=False)
@@ -117,7 +117,7 @@ class Following:
 
     @property
     def measured(self) -> np.ndarray:
-        """(T, N) whether the period counts."""
+        """(T, N) whether errors of the period count."""
         inside = (self.progress >= self.planner.approach) & (self.progress < self.planner.end)
         inside[-1] |= ~inside.any(axis=0)
         return inside
@@ -130,7 +130,7 @@ class Following:
         return np.where(waited < len(self.progress), waited * period, np.inf)
 
     def quantities(self) -> tuple[Sample, ...]:
-        """How well each flight followed."""
+        """Statistics of the tracking errors of the flights."""
         counts = self.measured
         reached = self.velocities[1:]
         aim = self.planner.speed
@@ -180,7 +180,7 @@ class Following:
         )
 
     def title(self) -> str:
-        """What was flown, in one line."""
+        """Title in one line: tracker, path and speed."""
         arrived = int(np.isfinite(self.durations).sum())
         path = self.planner.path
         return (
@@ -189,7 +189,7 @@ class Following:
         )
 
     def table(self) -> Table:
-        """For the terminal."""
+        """Table for the terminal."""
         table = Table(
             "quantity", "mean", "worst flight", "meaning", title=self.title(), title_justify="left"
         )
@@ -201,7 +201,7 @@ class Following:
         return table
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`; infinite is the duration of a flight that never arrived."""
+        """Data for `rans.files.write_json`; the duration of a flight that never arrived is infinite."""
         path = self.planner.path
         flight = self.flight
         rows = [
@@ -240,23 +240,26 @@ def follow(
 ) -> Following:
     """Fly along a path, in float64.
 
-    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point. `ConfigError`
-    if the tracker does not track velocities or not such fast ones, or the path leaves a craft's plane.
+    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point.
 
     Args:
-        craft: what flies.
-        task: the one the tracker was made for.
-        tracker: holds velocities.
+        craft: spacecraft.
+        task: task for which the tracker was made.
+        tracker: controller that tracks velocities.
         planner: path, speed and look-ahead; a planar path also serves in space.
-        timing: gives the control period; flights end when all had time enough to arrive.
-        seed: of the starts.
+        timing: timing with the control period; its length is replaced by the time that all flights need.
+        seed: seed of the starts.
         count: number of flights.
-        engine: what computes the motion.
+        engine: engine that computes the motion.
+
+    Raises:
+        ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves the plane of a
+            planar craft.
     """
     speeds: Any = getattr(task, "target_speed", None)
     if "track-velocity" in task.parts():
         raise ConfigError(
-            f"{tracker.name} knows several tasks: pick one, as in {tracker.name}#track-velocity."
+            f"{tracker.name} has several tasks: pick one, as in {tracker.name}#track-velocity."
         )
     if speeds is None or task.tolerances().keys() != {"velocity"}:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""An agent or a controller that looks ahead: it simulates what it might do, and does what pays most."""
+"""Look-ahead: an agent or controller simulates changes of its commands and takes the best one."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import paid
 
 PREFIX = "lookahead"
-"""Before an agent's text, with a colon: the same agent, looking ahead."""
+"""Prefix of an agent's name, with a colon, for the same agent with look-ahead."""
 HORIZON = 8.0
-"""How far it looks, s: going to a pose takes about six, and what rest there is worth shows soon after."""
+"""Length of simulations, s: a flight to a pose takes about 6 s, and the price of its rest shows soon after."""
 CHANGE_WITHIN = 1.0
-"""How late the change may come that it looks for, s."""
+"""Latest time of a change that is tried, s."""
 
 
 @dataclass(frozen=True)
 class ArrivalCost:
-    """What late arrival, thrust, and being off the goal cost: 1 is a second with all thrusters open.
+    """Prices of late arrival, thrust and errors; the unit is a second with all thrusters open.
 
     >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=rans.ArrivalCost(late=1.5))
     <Lookahead: go-to-pose-2d-fast, 8 s ahead>
@@ -39,15 +39,16 @@ class ArrivalCost:
     """
 
     late: float = 2.5
-    """Of a second before the goal set is reached (`rans.tasks.goal_set.arrived`), or beyond a tolerance after
-    that."""
+    """Price of a second before the goal set is reached (`rans.tasks.goal_set.arrived`), and of a second outside
+    a tolerance after that."""
     position: float = 0.5
-    """Of a second there at the edge of this tolerance; it grows with the square of the error."""
+    """Price of a second in the goal set with a position error as large as its tolerance; it grows with the square
+    of the error."""
     attitude: float = 0.07
-    """The same of this one; errors of other names cost nothing while they are within theirs."""
+    """The same of the attitude error; other errors cost nothing within their tolerances."""
 
     def __post_init__(self) -> None:
-        """Refuse what no flight can be weighed by."""
+        """Refuse prices that are negative or not finite."""
         for name, price in asdict(self).items():
             if not (is_finite(price) and price >= 0):
                 raise ConfigError(f"the price {name} must be finite and >= 0, got {price!r}.")
@@ -55,20 +56,20 @@ class ArrivalCost:
     def cost(
         self, shares: np.ndarray, there: np.ndarray, errors: dict[str, np.ndarray]
     ) -> np.ndarray:
-        """(M,) of seconds with these shares of all thrust; errors are shares of their tolerances."""
+        """Cost (M,) of a second with shares (M,) of all thrust and errors (M,) in shares of their tolerances."""
         off = sum(getattr(self, name, 0.0) * error**2 for name, error in errors.items())
         return shares + np.where(there, off, self.late)
 
 
 class _Policy(Protocol):
-    """What looks ahead: its commands as a function of what it has in its memory, which any episode may take."""
+    """A policy as a function of its memory, which can be copied from episode to episode."""
 
     def initial_state(self, count: int) -> Any:
-        """The memory of episodes that begin; its rows are one an episode."""
+        """Memory of episodes that begin, one row for each."""
         ...
 
     def repeated(self, memory: Any, count: int) -> Any:
-        """The memory with every row so often."""
+        """A memory with each row repeated ``count`` times."""
         ...
 
     def chosen(self, memory: Any, rows: np.ndarray) -> Any:
@@ -78,12 +79,12 @@ class _Policy(Protocol):
     def commands(
         self, state: Any, goal: Any, seen: np.ndarray, memory: Any, change: np.ndarray
     ) -> tuple[np.ndarray, Any]:
-        """Commands (M, thrusters), opened or shut where the change (M, thrusters) is 1, and the memory then."""
+        """Commands (M, thrusters), inverted where the change (M, thrusters) is 1, and the memory after them."""
         ...
 
 
 class _AgentPolicy:
-    """A trained agent, of which the observation is all that matters; it remembers what was flown."""
+    """A trained agent, which reads the observation and remembers the commands that were flown."""
 
     def __init__(self, agent: Agent) -> None:
         self._network = agent.network
@@ -112,7 +113,7 @@ class _AgentPolicy:
 
 
 class _ControllerPolicy:
-    """A controller that needs no training, with ``memory`` and ``recall``; it sees states and goals."""
+    """A controller without training, with methods ``memory`` and ``recall``, which reads states and goals."""
 
     def __init__(self, controller: Any) -> None:
         self._controller = controller
@@ -140,34 +141,34 @@ class _ControllerPolicy:
 
 
 class Lookahead:
-    """An agent or controller that weighs what it would do against one change of a thruster in one period.
+    """An agent or controller that compares its own commands with one change of a thruster in one period.
 
     >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
     <Lookahead: go-to-pose-2d-fast, 4 s ahead>
     >>> rans.Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=rans.ArrivalCost())
     <Lookahead: LQR, 8 s ahead>
 
-    It opens a shut thruster, or shuts an open one, where the flight that follows is best if it goes on as it
-    is used to; where the best change is a later one, it waits. That is one step of policy improvement, the
-    rollout algorithm (Bertsekas, Tsitsiklis and Wu, "Rollout algorithms for combinatorial optimization",
-    J. Heuristics 3, 1997), in a perfect world from the state that sensors tell. Best is what has the least
-    `ArrivalCost` and ends in the goal set; without one, what earns most of the task's rewards, undiscounted.
-    Where nothing is better, nothing is changed.
+    It simulates every change, with its own commands in all other periods, without randomization and from the state
+    as sensors read it. If the best change is one of this period, it opens a shut thruster or shuts an open one; if
+    it is a later one, or none is better, it changes nothing. That is one step of policy improvement, the rollout
+    algorithm (Bertsekas, Tsitsiklis and Wu, "Rollout algorithms for combinatorial optimization", J. Heuristics 3,
+    1997). The best flight ends in the goal set with the least `ArrivalCost`; without a cost of arrival, it has the
+    largest undiscounted return of the task.
 
     Args:
         run: an agent, or a controller with ``memory`` and ``recall`` (`rans.LQR`, `rans.Switching`, `rans.MPC`
-            and `rans.VelocityToGain` have them), and what it flies; its conditions are not looked at.
-        horizon: how far it looks, s, rounded up to whole control periods.
-        change_within: how late the change may come, s, rounded up likewise.
-        arrival: what it is about; None: the task's rewards.
+            and `rans.VelocityToGain` have them), with its setup; the conditions are not used.
+        horizon: length of simulations, s, rounded up to whole control periods.
+        change_within: latest time of a change, s, rounded up likewise.
+        arrival: prices of a flight; None: the task's rewards count.
 
     Raises:
-        ConfigError: a controller has no memory to go on from, an agent a preference that is not held fixed,
-            thrusters are not on or off, or the horizon or what changes come within is no finite number > 0.
+        ConfigError: a controller has no methods memory and recall, an agent has a trade-off that is not fixed,
+            thrusters are not on/off, or the horizon or the latest time of a change is no finite number > 0.
     """
 
     slow = True
-    """Many episodes are flown by many processes."""
+    """Episodes are flown by several processes."""
 
     def __init__(
         self,
@@ -176,18 +177,18 @@ class Lookahead:
         change_within: float = CHANGE_WITHIN,
         arrival: ArrivalCost | None = None,
     ) -> None:
-        given = run_of(run)
-        if given is None:
+        loaded = run_of(run)
+        if loaded is None:
             raise ConfigError(
-                "who looks ahead is what rans.load_agent gave, as in rans.Lookahead("
+                "look-ahead takes the result of rans.load_agent, as in rans.Lookahead("
                 f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}."
             )
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
-        agent = given.controller
-        craft = given.craft
-        task = given.task
-        timing = given.timing
+        agent = loaded.controller
+        craft = loaded.craft
+        task = loaded.task
+        timing = loaded.timing
         if not isinstance(agent, Agent) and not all(
             callable(getattr(agent, need, None)) for need in ("memory", "recall")
         ):
@@ -196,7 +197,7 @@ class Lookahead:
                 "on from an instant in several ways, as rans.LQR has."
             )
         self._trade_off = np.zeros((1, 0), np.float32)
-        """What an agent with a trade-off is shown of it, after all that others are shown."""
+        """Columns of a fixed trade-off, which follow the other columns of the observation."""
         if task.draws_trade_off:
             raise ConfigError(
                 f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
@@ -225,7 +226,7 @@ class Lookahead:
         self.name = f"{PREFIX}:{agent.name}"
         self._horizon = horizon
         self.arrival = arrival
-        self._run = given
+        self._run = loaded
         self._policy: _Policy = (
             _AgentPolicy(agent) if isinstance(agent, Agent) else _ControllerPolicy(agent)
         )
@@ -237,7 +238,7 @@ class Lookahead:
         forces = np.array([thruster.force for thruster in craft.thrusters])
         self._shares = forces / forces.sum()
         count = len(forces)
-        # (periods, choices, thrusters): nothing else, or one thruster in one of the periods.
+        # (periods, choices, thrusters): no change, then one thruster in one of the periods.
         self._changes = np.zeros((self._periods, 1 + last * count, count), np.float32)
         for period in range(last):
             self._changes[period, 1 + period * count :][:count] = np.eye(count)
@@ -248,7 +249,7 @@ class Lookahead:
 
     @property
     def run(self) -> LoadedRun:
-        """This one, and what it flies."""
+        """The run with this controller in place of its own."""
         return self._run._replace(controller=self)
 
     def reset(self, count: int) -> None:
@@ -258,14 +259,14 @@ class Lookahead:
         self._been = np.zeros(count, dtype=bool)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the observation and at the state."""
+        """See `rans.flight.Controller`; reads the observation and the state."""
         count = len(observation)
         choices = self._changes.shape[1]
-        if self._trade_off.size:  # held, it is nobody's goal
+        if self._trade_off.size:  # A fixed trade-off is in no goal.
             goal = replace(goal, notes=())
         if self.arrival is not None:
             self._been |= arrived(self._world.task, state, goal)
-        # Every episode so often as there are choices, its own first.
+        # Every episode is repeated for each choice, of which the first is no change.
         memory = self._policy.repeated(self._memory, choices)
         here, there = (map_leaves(lambda x: np.repeat(x, choices), s) for s in (state, goal))
         seen = np.repeat(observation, choices, axis=0)
@@ -278,14 +279,14 @@ class Lookahead:
         return self._last
 
     def _changed(
-        self, state: Any, goal: Any, seen: np.ndarray, memory: Any, period: int
+        self, state: Any, goal: Any, observation: np.ndarray, memory: Any, period: int
     ) -> tuple[np.ndarray, Any]:
-        """Commands (M, thrusters) of this period to come, with each choice's change, and the memory after."""
-        change = np.tile(self._changes[period], (len(seen) // self._changes.shape[1], 1))
-        return self._policy.commands(state, goal, seen, memory, change)
+        """Commands (M, thrusters) of a simulated period with each choice's change, and the memory after it."""
+        change = np.tile(self._changes[period], (len(observation) // self._changes.shape[1], 1))
+        return self._policy.commands(state, goal, observation, memory, change)
 
     def _earned(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> np.ndarray:
-        """(M,) what is earned after commands (M, thrusters), with what the agent remembers after them."""
+        """Return (M,) of simulations that begin with commands (M, thrusters), from the memory after them."""
         earned = np.zeros(len(command))
         lost = np.zeros(len(command), dtype=bool)
         for outcome in self._ahead(state, goal, command, memory):
@@ -294,7 +295,7 @@ class Lookahead:
         return earned
 
     def _spared(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> np.ndarray:
-        """(M,) the same of what arrival costs, below 0; a change that does not end there is none."""
+        """Negative cost of arrival (M,) of the same simulations; -inf if a change does not end in the goal set."""
         assert self.arrival is not None
         task = self._world.task
         bounds = self._world.task.tolerances()
@@ -314,9 +315,9 @@ class Lookahead:
         return np.where(there | own, spared, -math.inf)
 
     def _ahead(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> Iterator[Outcome]:
-        """What every period gives that begins with commands (M, thrusters), as far as it looks."""
+        """Outcomes of the periods of simulations that begin with commands (M, thrusters)."""
         now = self._world.begin(state, goal)
-        if now.commands:  # the reward looks at what was open before
+        if now.commands:  # The reward reads the previous command.
             now = replace(
                 now, commands=(tuple(np.repeat(self._last, self._changes.shape[1], axis=0).T),)
             )
@@ -325,15 +326,17 @@ class Lookahead:
             yield outcome
             now = outcome.episode
             if period < self._periods:
-                seen = np.stack(self._world.observe(now), axis=1).astype(np.float32)
-                seen = np.hstack((seen, self._trade_off.repeat(len(seen), axis=0)))
-                command, memory = self._changed(now.state, now.goal, seen, memory, period)
+                observation = np.stack(self._world.observe(now), axis=1).astype(np.float32)
+                observation = np.hstack(
+                    (observation, self._trade_off.repeat(len(observation), axis=0))
+                )
+                command, memory = self._changed(now.state, now.goal, observation, memory, period)
 
 
 def looking_ahead(run: LoadedRun) -> Lookahead:
-    """What looks ahead as contestants name it: about arriving, or about its rewards.
+    """Look-ahead of a contestant, with the default cost of arrival or with the task's rewards.
 
-    About arriving is an agent that was paid for that, and a controller of a task that asks for rest.
+    The cost of arrival is for agents with a reward for arriving, and for controllers of tasks that ask for rest.
     """
     if isinstance(run.controller, Agent):
         arriving = getattr(run.task, "arrived_weight", 0.0) > 0

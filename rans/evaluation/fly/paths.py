@@ -28,7 +28,7 @@ _DRAWN = 3600
 
 @dataclass(frozen=True)
 class Path:
-    """A way through the plane or space, as equally spaced points; open or closed."""
+    """A path in the plane or in space, open or closed, as equally spaced points."""
 
     name: str
     points: np.ndarray
@@ -37,14 +37,14 @@ class Path:
 
     @property
     def label(self) -> str:
-        """What names of files tell it by: its name, with a digest of its points if it is a user's."""
+        """Label in names of files: its name, with a digest of its points if it is a user's."""
         if self.name in PATHS and np.array_equal(PATHS[self.name]().points, self.points):
             return self.name
         return distinct(self.name, f"{self.closed} {self.points.tolist()}")
 
     @classmethod
     def through(cls, name: str, points: np.ndarray, closed: bool) -> Path:
-        """The path along straight lines between these points, (n, 2) or (n, 3), m."""
+        """Path of straight lines between points (n, 2) or (n, 3), m."""
         corners = np.concatenate((points, points[:1])) if closed else points
         along = np.append(0.0, np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum())
         count = math.ceil(along[-1] / SPACING - 1e-9)  # 12 m are 2400 gaps in spite of rounding
@@ -54,23 +54,23 @@ class Path:
 
     @property
     def dimension(self) -> int:
-        """2 or 3."""
+        """Dimension of its points: 2 or 3."""
         return self.points.shape[1]
 
     @property
     def length(self) -> float:
-        """Of one way along it, m."""
+        """Length, m; of a closed path that of one lap."""
         return float(
             np.linalg.norm(np.diff(self.at(np.arange(self.last + 1)), axis=0), axis=1).sum()
         )
 
     @property
     def last(self) -> int:
-        """Index at which one way along it is complete; on a closed path that is point 0 again."""
+        """Index of the last point; of a closed path that of point 0 after one lap."""
         return len(self.points) if self.closed else len(self.points) - 1
 
     def at(self, index: np.ndarray) -> np.ndarray:
-        """Points (..., d) at any indices: they go round a closed path, and stop at open ends."""
+        """Points (..., d) at any indices, which go round a closed path and stop at the ends of an open one."""
         return self.points[
             index % len(self.points) if self.closed else np.clip(index, 0, self.last)
         ]
@@ -80,15 +80,17 @@ class Path:
         return replace(self, points=np.pad(self.points, ((0, 0), (0, 3 - self.dimension))))
 
     def cross_track(self, position: np.ndarray, progress: np.ndarray, reach: float) -> np.ndarray:
-        """Distance of positions (N, d) from the path near the point each flight has come to, (N,) m.
+        """Distance (N,) m of positions (N, d) from the part of the path near each flight's progress.
 
-        The progress (N,) is the index of that point; the reach is how far before and beyond it to look, m.
+        The progress (N,) is an index of points; the reach is the length of that part before and beyond it, m.
         """
         count = math.ceil(reach / SPACING)
         around = self.at(progress[:, None] + np.arange(-count, count + 1))
         start = around[:, :-1]
         way = np.diff(around, axis=1)
-        squared = np.maximum((way * way).sum(axis=2), np.finfo(float).tiny)  # beyond an open end: 0
+        squared = np.maximum(
+            (way * way).sum(axis=2), np.finfo(float).tiny
+        )  # Beyond an open end the length is 0.
         share = (((position[:, None] - start) * way).sum(axis=2) / squared).clip(0.0, 1.0)
         nearest = start + share[:, :, None] * way
         return np.linalg.norm(position[:, None] - nearest, axis=2).min(axis=1)
@@ -128,7 +130,7 @@ def helix(radius: float = 1.5, pitch: float = 0.5, turns: float = 3.0) -> Path:
 
 
 def _around(turns: float, inner: float, outer: float) -> np.ndarray:
-    """Points (n, 2) counter-clockwise about the origin from (inner, 0), ever farther away or nearer, m."""
+    """Points (n, 2) counter-clockwise about the origin from (inner, 0) to the radius ``outer``, m."""
     angle = np.linspace(0.0, math.tau * turns, math.ceil(_DRAWN * turns) + 1)
     return np.linspace(inner, outer, len(angle))[:, None] * np.stack(
         (np.cos(angle), np.sin(angle)), axis=1
@@ -138,11 +140,15 @@ def _around(turns: float, inner: float, outer: float) -> np.ndarray:
 PATHS: dict[str, Callable[[], Path]] = {
     make.__name__: make for make in (circle, spiral, square, lemniscate, helix)
 }
-"""Every path by the name the command line uses."""
+"""Functions that make the paths, by the names of the command line."""
 
 
 def find_path(name: str) -> Path:
-    """The path of this name, or the one in this CSV file; `ConfigError` if there is none."""
+    """The path of a name, or of a CSV file.
+
+    Raises:
+        ConfigError: there is no such path, or the file holds none.
+    """
     if name in PATHS:
         return PATHS[name]()
     if name.lower().endswith(".csv"):
@@ -156,8 +162,10 @@ def find_path(name: str) -> Path:
 def read_path(file: FilePath) -> Path:
     """A path from a CSV file: one point x,y or x,y,z (m) a line, with or without a header line.
 
-    Points are joined by straight lines. The path is closed if its last point repeats its first. If the
-    file cannot be read or holds no path, a `ConfigError` names the line.
+    Points are joined by straight lines. The path is closed if its last point repeats its first.
+
+    Raises:
+        ConfigError: the file cannot be read or holds no path; the message names the line.
     """
     try:
         rows = list(csv.reader(read_bytes(file, LARGEST_TEXT).decode("utf-8-sig").splitlines()))
@@ -214,20 +222,21 @@ class LookAhead:
     """The paper's planner (section 4.2): fly towards the farthest point of the path within a radius.
 
     The paper takes the farthest point within 25 cm of the spacecraft, or the closest one if none is.
-    On a path that crosses itself, closes, or runs beside itself, the farthest point could be one flown
-    long ago or due much later. So the planner remembers each flight's progress along the path. The
-    progress moves on to the closest point within a window beyond it and never goes back; the target is
-    the point farthest along the path within the radius and a window beyond the progress. The original
-    system does the like with a list that it rolls on and of which it sees the first 60 points.
+    On a path that crosses itself, closes, or runs beside itself, the farthest point could be one of an earlier or
+    of a much later part. So the planner keeps each flight's progress along the path. The progress moves on to the
+    closest point within a window beyond it and never goes back; the target is the point farthest along the path
+    within the radius and a window beyond the progress. The original system keeps a list of points, of which it
+    removes those that were passed and searches the first 60.
 
-    `ConfigError` if the speed is not a finite number > 0, or the radius not one from 0.01 m.
+    Raises:
+        ConfigError: the speed is not a finite number > 0, or the radius not a finite number >= 0.01 m.
     """
 
     path: Path
     speed: float = 0.25
     """Length of the velocity command, m/s (paper: 0.25)."""
     radius: float = 0.25
-    """Look-ahead, m (paper: 0.25)."""
+    """Look-ahead distance, m (paper: 0.25)."""
 
     def __post_init__(self) -> None:
         if not 0 < self.speed < math.inf:
@@ -240,7 +249,7 @@ class LookAhead:
 
     @property
     def window(self) -> int:
-        """Points looked at beyond the progress.
+        """Number of points beyond the progress that are searched.
 
         One and a half radii of path, as it takes 1.41 of them to leave the radius around a right-angled
         corner; never more than half of the path.
@@ -249,7 +258,7 @@ class LookAhead:
 
     @property
     def approach(self) -> int:
-        """Points flown before errors count: four radii of path, at most half of it.
+        """Number of points that are passed before errors count: four radii of path, at most half of it.
 
         A perfect follower's distance from a straight path falls to 1/e over one radius, so that 2 % of
         the start's are left.
@@ -258,14 +267,14 @@ class LookAhead:
 
     @property
     def end(self) -> int:
-        """Progress at which all is flown: the end of an open path; else the approach and a lap."""
+        """Progress at the end of a flight: the end of an open path, or the approach and a lap of a closed one."""
         return self.path.last + (self.approach if self.path.closed else 0)
 
     def plan(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The new progress (N,), the target's index (N,), and what to fly: a velocity (N, d), m/s.
+        """Plan a period: the new progress (N,), the target's index (N,), and the velocity command (N, d), m/s.
 
-        The position is (N, d), m; the progress is the point each flight has come to, counted on over closed
-        paths. The velocity is zero once the end is reached.
+        The position is (N, d), m. The progress is an index of points, which goes on over the laps of a closed path.
+        The velocity is zero at the end.
         """
         ahead, distance = self._look(position, progress)
         closest = ahead[np.arange(len(ahead)), distance.argmin(axis=1)]
@@ -273,7 +282,9 @@ class LookAhead:
         farthest = np.where(distance <= self.radius, ahead, -1).max(axis=1)
         target = np.where(farthest >= 0, farthest, closest)
         way = self.path.at(target) - position
-        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)  # a target it is on has no direction
+        length = np.maximum(
+            np.linalg.norm(way, axis=1), 1e-9
+        )  # A target at the position itself has no direction.
         wanted = np.where(closest < self.end, self.speed, 0.0)
         return closest, target, way * (wanted / length)[:, None]
 

@@ -20,18 +20,18 @@ class Pilot:
     """A controller or an agent that decides for one environment, from its public ``state`` and ``goal``.
 
     >>> env = gymnasium.make("rans/GoToPose2D-v0")
-    >>> seen, _ = env.reset(seed=0)
+    >>> observation, _ = env.reset(seed=0)
     >>> agent = rans.load_agent("go-to-pose-2d")
-    >>> rans.Pilot("lqr", env).act(seen).shape, rans.Pilot(agent, env).act(seen).shape
+    >>> rans.Pilot("lqr", env).act(observation).shape, rans.Pilot(agent, env).act(observation).shape
     ((8,), (8,))
 
     Args:
         who: a name of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME, see `controller`; or
-            what `rans.load_agent` gave, or a `Lookahead`.
-        env: of `rans.environment`, in whatever wrappers.
+            the result of `rans.load_agent`, or a `Lookahead`.
+        env: environment of `rans.environment`, in any wrappers.
 
     Raises:
-        ConfigError: it is another environment, there is no such controller, or not for this craft.
+        ConfigError: the environment is another, there is no such controller, or it is not for this craft.
     """
 
     def __init__(self, who: object, env: gymnasium.Env[Any, Any]) -> None:
@@ -50,11 +50,11 @@ class Pilot:
         return f"<Pilot: {self._controller.name} in {self._env}>"
 
     def reset(self) -> None:
-        """Forget the past; call it after ``env.reset``."""
+        """Begin an episode; call it after ``env.reset``."""
         self._controller.reset(1)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action for what is seen now: (thrusters,), of the environment's action space."""
+        """Action (thrusters,) of the environment's action space for an observation."""
         state, goal = (
             map_leaves(lambda x: np.array([x], np.float64), s)
             for s in (self._env.state, self._env.goal)
@@ -66,7 +66,7 @@ def _agent(who: object, setup: Setup) -> Controller:
     run = run_of(who)
     if run is None:
         raise ConfigError(
-            f"a pilot is the name of a controller, or what rans.load_agent gave, got {brief(who)}."
+            f"a pilot is the name of a controller, or the result of rans.load_agent, got {brief(who)}."
         )
     if run.craft != setup.craft or type(run.task) is not type(setup.task):
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Under which conditions a controller is judged: spacecraft, starts and length of the episodes."""
+"""Protocols of evaluation: spacecraft, starts and length of the episodes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ _START = (3.0, 4.0)
 
 
 def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
-    """The setup of a protocol for somebody whose own one is given.
+    """Setup of a protocol, from a contestant's own setup.
 
     "own" changes nothing. "paper" is the floating platform of 5.32 kg with 1 N a thruster, 250 steps of
     0.2 s and, where a task starts away from its goal, starts 3 to 4 m away (paper, section 4.1).
     "original" is the same with a total thrust of 1 N that the open thrusters share, as the published
-    code of the original system flies it. Both raise `ConfigError` unless the craft is planar and has eight.
+    code of the original system has it.
+
+    Raises:
+        ConfigError: the protocol is "paper" or "original", and the craft is not planar with eight thrusters.
     """
     one_of("protocol", protocol, get_args(ProtocolName))
     if protocol == "own":
@@ -45,7 +48,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
 
 
 def fitting_protocols(craft: Spacecraft) -> tuple[ProtocolName, ...]:
-    """The protocols that fly this spacecraft: its own setup, and those made for it."""
+    """Protocols for a spacecraft: "own", and those whose spacecraft it can replace."""
     return ("own", *(name for name, known in _SPACECRAFT.items() if known == craft.name))
 
 

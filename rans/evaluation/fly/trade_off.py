@@ -1,4 +1,4 @@
-"""Agents whose trade-off input is fixed, so that they are compared with agents that have none."""
+"""Agents with a fixed trade-off, which are compared with agents without one."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rans.flight import Controller
 
 
 class FixedTradeOff:
-    """An agent that sees its trade-off where it is held, after all that a task without a trade-off shows."""
+    """An agent whose observation is that of a task without a trade-off, followed by its fixed trade-off."""
 
     def __init__(self, agent: Controller, trade_off: float) -> None:
         self.name = f"{agent.name}#{trade_off:g}"
         self.trade_off = trade_off
         self._agent = agent
-        self.slow = getattr(agent, "slow", False)  # one that looks ahead
+        self.slow = getattr(agent, "slow", False)  # with look-ahead
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -1,4 +1,4 @@
-"""Settings of controllers that `rans tune` found: by which file, and when they fit."""
+"""Tuned settings of controllers: the files that `rans tune` writes, and the setups that they fit."""
 
 from __future__ import annotations
 
@@ -18,63 +18,69 @@ from rans.randomization.conditions_file import conditions_text
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
-"""Those that come with RANS, a JSON file each."""
+"""Folder of the tuned settings in the package, one JSON file each."""
 OWN = Path("runs") / "controllers"
-"""Where `rans tune` writes; what lies here goes first."""
+"""Folder into which `rans tune` writes; its files take precedence."""
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search found for one controller, spacecraft, task and rate."""
+    """Result of the tuning of one controller for one spacecraft, task and control rate."""
 
     controller: str
-    """Its name in `rans.evaluation.fly.controllers.CONTROLLERS`."""
+    """Name in `rans.evaluation.fly.controllers.CONTROLLERS`."""
     task: str
     tolerances: dict[str, float]
-    """Of the task."""
+    """Tolerances of the task, SI units."""
     control_period: float
-    """s"""
+    """Control period, s."""
     spacecraft: str
-    """As TOML."""
+    """Spacecraft as TOML."""
     settings: dict[str, float]
-    """By the names of the controller's ``tunable``."""
+    """Settings by the names of the controller's ``tunable``."""
     candidates: int
-    """How many settings were flown, the default ones included."""
+    """Number of settings that were flown, the default ones included."""
     starts: int
-    """How many each flew from."""
+    """Number of starts of each."""
     seed: int
-    """Of these starts."""
+    """Seed of the starts."""
     price: float
-    """Of thrust, s per N s."""
+    """Price of thrust, s per N s."""
     costs: dict[str, float]
-    """Of "default" and "tuned" settings, s; see `rans.evaluation.compare.tuning.cost`."""
+    """Costs of the "default" and the "tuned" settings, s; see `rans.evaluation.compare.tuning.cost`."""
     command: str
-    """What found them."""
+    """Command of the search."""
     conditions: str = ""
-    """In which they flew, as TOML (`rans.randomization.conditions_file.conditions_text`); empty: none."""
+    """Conditions of the flights as TOML (`rans.randomization.conditions_file.conditions_text`); "": none."""
     seconds: float = field(default=0.0, compare=False)
     """Processor time of the search, s; 0: not known."""
 
     @classmethod
     def read(cls, file: Path) -> Tuned:
-        """What a file holds; `ConfigError` if it is damaged."""
+        """Read a file.
+
+        Raises:
+            ConfigError: it is damaged.
+        """
         try:
             return cls(**read_json(file))
         except TypeError as error:
             raise ConfigError(
-                f"{file} is damaged: {error}; write it anew with rans tune."
+                f"{file} is damaged: {error}; write it again with rans tune."
             ) from error
         except ConfigError as error:
-            raise ConfigError(f"{error} Delete it: what comes with RANS serves then.") from error
+            raise ConfigError(
+                f"{error} Delete it: then the settings in the package are used."
+            ) from error
 
     def write(self, file: Path) -> None:
         """See `rans.files.write_json`."""
         write_json(file, asdict(self))
 
     def fits(self, name: str, setup: Setup) -> bool:
-        """Whether they were found for this; starts and length of episodes may differ.
+        """Whether the settings fit a controller and a setup; starts and length of episodes may differ.
 
-        Settings found without conditions fit a setup with any; others those conditions alone.
+        Settings that were tuned without conditions fit a setup with any; others only one with the same conditions.
         """
         craft, task, timing, _, _ = setup
         return (
@@ -87,7 +93,7 @@ class Tuned:
         )
 
     def outlasts(self, other: Tuned) -> bool:
-        """Whether these stay: others for the same were found on fewer starts, or cost no less on as many."""
+        """Whether the settings are better than others for the same: more starts, or no larger cost with as many."""
         if (self.seed, self.price, self.conditions) != (other.seed, other.price, other.conditions):
             return False
         if self.starts != other.starts:
@@ -95,47 +101,47 @@ class Tuned:
         return self.costs["tuned"] <= other.costs["tuned"]
 
     def budget(self) -> str:
-        """What they cost, for tables."""
+        """Budget of the search, for tables."""
         where = " under conditions" if self.conditions else ""
         time = f", {self.seconds:.0f} s of a processor" if self.seconds else ""
         return f"tuned: {self.candidates} settings on {self.starts} starts{where}{time}"
 
 
 def tuned(name: str, setup: Setup) -> Tuned | None:
-    """What was tuned for this controller in this setup, own files before those that come with RANS.
+    """Tuned settings of a controller for a setup; None: there are none.
 
-    Those tuned under the setup's own conditions before those tuned without any. Of own files the newest that
-    fits: older versions wrote them by other names.
+    Settings that were tuned under the setup's conditions come before those that were tuned without any, a user's
+    own files before those of the package, and of own files the newest: older versions gave them other names.
     """
     own = sorted(OWN.glob("*.json"), key=lambda file: file.lstat().st_mtime, reverse=True)
     shipped = sorted(SHIPPED.glob("*.json"))
     read = map(Tuned.read, [*own, *shipped])
-    fitting = [found for found in read if found.fits(name, setup)]
+    fitting = [candidate for candidate in read if candidate.fits(name, setup)]
     own_conditions = text_of_conditions(setup)
-    return next((found for found in fitting if found.conditions == own_conditions), None) or next(
-        iter(fitting), None
-    )
+    return next(
+        (candidate for candidate in fitting if candidate.conditions == own_conditions), None
+    ) or next(iter(fitting), None)
 
 
 def text_of_conditions(setup: Setup) -> str:
-    """The conditions of a setup as TOML; empty where there are none."""
+    """Conditions of a setup as TOML; "" if there are none."""
     return "" if setup.conditions is None else conditions_text(setup.conditions)
 
 
 def file_name(name: str, craft: Spacecraft, task: Task, conditions: str = "") -> str:
-    """Of the file for these; spacecraft of the same name have one each. For conditions see `conditions_label`."""
+    """Name of the file of tuned settings; spacecraft of the same name have a file each."""
     parts = *re.split(":+", name), *re.split(":+", task_name(task))
     label = f"-{conditions}" if conditions else ""
     return f"{'-'.join(map(distinct, parts))}-{spacecraft_label(craft)}{label}.json"
 
 
 def task_name(task: Task) -> str:
-    """In `TASKS`, or else its class's."""
+    """Name of a task in `TASKS`, or that of its class."""
     return registered_name(task) or type(task).__name__
 
 
 def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]:
-    """The default of every setting, by names such as "weights.position", or "gain" of an argument itself.
+    """Defaults of settings, by names such as "weights.position", or "gain" for an argument that is a number.
 
     Raises:
         ConfigError: the controller has no such argument, or it has no default that is, or holds, a number.
@@ -158,10 +164,10 @@ def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]
 def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[str, Any]:
     """Keyword arguments of a controller from settings such as {"weights.position": 0.6} or {"gain": 0.6}.
 
-    The rest of an argument that is a dataclass is as its default.
+    Fields of an argument that are not in the settings have the values of its default.
 
     Raises:
-        ConfigError: it has no such argument or field, or the value is out of bounds.
+        ConfigError: the controller has no such argument or field, or the value is out of bounds.
     """
     parameters = inspect.signature(maker).parameters
     groups: dict[str, dict[str, float]] = {}

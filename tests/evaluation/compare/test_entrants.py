@@ -40,7 +40,7 @@ def test_conditions_of_the_first() -> None:
 
 def test_several_tasks_are_none() -> None:
     with pytest.raises(
-        ConfigError, match="knows several tasks: pick one, as in pretrained:multi-task-2d#"
+        ConfigError, match="has several tasks: pick one, as in pretrained:multi-task-2d#"
     ):
         contest_of("pretrained:multi-task-2d", 2)
 

@@ -305,7 +305,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     ("spec", "episodes", "sentence"),
     [
         ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
-        (IDLE, 4, "idle knows no task: add one"),
+        (IDLE, 4, "idle has no task: add one"),
         ("nobody:x", 4, "there is no contestant 'nobody:x'"),
     ],
 )

@@ -126,7 +126,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("spec", "said"),
     [
         ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
-        ("lqr:go-to-pose", "must say in how many dimensions"),
+        ("lqr:go-to-pose", "number of dimensions"),
         ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
         ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
         ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
@@ -134,10 +134,10 @@ def test_results_stay_inside_their_folder() -> None:
             "pretraned:x",
             r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,",
         ),
-        ("lqr:", "lqr: names nobody after its colon; known are a run folder"),
+        ("lqr:", "lqr: has no name after its colon; known are a run folder"),
         (
             "rans.optimal.control.lqr:LQR",
-            r"LQR knows no task; add one, as in rans.*LQR:go-to-pose-2d\.$",
+            r"LQR has no task; add one, as in rans.*LQR:go-to-pose-2d\.$",
         ),
         ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
         (
@@ -149,7 +149,7 @@ def test_results_stay_inside_their_folder() -> None:
             "go-to-pose-2",
             r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",
         ),
-        ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
+        ("sb3:mine.zip", "sb3:mine.zip has no task: .*, as in rans compare RUN sb3:mine.zip"),
     ],
 )
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:

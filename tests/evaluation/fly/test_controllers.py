@@ -105,7 +105,7 @@ def test_only_controllers_are_controllers() -> None:
         ("Wide", r"must answer 2 observations with commands of shape \(2, 8\), got \(2, 3\)"),
         (
             "Throttling",
-            r"answers what floating-platform cannot do: .*0 \(shut\) or 1 \(open\).* got .*0\.25",
+            r"answers with commands that floating-platform does not take: .*0 \(shut\) or 1 \(open\).* got .*0\.25",
         ),
         ("Raising", "failed: ZeroDivisionError: by nothing"),
     ],
@@ -209,7 +209,7 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
         ),
         (MultiBinary(16), 10, "has 8 thrusters"),
         (MultiDiscrete([3] * 8), 10, "has 8 thrusters"),
-        (MultiBinary(8), 22, r"observes \(22,\), but floating-platform shows \(10,\)"),
+        (MultiBinary(8), 22, r"observes \(22,\), but floating-platform has \(10,\)"),
     ],
 )
 def test_sb3_file_for_something_else(
@@ -229,7 +229,10 @@ def test_python_function() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("unsure", "answers what floating-platform cannot do: .* 0 .shut. or 1 .open.*got .*0.5"),
+        (
+            "unsure",
+            "commands that floating-platform does not take: .* 0 .shut. or 1 .open.*got .*0.5",
+        ),
         ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
         ("broken", "broken failed: KeyError: 'no such layer'"),
         ("leaving", "leaving failed: SystemExit: 3"),
@@ -295,12 +298,10 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
     with pytest.raises(
-        ConfigError, match=r"must have one input, the observation, or besides .* got a, b"
+        ConfigError, match=r"must have one input, the observation, or .* got a, b"
     ):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
-    with pytest.raises(
-        ConfigError, match="wide observes 22 numbers, but floating-platform shows 10"
-    ):
+    with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform has 10"):
         user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
 
 

@@ -293,7 +293,7 @@ def test_it_is_named_before_an_agent() -> None:
             "a trade-off; fix it, as in lookahead:go-to-pose-2d-trade-off#0.5",
         ),
         ("lookahead:pretrained:nobody", "nobody"),
-        ("lookahead:", "names nobody after its colon"),
+        ("lookahead:", "has no name after its colon"),
     ],
 )
 def test_who_cannot_is_told(spec: str, message: str) -> None:

@@ -114,7 +114,7 @@ def test_what_is_not_there(change: dict[str, Any], sentence: str) -> None:
 
 
 def test_one_of_several_tasks_must_be_picked() -> None:
-    with pytest.raises(ConfigError, match="knows several tasks"):
+    with pytest.raises(ConfigError, match="has several tasks"):
         small("pretrained:multi-task-2d")
 
 
