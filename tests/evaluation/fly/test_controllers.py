@@ -297,9 +297,7 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
-    with pytest.raises(
-        ConfigError, match=r"must have one input, the observation, or .* got a, b"
-    ):
+    with pytest.raises(ConfigError, match=r"must have one input, the observation, or .* got a, b"):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform has 10"):
         user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
