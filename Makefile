@@ -23,12 +23,13 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup demo test lint docs release clean
+.PHONY: help setup demo test test-slow lint docs release clean
 
 help:
 	@echo "make demo    set everything up, then validate, train two agents, evaluate, compare and report into"
 	@echo "             a new folder under runs/, in minutes (another one: RUN=folder; seconds: QUICK=1)"
 	@echo "make test    set everything up, then lint, types and tests"
+	@echo "make test-slow  run the tests that take seconds each, which make test leaves out"
 	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
 	@echo "make lint    ruff, pyright and the words of the pages only"
 	@echo "make docs    build the documentation site into build/site, and run its tutorials"
@@ -45,6 +46,9 @@ demo: .venv/installed
 
 test: lint
 	pytest -n 2 --dist worksteal
+
+test-slow: .venv/installed-dev
+	pytest -n 2 --dist worksteal -m slow
 
 lint: .venv/installed-dev
 	ruff format --check --quiet

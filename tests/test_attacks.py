@@ -327,6 +327,7 @@ def test_options_do_not_command_the_terminal(
     assert "has control characters" in said(capsys, *command)
 
 
+@pytest.mark.slow
 def test_names_are_neither_mark_up_nor_commands_anywhere(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -64,6 +64,7 @@ def rans(place: Path, *commands: str) -> list[str]:
     return done.stdout.split("\f")[:-1]
 
 
+@pytest.mark.slow
 def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place: Path) -> None:
     listed, task, _, _, _, validated, _, _ = rans(
         place,

@@ -10,12 +10,13 @@ import pytest
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.measure.metrics import solved
 from rans.flight import Flight, fly
-from rans.pretrained import pretrained_card, pretrained_names
+from rans.pretrained import pretrained_card
 from rans.scenario import scenarios
 from tests.support.recorded import EPISODES, flown, recorded
+from tests.support.shipped import shipped_agents
 
 
-@pytest.fixture(scope="module", params=pretrained_names())
+@pytest.fixture(scope="module", params=shipped_agents())
 def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
     return request.param, flown(request.param)
 

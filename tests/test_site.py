@@ -99,6 +99,7 @@ def entries(page: Path) -> list[str]:
     return listed
 
 
+@pytest.mark.slow
 def test_every_page_is_in_one_table_of_contents() -> None:
     generated = {Path(name).with_suffix("").as_posix() for name in REFERENCE.pages()}
     reached = ["index"]
@@ -116,6 +117,7 @@ def test_every_page_is_in_one_table_of_contents() -> None:
     assert written <= set(reached)
 
 
+@pytest.mark.slow
 def test_the_reference_has_every_public_name_command_task_and_spacecraft() -> None:
     REFERENCE.check_api()
     made = REFERENCE.pages()

@@ -29,6 +29,7 @@ def test_every_example_is_run() -> None:
     assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys() | SHARED
 
 
+@pytest.mark.slow
 @pytest.mark.trainers
 @pytest.mark.parametrize("name", LIBRARIES)
 def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:

@@ -167,6 +167,7 @@ def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
         rans.load_agent("run")
 
 
+@pytest.mark.slow
 def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     trust_files()
     assert RunFolder(run).config().task == "strangers:Task"

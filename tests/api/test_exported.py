@@ -18,6 +18,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rans.export("go-to-pose-2d", tmp_path_factory.mktemp("exported") / "mine", episodes=2)
 
 
+@pytest.mark.slow
 def test_it_flies_by_its_contract(folder: Path) -> None:
     exported = rans.load_agent(folder)
     agent = rans.load_agent("go-to-pose-2d")
@@ -48,6 +49,7 @@ def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path
     )
 
 
+@pytest.mark.slow
 def test_python_code_flies_only_where_it_is_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -35,6 +35,7 @@ def test_a_goal_of_ones_own() -> None:
     np.testing.assert_allclose(found.x[-1, :3], (0.5, 0.0, 1.0), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_certificate_from_ones_own_start_is_that_of_the_scenario() -> None:
     """Scenario 3 given as a state has the bound of scenario 3."""
     task = rans.GoToPose().for_evaluation()

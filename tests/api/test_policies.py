@@ -69,6 +69,7 @@ def observations(flight: Any) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 def test_an_object_flies_in_other_processes_and_in_drake() -> None:
     agent = rans.load_agent(lambda seen: seen[:, :8] * 0, "go-to-pose")
     flight = agent.fly(70, engine="drake")  # two processes of 64 episodes and fewer
@@ -116,6 +117,7 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return saved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

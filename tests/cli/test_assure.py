@@ -149,6 +149,7 @@ def test_wrong_input_is_refused_in_a_sentence(
     assert told.out == ""  # before anything flies
 
 
+@pytest.mark.slow
 def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
     code = """
 import sys

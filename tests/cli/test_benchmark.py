@@ -64,6 +64,7 @@ def test_figures(
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 
+@pytest.mark.slow
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

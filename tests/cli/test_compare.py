@@ -203,6 +203,7 @@ def test_every_option_reaches_the_comparison(
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_front_of_an_agent_with_a_trade_off(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -73,6 +73,7 @@ def test_flights_too_many_to_keep_are_judged_as_they_fly(
     assert len(many["failures"]) == round(30 * rows["not solved"]["value"] / 100)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Path) -> None:
     """Those that come with RANS, users' files of the same name in two folders, and one called own."""

@@ -7,9 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_a_users_own_validation_is_not_run(tmp_path: Path) -> None:
     (tmp_path / "validation.py").write_text("raise SystemExit('the wrong one')")
     done = subprocess.run(

@@ -171,6 +171,7 @@ def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path: Path) -> 
     assert ElementTree.parse(tmp_path / "craft.svg").getroot().tag.endswith("svg")
 
 
+@pytest.mark.slow
 def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> None:
     """Drake does not load there."""
     done = shell(

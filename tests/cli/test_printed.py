@@ -233,6 +233,7 @@ def test_validate_says_what_failed_and_where(
     assert "1 of 1 checks passed in 1.5 s." in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_engines_that_disagree_end_with_code_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -257,6 +257,7 @@ def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("run/nonfinite.safetensors").exists()
 
 
+@pytest.mark.slow
 def test_a_signal_stops_it_gently() -> None:
     """Nothing is lost, and the command it prints goes on from there; no compiler and no git are needed.
 

@@ -45,6 +45,7 @@ def test_what_is_tuned_flies_from_then_on(
     assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
 
 
+@pytest.mark.slow
 def test_a_worse_result_replaces_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

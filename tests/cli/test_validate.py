@@ -106,6 +106,7 @@ def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
     assert "C++ compiler" in printed
 
 
+@pytest.mark.slow
 def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
     """Their own file is named in the command that repeats what is closest to its bound."""
     file = tmp_path / "push.toml"

@@ -94,6 +94,7 @@ def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> Non
         assert [x[0, 0] for x in leaves(flight.states)] == list(leaves(start))
 
 
+@pytest.mark.slow
 def test_it_serves_until_it_is_interrupted() -> None:
     with command("view", "lqr:go-to-pose-2d") as process:
         assert process.stdout is not None
@@ -128,6 +129,7 @@ def test_wrong_use_is_a_sentence(
     assert errors.count("\n") == 1
 
 
+@pytest.mark.slow
 @needs_proc
 def test_training_survives_its_watcher() -> None:
     """The process of the page is killed, but training goes on and ends as ever."""
@@ -144,6 +146,7 @@ def test_training_survives_its_watcher() -> None:
     assert "Traceback" not in errors
 
 
+@pytest.mark.slow
 @needs_proc
 def test_the_watcher_ends_with_the_training() -> None:
     """Even with one that is killed and cannot say farewell."""

@@ -73,6 +73,7 @@ def test_golden_pairs_come_out_of_clang(folder: Path, tmp_path: Path) -> None:
     assert "500 of 500 golden pairs" in run.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "factor"), [("trunk_0_weight", 1.05), ("mean", 2.0)])
 def test_a_changed_table_is_found(folder: Path, tmp_path: Path, table: str, factor: float) -> None:
     for name in C_FILES:
@@ -155,6 +156,7 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path) -> None:
     assert not state[:memory].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", ["*/ int main(void) { return 7; } /*", "??/\n#error"])
 def test_names_of_strangers_are_no_code_in_c(title: str, tmp_path: Path) -> None:
     network, _, seen = remembering()

@@ -102,6 +102,7 @@ def documented(folder: Path, stopped: Callable[[], bool], **robot: Any) -> dict[
     return names
 
 
+@pytest.mark.slow
 def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
     folder: Callable[[str], Path],
 ) -> None:

@@ -29,16 +29,17 @@ from rans.model.fields import atan2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder, pretrained_names
+from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 from tests.support.exports import FAST, exported, remembering, shipped, written
+from tests.support.shipped import shipped_agents
 from tests.support.training import scatter, tiny_learner
 from validation.records.exports import ANSWERS, asked, numpy_answer, own_answers, unequal
 
 FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
 
 
-@pytest.mark.parametrize("name", pretrained_names())
+@pytest.mark.parametrize("name", shipped_agents())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
     """Of 12 steps, more than any remembers; ``python -m validation.records.exports`` asks 100,000 observations."""
     network, setup = shipped(name)
@@ -59,6 +60,7 @@ def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np
     return list(random.normal(size=(steps, count, width)).astype(np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -314,6 +316,7 @@ def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
     assert len((tmp_path / "agent.py").read_text("utf-8").splitlines()[0]) < 120
 
 
+@pytest.mark.slow
 def test_without_its_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -323,6 +326,7 @@ def test_without_its_package(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_shipped_agent_is_exported_by_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

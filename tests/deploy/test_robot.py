@@ -670,6 +670,7 @@ def until(holds: Callable[[], bool], seconds: float = 60.0) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed", ["node", "twin"])
 def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_path: Path) -> None:
     """Two processes over UDP; one is ended by SIGKILL while valves are open."""

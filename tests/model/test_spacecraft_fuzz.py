@@ -8,6 +8,7 @@ import tomllib
 import warnings
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -92,6 +93,7 @@ WORDS = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=500)
 @given(st.data())
 def test_fuzz_values_at_keys(data: st.DataObject) -> None:

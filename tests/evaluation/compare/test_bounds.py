@@ -274,6 +274,7 @@ def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, va
             list(bounds([question._replace(scenario=wrong)], [0], 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("horizon", [None, 10.0])
 def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> None:
     craft = load_spacecraft("free-flyer")

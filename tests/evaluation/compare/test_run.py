@@ -62,6 +62,7 @@ def comparison(cache: Path) -> Comparison:
     return found
 
 
+@pytest.mark.slow
 def test_everyone_flies_every_start(comparison: Comparison) -> None:
     assert [entry.name for entry in comparison.entries] == ["LQR", IDLE]  # nobody flies twice
     assert [entry.flight.commands.shape for entry in comparison.entries] == [(30, 3, 8)] * 2
@@ -195,6 +196,7 @@ def test_bounds_are_kept_for_the_next_time(
         list(certify(CONTEST, 1, [Event()], cache))
 
 
+@pytest.mark.slow
 def test_a_front_between_flights_and_proofs(
     comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -238,6 +238,7 @@ def test_a_controller_may_look_ahead_in_a_comparison() -> None:
         assert one.controller.arrival == ArrivalCost()
 
 
+@pytest.mark.slow
 def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
     """Sooner at rest and with less thrust."""
     run = contestant(FAST)

@@ -49,6 +49,7 @@ def test_the_lqr_bears_late_valves_longer() -> None:
     assert answer.size < 0.1
 
 
+@pytest.mark.slow
 def test_another_process_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """One per processor, of which there is one here."""
     alone = small()

@@ -43,6 +43,7 @@ configs = st.builds(
 )
 
 
+@pytest.mark.slow
 @hypothesis.settings(max_examples=30)
 @given(configs)
 def test_through_json_and_back(config: TrainConfig) -> None:

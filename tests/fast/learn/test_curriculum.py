@@ -192,6 +192,7 @@ def test_the_engine_follows() -> None:
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT))
 
 
+@pytest.mark.slow
 def test_a_compiled_step_follows_without_being_compiled_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

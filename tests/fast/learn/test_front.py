@@ -138,6 +138,7 @@ def test_sb3_itself_learns_on_from_it(tmp_path: Path) -> None:
     assert (weights(model.policy) != before).any()
 
 
+@pytest.mark.slow
 def test_prediction_needs_no_environment_and_no_compiler(tmp_path: Path) -> None:
     model = made().learn(256)
     model.save(tmp_path / "policy.zip")
@@ -199,6 +200,7 @@ def test_threads_that_are_no_number() -> None:
         made(threads=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "actuators"),
     [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],

@@ -306,6 +306,7 @@ def test_no_optimum_beats_its_bound(craft: Spacecraft, task: Task) -> None:
             assert 0.0 < bound * SLACK <= found.cost
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     craft=spacecraft(2)

@@ -211,6 +211,7 @@ def test_equal_figures_give_equal_bytes() -> None:
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
 
 
+@pytest.mark.slow
 def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
     """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
     monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))

@@ -49,6 +49,7 @@ def share(frame: np.ndarray, colour: tuple[tuple[int, int], ...]) -> float:
     return float((inside & (np.ptp(frame, axis=-1) > 25)).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_egl")
 def test_an_episode_from_start_to_goal(tmp_path: Path) -> None:
     flight = lqr_flight(episodes=1)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from rans.verdict import Failure
 from validation.records import assurances
 from validation.records.assurances import Assurances, _campaigns
 
 
+@pytest.mark.slow
 def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
     page = tmp_path / "assurances.md"
     page.write_text(

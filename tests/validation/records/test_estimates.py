@@ -10,6 +10,7 @@ from validation.records import estimates
 from validation.records.estimates import Estimates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_filters_know_more_than_readings(craft: str) -> None:
     """Noise of 0 to 0.03 m/s, drawn evenly: 0.03 / sqrt(3) in the mean. Of 64 flights a tenth is chance."""

@@ -11,6 +11,7 @@ from validation.records import exports
 from validation.records.exports import Exports, Row, Unequal
 
 
+@pytest.mark.slow
 def test_a_table_of_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert Exports(("go-to-pose-2d-fast",), 250, tmp_path / "exports.json", 1).run() == 0
     rows = json.loads((tmp_path / "exports.json").read_text())["rows"]

@@ -89,6 +89,7 @@ def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
     assert sound.max() < 6.0
 
 
+@pytest.mark.slow
 def test_certified_times_are_between_the_bound_and_what_settles() -> None:
     """Of a start near the goal, whose proof takes a second."""
     network, setup = loaded(AGENT, "cpu")

@@ -19,6 +19,7 @@ def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return agent_at(tmp_path_factory.mktemp("agent") / "agent", PERIOD)
 
 
+@pytest.mark.slow
 def test_a_short_loop_keeps_going_and_replays(agent: Path, tmp_path: Path) -> None:
     """Of its rate nothing is asked here: the machine may be busy."""
     loop = long_flight(agent, "udp", 4.0, tmp_path / "flight.mcap")

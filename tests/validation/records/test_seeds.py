@@ -14,6 +14,7 @@ from rans.scenario import SELECTION_SEED
 from validation.records.seeds import Seeds, _on_gpu, judged
 
 
+@pytest.mark.slow
 def test_trains_from_every_seed_and_judges_each(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -49,6 +50,7 @@ def test_trainings_take_the_gpus_by_turns(
     assert [_on_gpu(number).get("CUDA_VISIBLE_DEVICES") for number in range(3)] == shown
 
 
+@pytest.mark.slow
 def test_a_training_that_fails_names_its_log(tmp_path: Path) -> None:
     with pytest.raises(RansError, match=r"seed0 ended with 2: .*seed0\.log says why"):
         Seeds("go-to-pose", ("--device", "nowhere"), (0,), output=tmp_path).run()

@@ -55,6 +55,7 @@ def test_bytes_of_an_environment(num_envs: int) -> None:
     assert plane.note == f"sum of all arrays of {num_envs} environments"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")  # torch's own
 def test_compiling_is_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of which tracing is enough here."""

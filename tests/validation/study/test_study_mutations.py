@@ -82,6 +82,7 @@ def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) 
     assert list(found_in_what_is_shared(scope)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("craft", [PLANE, SHARING, SPACE], ids=name)
 def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     assert list(failures(craft)) == []

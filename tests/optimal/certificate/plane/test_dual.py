@@ -96,6 +96,7 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
     assert relaxation.inside(path, relaxation.shrunk(best.costate, everything, paid))
 
 
+@pytest.mark.slow
 def test_no_lqr_flight_beats_its_certificate() -> None:
     timing = Timing(episode_steps=30)
     lattice = Lattice(PLATFORM, PERIOD)

@@ -81,6 +81,7 @@ def turned(angle: float, about: int) -> Quat:
     return Quat(math.cos(0.5 * angle), *axis.tolist())
 
 
+@pytest.mark.slow
 def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
     """Goals 12 to 20 cm ahead, turned or not: what no flight reaches is excluded unless most pulses may be
     wasted, as below 16 cm."""

@@ -202,6 +202,7 @@ def test_lattice_of_the_free_flyer() -> None:
     assert SpinLattice(lopsided(), PERIOD).next_fuel(0.31, range(1)) == 0.31
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_bounds_only")
 def test_closer_than_the_hull() -> None:
     """Start 5 of the evaluation: the hull excludes 3.8 s, turning 4.0 s too, and costs more."""
@@ -221,6 +222,7 @@ def test_closer_than_the_hull() -> None:
     assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
 
 
+@pytest.mark.slow
 def test_what_is_found_flies_there() -> None:
     """From 20 cm away, by the engines' equations in twice as many substeps as the search replays."""
     goal = replace(

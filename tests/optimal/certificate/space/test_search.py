@@ -238,6 +238,7 @@ def test_one_rounding_of_many_is_chosen() -> None:
         assert commands[:, i].sum() == commands[:, j].sum()
 
 
+@pytest.mark.slow
 def test_commands_are_found_a_period_above_the_bound() -> None:
     """Two metres away: 2.8 s are excluded; in 3.2 s on/off commands arrive, by twice as many substeps too."""
     start, goal = _away()
