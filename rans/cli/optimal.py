@@ -19,7 +19,7 @@ from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.progress import Progress
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound
@@ -156,28 +156,35 @@ class Optimal:
             "seed": None if self.start else self.seed,
             "limits": None if limits is None else asdict(limits),
         }
+        # Before all that takes long and may be interrupted.
+        write(folder, about, answers, craft, starts)
         write_text(folder / "optimal.svg", svg(optimal_figure(answers)))
-        write(
-            folder, about, answers, craft, starts
-        )  # before the bounds, which take long and may be interrupted
         if finer:
             meshes = [Mesh.of(answers)]
-            for number, mesh in enumerate(finer, 1):
-                found = self._with_progress(
-                    f"control period / {2**number}",
-                    lambda step, mesh=mesh: optima(
-                        craft, task, mesh, starts, guesses, self.workers, step, limits=limits
-                    ),
-                )
-                meshes.append(Mesh.of(found))
-            Terminal().print(refinement_table(objective.measure, meshes))
-            about["meshes"] = to_json(meshes)
-            write(folder, about, answers, craft, starts)
+
+            def show_meshes() -> None:
+                Terminal().print(refinement_table(objective.measure, meshes))
+                about["meshes"] = to_json(meshes)
+                write(folder, about, answers, craft, starts)
+
+            with writing_at_end(show_meshes):
+                for number, mesh in enumerate(finer, 1):
+                    found = self._with_progress(
+                        f"control period / {2**number}",
+                        lambda step, mesh=mesh: optima(
+                            craft, task, mesh, starts, guesses, self.workers, step, limits=limits
+                        ),
+                    )
+                    meshes.append(Mesh.of(found))
         if self.certify:
-            about["bounds"] = [
-                asdict(b) for b in self._bounds(craft, task, objective, starts, answers)
-            ]
-            write(folder, about, answers, craft, starts)
+            bounds: list[Bound] = []
+
+            def write_bounds() -> None:
+                about["bounds"] = [asdict(bound) for bound in bounds]
+                write(folder, about, answers, craft, starts)
+
+            with writing_at_end(write_bounds):
+                self._add_bounds(bounds, craft, task, objective, starts, answers)
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
@@ -281,15 +288,19 @@ class Optimal:
                 ) from None
         return PathLimits(self.most_speed, self.most_spin, tuple(balls))
 
-    def _bounds(
+    def _add_bounds(
         self,
+        every: list[Bound],
         craft: Spacecraft,
         task: Task,
         objective: Objective,
         starts: Scenario,
         answers: list[Optimum],
-    ) -> list[Bound]:
-        """Bounds of the event of the trajectories, and of settling for the objective time; printed too."""
+    ) -> None:
+        """Add and print bounds of the event of the trajectories, and of settling for the objective time.
+
+        An interrupt leaves those that are finished.
+        """
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.scenario import each
@@ -308,27 +319,24 @@ class Optimal:
             events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
         reason = bounds.no_certificate(craft, aims(task), period)
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
-        every: list[Bound] = []
         for event, (measure, beside) in events.items():
             questions = [
                 bounds.question(craft, task, period, event, effort, one) for one in each(starts)
             ]
-            found = [
-                answer
-                for _, answer in sorted(
-                    self._with_progress(
-                        "bounds",
-                        lambda step, q=questions: [
-                            *bounds.bounds(q, range(len(q)), self.workers, step)
-                        ],
-                    ),
-                    key=lambda pair: pair[0],
-                )
-            ]
             title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
-            Terminal().print(bounds.table(title, measure, found, beside))
-            every += found
-        return every
+            found: dict[int, Bound] = {}
+            try:
+                with progress() as bars:
+                    step = stages(bars)("bounds", len(questions))
+                    found.update(
+                        bounds.bounds(questions, range(len(questions)), self.workers, step)
+                    )
+            finally:
+                known = [found[number] for number in sorted(found)]
+                every.extend(known)
+                if known:
+                    costs = [beside[number] for number in sorted(found)]
+                    Terminal().print(bounds.table(title, measure, known, costs))
 
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:

@@ -24,6 +24,7 @@ from rans.optimal.certificate.certificate import (
     Certificate,
     Effort,
     Problem,
+    TooManyPoints,
     Unreachable,
     bounder,
     least_fuel,
@@ -269,7 +270,10 @@ def whole_periods(horizon: float, period: float) -> int:
 
 
 def bound(start: int, question: Question) -> Bound:
-    """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
+    """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite.
+
+    The hull's bound is all there is of problems that are too large for a certificate.
+    """
     craft, wanted, goals, period, horizon, _, scenario, kind = question
     begin: Any = scenario.start
     end: Any = scenario.goal
@@ -285,10 +289,14 @@ def bound(start: int, question: Question) -> Bound:
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
     if no_certificate(craft, wanted, period):
         return loose
+    if math.isinf(least):
+        return replace(loose, lower=math.inf)
     try:
         result = _certificate(question, steps)
     except Unreachable:
         return replace(loose, lower=math.inf)
+    except TooManyPoints:
+        return loose
     if result is None:
         return loose
     if kind == "settling":

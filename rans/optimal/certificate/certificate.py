@@ -36,6 +36,10 @@ class Unreachable(ConfigError):
         )
 
 
+class TooManyPoints(ConfigError):
+    """The lattice of a problem is too large to search."""
+
+
 @dataclass(frozen=True)
 class Effort:
     """When to stop looking; less of it gives wider gaps, never wrong bounds."""

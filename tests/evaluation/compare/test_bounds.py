@@ -365,3 +365,25 @@ def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("rans.evaluation.compare.bounds.least_time", search)
     list(bounds([one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1))
     assert asked == [125, 100, 1]
+
+
+@pytest.mark.parametrize("distance", [30.0, 1e6])
+def test_a_start_far_away_has_the_bound_of_the_hull(distance: float) -> None:
+    """A lattice so large is not searched. Four nozzles at 45 degrees push ahead half of the way, then back.
+
+    The tolerances of position and speed save 1 % of 15 s.
+    """
+    (one,) = each(scenarios(TASK, PLATFORM, 2023, 1))
+    far = replace(one, start=replace(one.start, p=Vec2(distance, 0.0)))
+    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(), Effort(1.0), far))
+    push = 4.0 / math.sqrt(2.0) / PLATFORM.mass
+    assert answer.upper == math.inf
+    assert answer.best == pytest.approx(2.0 * math.sqrt(distance / push), rel=0.02)
+
+
+def test_a_horizon_too_long_for_a_certificate_has_the_bound_of_the_hull() -> None:
+    (one,) = each(scenarios(TASK, PLATFORM, 2023, 1))
+    far = replace(one, start=replace(one.start, p=Vec2(30.0, 0.0)))
+    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(horizon=400.0), Effort(1.0), far))
+    assert answer.lower is None
+    assert 0.0 < answer.best < math.inf

@@ -18,7 +18,9 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.certificate import Effort, Found, Problem, Unreachable
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import Effort, Found, Problem, TooManyPoints, Unreachable
+from rans.optimal.certificate.goal_set import rounded_up
 from rans.optimal.certificate.plane.ascent import Ascent, Cut, ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Branch, Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
@@ -74,16 +76,19 @@ class PlanarBounder:
         return True
 
     def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
-        """See `Bounder`; the `ConfigError` is that of `Relaxation`."""
+        """See `Bounder`; the `ConfigError` is that of `Relaxation`, which has too many points for long times."""
         lattice = self.lattice
         nodes = 0
         open_levels = 0
         outcome = _Outcome()
-        relaxation, root = _root(lattice, problem, steps, 8.0 * lattice.grain)
+        relaxation, root = _root(lattice, problem, steps, 8.0 * lattice.grain, effort)
         lower = lattice.next_fuel(root.best.value, relaxation.net)
         for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
             if level > (relaxation.cap or 0.0):
-                relaxation, root = _root(lattice, problem, steps, level)
+                try:
+                    relaxation, root = _root(lattice, problem, steps, level, effort)
+                except TooManyPoints:
+                    return Found(lower, None, root.best.value, nodes)
             outcome = _decide(relaxation, root, level, effort)
             nodes += outcome.nodes
             open_levels += not outcome.excluded
@@ -96,17 +101,30 @@ class PlanarBounder:
         return Found(lower, outcome.commands, root.best.value, nodes)
 
     def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
-        """See `Bounder`; the `ConfigError` is that of `Relaxation`."""
+        """See `Bounder`; the `ConfigError` is that of `Relaxation`.
+
+        The search begins where the hull's bound ends. It gives up where a relaxation has too many points.
+        """
         lattice = self.lattice
         nodes = 0
         open_levels = 0
         outcome = _Outcome()
         lower = dual = None
-        for steps in range(1, most_steps + 1):
-            relaxation = Relaxation(
-                lattice, problem.start, problem.goal, problem.goal_set, steps, None, fuel=0.0
-            )
-            root = _root_ascent(relaxation, 0.0)
+        loose = hull.least_time(
+            lattice.craft, problem.aims, problem.start, problem.goal, problem.goal_set
+        )
+        if math.isinf(loose):
+            return Found(math.inf, None, math.inf, 0)
+        first = max(1, round(rounded_up(loose, lattice.period) / lattice.period))
+        for steps in range(first, most_steps + 1):
+            try:
+                relaxation = Relaxation(
+                    lattice, problem.start, problem.goal, problem.goal_set, steps, None, fuel=0.0
+                )
+            except TooManyPoints:
+                lower = lower or steps
+                break
+            root = _root_ascent(relaxation, 0.0, effort)
             if root.best.value > 0:
                 continue
             dual = dual or steps
@@ -118,20 +136,22 @@ class PlanarBounder:
             open_levels = open_levels + 1
             if outcome.commands is not None or open_levels == effort.levels:
                 break
-        lower = lower or most_steps + 1
+        lower = lower or max(first, most_steps + 1)
         return Found(
             lower * lattice.period, outcome.commands, (dual or lower) * lattice.period, nodes
         )
 
 
-def _root(lattice: Lattice, problem: Problem, steps: int, cap: float) -> tuple[Relaxation, Ascent]:
+def _root(
+    lattice: Lattice, problem: Problem, steps: int, cap: float, effort: Effort
+) -> tuple[Relaxation, Ascent]:
     """The relaxation with a cap on fuel that its own bound does not exclude."""
     everything = lattice.most_fuel(steps)
     while True:
         relaxation = Relaxation(
             lattice, problem.start, problem.goal, problem.goal_set, steps, min(cap, everything)
         )
-        root = _root_ascent(relaxation, cap)
+        root = _root_ascent(relaxation, cap, effort)
         if root.best.value <= cap:
             return relaxation, root
         if cap >= everything:
@@ -147,7 +167,8 @@ def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Itera
     yield most
 
 
-def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
+def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascent:
+    deadline = time.process_time() + effort.seconds
     return ascend(
         relaxation,
         relaxation.reachable(),
@@ -157,6 +178,7 @@ def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
         0.01 * relaxation.lattice.grain,
         trust=0.5,
         most=60,
+        deadline=deadline,
     )
 
 

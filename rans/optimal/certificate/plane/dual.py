@@ -6,6 +6,7 @@ the goal set. docs/certificate.md proves it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import ModuleType
@@ -16,6 +17,7 @@ import numpy as np
 from rans.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
+from rans.optimal.certificate.certificate import TooManyPoints
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.lattice import Lattice
 
@@ -24,6 +26,9 @@ _MERGED = 3e-12
 """Patterns whose forces differ by less than 1e-12 of the largest, in x and in y, count as one."""
 _HUGE = 1e200
 """A margin (which exceeds 1e-12 of any sum) from which on sums of costs might overflow, N s."""
+
+_MOST_POINTS = 60_000_000
+"""Points of the lattice, over all periods, at most: two tables of them take a gigabyte."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,7 @@ class Relaxation:
     is 1, or 0 to ask only whether the goal set can be reached.
 
     Raises:
+        TooManyPoints: the lattice is too large to search.
         ConfigError: no whole number of pulses ends with the goal's spin, a number is not finite, or numba
             is missing.
     """
@@ -132,6 +138,13 @@ class Relaxation:
         widest = np.concatenate([[0], np.cumsum(limits[:-1])])
         self._origin = int(widest[-1])
         self._shape = (steps + 1, 2 * self._reach + 1, 2 * self._origin + 1)
+        count = math.prod(self._shape)
+        if count > _MOST_POINTS:
+            raise TooManyPoints(
+                f"a certificate over {steps} control periods of {h:g} s has {count:,} points, and at most "
+                f"{_MOST_POINTS:,} are searched; the usual cause is a goal that is too far away, or a long "
+                "horizon."
+            )
         n = np.arange(-self._reach, self._reach + 1)
         inside = np.abs(n) <= limits[:, None]
         self.everything = Branch(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +69,7 @@ class SpatialBounder:
         loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
         if math.isinf(loose):
             raise Unreachable.after(steps, lattice.period)
-        dual, nodes = _raised(relaxation, (1.04, 1.04))
+        dual, nodes = _raised(relaxation, (1.04, 1.04), effort.seconds)
         dual = max(loose, dual)
         lower = lattice.next_fuel(dual, relaxation.last)
         halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
@@ -93,7 +94,7 @@ class SpatialBounder:
         nodes = 0
         while lower <= most_steps:
             relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0)
-            value, count = _raised(relaxation, (1.0,))
+            value, count = _raised(relaxation, (1.0,), effort.seconds)
             nodes += count
             if value <= 0.0:
                 break
@@ -157,8 +158,16 @@ def _inner(goal_set: GoalSet, share: float) -> GoalSet:
     )
 
 
-def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[float, int]:
+class _TimeIsUp(Exception):
+    """Ends a search whose best result so far is kept."""
+
+
+def _raised(
+    relaxation: ReachRelaxation, first: tuple[float, ...], seconds: float
+) -> tuple[float, int]:
     """A high bound among costates along the way, and how many were tried; for time the first above 0.
+
+    None is tried after so many seconds of processor time, but for the first.
 
     Pulls along the way by x (y (T - t) 2 / T - 1), in the units of the mass: x = y = 1 is the dual optimum of
     a straight flight of least fuel. Where fuel is free only y matters.
@@ -169,25 +178,29 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
     ahead = way / max(float(np.linalg.norm(way)), 1e-300)
     best = -math.inf
     count = 0
+    deadline = time.process_time() + seconds
 
     def value(x: np.ndarray) -> float:
         nonlocal best, count
         size, slope = (1.0, x[0]) if relaxation.fuel == 0.0 else x
         if relaxation.fuel == 0.0 and best > 0.0:
             return 0.0
+        if count and time.process_time() > deadline:
+            raise _TimeIsUp
         result = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
         best = max(best, result)
         count = count + 1
         return -result
 
     simplex = np.array(first) + np.vstack([np.zeros(len(first)), 0.08 * np.eye(len(first))])
-    minimize(
-        value,
-        first,
-        method="Nelder-Mead",
-        options={
-            "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3,
-            "initial_simplex": simplex,
-        },
-    )
+    with suppress(_TimeIsUp):
+        minimize(
+            value,
+            first,
+            method="Nelder-Mead",
+            options={
+                "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3,
+                "initial_simplex": simplex,
+            },
+        )
     return best, count
