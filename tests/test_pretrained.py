@@ -29,7 +29,7 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     assert sum(files.values()) < 4 * weights + 60_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     crafts = "|".join(f"-{craft}" for craft in REAL_CRAFT)
-    kinds = f"(-fast|-thrifty|-shared|-faults-shared|-robust|-faults|-trade-off|-atmos|{crafts})?"
+    kinds = f"(-fast|-steady|-thrifty|-shared|-faults-shared|-robust|-faults|-trade-off|-atmos|{crafts})?"
     assert re.fullmatch(
         rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name
     )
