@@ -1,1 +1,1 @@
-"""What flights are worth, in numbers with intervals."""
+"""Metrics of flights, with confidence intervals."""

@@ -1,4 +1,4 @@
-"""What a batch of flights is worth, in numbers with confidence intervals."""
+"""Metrics of a batch of flights, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from rans.model.fields import leaves
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
 ROOM = 110
-"""Columns of a terminal in which all of these stand without broken words."""
+"""Width of a terminal, in columns, in which all of these fit without broken words."""
 _FIRST = ("solved", "mission won", "settling time", "failed")
 _LAST = ("impulse", "interventions")
-"""Metrics that matter first, before and after the errors at the end."""
+"""Metrics of a short table, before and after the final errors."""
 _STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""
 
@@ -40,19 +40,19 @@ class Metric:
     """One number about all episodes and its 95 % confidence interval."""
 
     group: str
-    """Heading under which it belongs."""
+    """Heading of its group in tables."""
     name: str
     meaning: str
     unit: str
     value: float
-    """Mean over episodes, or their median where the meaning says so; infinite where most never get there."""
+    """Mean over episodes, or their median if the meaning says so; infinite if the event of most never happens."""
     low: float
     high: float
 
 
 @dataclass(frozen=True)
 class Metrics(NotebookRepr):
-    """Everything measured on one flight."""
+    """All metrics of a batch of flights."""
 
     controller: str
     engine: str
@@ -60,23 +60,23 @@ class Metrics(NotebookRepr):
     episodes: int
     steps: int
     control_period: float
-    """s."""
+    """Control period, s."""
     rows: tuple[Metric, ...]
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{row.name} {figure(row.value)} {row.unit}".rstrip() for row in self.rows)
-        return f"<{self.title()}: {told}>"
+        rows = ", ".join(f"{row.name} {figure(row.value)} {row.unit}".rstrip() for row in self.rows)
+        return f"<{self.title()}: {rows}>"
 
     def __getitem__(self, name: str) -> Metric:
         return {row.name: row for row in self.rows}[name]
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         return dataclasses.asdict(self)
 
     @classmethod
     def from_json(cls, table: dict[str, Any]) -> Metrics:
-        """The metrics that `to_json` gave."""
+        """Metrics from the result of `to_json`."""
         rows = [
             Metric(**(row | {k: number(row[k]) for k in ("value", "low", "high")}))
             for row in table["rows"]
@@ -84,7 +84,7 @@ class Metrics(NotebookRepr):
         return cls(**{**table, "rows": tuple(rows)})
 
     def title(self) -> str:
-        """What was measured, in one line."""
+        """Title in one line: controller, spacecraft, engine and episodes."""
         duration = self.steps * self.control_period
         return (
             f"{self.controller}: {counted(self.episodes, 'episode')} of {duration:g} s with "
@@ -92,9 +92,9 @@ class Metrics(NotebookRepr):
         )
 
     def lines(self) -> Iterator[tuple[str, tuple[str, str, str, str]]]:
-        """Group and texts of `COLUMNS`, as tables show them.
+        """Group and cells of each line of a table, in the order of `COLUMNS`.
 
-        Metrics that differ in a bound only share a line; their interval is then the widest, as ±.
+        Metrics that differ in a bound only share a line, whose interval is the widest of theirs, as ±.
         """
         for (group, _, _), rows in itertools.groupby(
             self.rows, lambda r: (r.group, r.meaning, r.unit)
@@ -102,7 +102,7 @@ class Metrics(NotebookRepr):
             yield group, _line(tuple(rows))
 
     def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
-        """The lines of `lines` that matter first: success, time, errors and impulse."""
+        """Those of `lines` in a short table: success, time, errors and impulse."""
         lines = list(self.lines())
         wanted = [
             *(name for name in _FIRST),
@@ -113,19 +113,19 @@ class Metrics(NotebookRepr):
         return [by_name[name] for name in wanted if name in by_name]
 
     def table(self, width: int = ROOM, full: bool = True) -> Table:
-        """A table for a terminal of so many columns, of all lines or of those that matter first.
+        """Table for a terminal of ``width`` columns, of all lines or of the `key_lines`.
 
-        A narrow one leaves out what each metric means.
+        A narrow table has no column of meanings.
         """
-        shown = COLUMNS if width >= ROOM else COLUMNS[:-1]
+        columns = COLUMNS if width >= ROOM else COLUMNS[:-1]
         hint = f"A terminal of {ROOM} columns or more shows what each of them means."
         if not full:
-            table = Table(*shown, title=self.title(), title_justify="left")
+            table = Table(*columns, title=self.title(), title_justify="left")
             for _, texts in self.key_lines():
-                table.add_row(*texts[: len(shown)])
+                table.add_row(*texts[: len(columns)])
             return table
         table = Table(
-            *shown,
+            *columns,
             title=self.title(),
             title_justify="left",
             caption_justify="left",
@@ -136,7 +136,7 @@ class Metrics(NotebookRepr):
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
             table.add_row(Text(group, "bold"))
             for _, texts in lines:
-                table.add_row(*texts[: len(shown)])
+                table.add_row(*texts[: len(columns)])
             table.add_section()
         return table
 
@@ -144,7 +144,7 @@ class Metrics(NotebookRepr):
 def measure(flight: Flight) -> Metrics:
     """Measure a batch of episodes of any task; equal flights have equal intervals.
 
-    Of shares of episodes they are Wilson's, which have a width where all succeed, else a `Bootstrap`'s.
+    Intervals of shares are Wilson's, which have a width even if all succeed; others are those of a `Bootstrap`.
     """
     steps, episodes, _ = flight.commands.shape
     bootstrap = Bootstrap(episodes)
@@ -181,12 +181,15 @@ def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
 
 
 def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> None:
-    """Write every single episode of N into one ``.npz`` file, float32; `ConfigError` if the disk refused.
+    """Write the results of each of N episodes into an ``.npz`` file, float32.
 
     - one array (N,) per metric, in its unit, named as in the tables with "_" for spaces: ``PT5``,
       ``reach_2_cm``, ``settling_time`` (infinite if never), ``position_error``, ...
-    - ``start`` and ``goal`` (N, k), and ``columns`` (k,), what each column is;
+    - ``start`` and ``goal`` (N, k), and ``columns`` (k,), the names of their columns;
     - with trajectories: ``times`` (T + 1,) s, ``states`` (T + 1, N, k) and ``commands`` (T, N, commands).
+
+    Raises:
+        ConfigError: the file cannot be written.
     """
     arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.numbers for s in samples(flight)}
     states = np.stack(leaves(flight.states), axis=-1)
@@ -200,7 +203,11 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
 
 
 def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
-    """Write arrays that `numpy.load` opens; `ConfigError` if the disk refused."""
+    """Write arrays into a file for `numpy.load`.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)
     replace_file(file, lambda draft: draft.write_bytes(content.getvalue()))

@@ -1,4 +1,4 @@
-"""Does a controller do the same in Drake as in the fast engine? Both from the same starts, side by side."""
+"""Agreement of flights in Drake and in the fast engine, from the same starts."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ class Pair:
     fast: Estimate
     drake: Estimate
     bound: tuple[float, float] | None
-    """Where the difference must lie; None where nothing is asked."""
+    """Range in which the difference must lie; None: any."""
 
     @property
     def difference(self) -> float:
-        """Drake less fast; 0 where both are infinite."""
+        """Value of Drake minus that of the fast engine; 0 if both are infinite."""
         ours = self.fast.value
         theirs = self.drake.value
         return 0.0 if ours == theirs else theirs - ours
 
     @property
     def passed(self) -> bool | None:
-        """Whether the engines agree; None where nothing is asked."""
+        """Whether the engines agree; None if there is no bound."""
         return None if self.bound is None else self.bound[0] <= self.difference <= self.bound[1]
 
 
 @dataclass(frozen=True)
 class EngineComparison:
-    """A controller in both engines."""
+    """Comparison of the flights of a controller in both engines."""
 
     title: str
     pairs: tuple[Pair, ...]
     same_commands: float
-    """Share of control periods in which both engines' controllers opened the same thrusters."""
+    """Share of control periods with the same commands in both engines."""
 
     @property
     def passed(self) -> bool:
-        """Whether the engines agree in everything that is asked."""
+        """Whether the engines agree in every quantity with a bound."""
         return all(pair.passed is not False for pair in self.pairs)
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         pairs = [
             {
                 "name": p.name,
@@ -81,7 +81,7 @@ class EngineComparison:
         }
 
     def table(self) -> Table:
-        """For the terminal."""
+        """Table for the terminal."""
         columns = ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict")
         return table(
             self.title,
@@ -92,7 +92,7 @@ class EngineComparison:
 
 
 def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
-    """Compare flights of the same controller from the same starts, by our equations and by Drake.
+    """Compare flights of the same controller from the same starts, in the fast engine and in Drake.
 
     Drake's solved share must lie within the fast engine's 95 % interval, its medians within
     `engine_difference` (`rans.tasks.quantities.Quantity`) of the fast engine's.

@@ -15,10 +15,10 @@ from rans.verdict import Failure
 
 
 def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) -> Metrics:
-    """Metrics that statistics hold, with names and units as in `rans.evaluation.measure.metrics`.
+    """Metrics from statistics, with names and units as in `rans.evaluation.measure.metrics`.
 
-    Intervals hold 95 %: of shares Clopper and Pearson's exact one (Biometrika 26, 1934), of the median the
-    order statistics that a binomial distribution says, of means two standard errors.
+    Intervals are for 95 %: of shares the exact one (Clopper and Pearson, Biometrika 26, 1934), of the median that
+    between order statistics by the binomial distribution, of means two standard errors.
     """
     period = setup.timing.control_period
     engine = f"fast; {', '.join(sorted(statistics.ways))}"

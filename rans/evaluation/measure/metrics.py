@@ -1,7 +1,7 @@
-"""What is measured on every single episode; `rans.evaluation.measure.aggregate` makes statistics of it.
+"""Metrics of single episodes, of which `rans.evaluation.measure.aggregate` makes statistics.
 
-"Steps" are the T states that follow the commands; the start is nobody's merit and is left out. The
-"last fifth" is the last T/5 of them, rounded down but at least one.
+"Steps" are the T states after the commands, without the start. The "last fifth" is the last T/5 of them, rounded
+down but at least one.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from rans.tasks.quantities import QUANTITIES, Quantity
 _STAY = 7.5
 """Margin of "stay" over the threshold of a quantity."""
 _TRANSIENT = 5.0
-"""Time that tracking tasks are given to get up to speed before their errors count, s."""
+"""Time for the acceleration of tracking tasks, after which their errors count, s."""
 
 
 class Sample(NamedTuple):
-    """What one metric is made of."""
+    """Values of one metric, an episode each."""
 
     group: str
-    """Heading under which it belongs."""
+    """Heading of its group in tables."""
     name: str
     meaning: str
-    """Equal for metrics that differ in the bound in their name only: tables show them in one line."""
+    """Meaning; metrics with equal meanings, which differ in the bound in their name, share a line of tables."""
     unit: str
     values: np.ndarray
-    """(N,), one per episode; truth values where the metric is the share of episodes of which it is true."""
+    """(N,), one per episode; booleans if the metric is the share of episodes of which it is true."""
     centre: Callable[..., Any] = np.mean
 
     @property
@@ -46,7 +46,7 @@ class Sample(NamedTuple):
 
 
 def samples(flight: Flight) -> Iterator[Sample]:
-    """Everything that is measured on a flight of any task."""
+    """All metrics of a flight of any task."""
     yield from _success(flight)
     if asks_rest(flight.task):
         yield from _rest(flight)
@@ -73,7 +73,7 @@ def in_goal_set(flight: Flight) -> np.ndarray:
 def arrival_times(flight: Flight) -> np.ndarray:
     """First instant at which each episode is in the goal set, (N,) s; infinite if there is none.
 
-    Nothing is said of later instants: `staying_times` asks for these too.
+    The episode may leave the set later; `staying_times` excludes that.
     """
     inside = in_goal_set(flight)
     first = inside.argmax(axis=0) * flight.timing.control_period
@@ -83,7 +83,7 @@ def arrival_times(flight: Flight) -> np.ndarray:
 def staying_times(flight: Flight) -> np.ndarray:
     """Instant from which each episode is in the goal set at every later instant, (N,) s.
 
-    Infinite if the episode fails, or is outside at its last instant.
+    It is infinite if the episode fails, or is outside at its last instant.
     """
     inside = in_goal_set(flight)
     outside_until_end = np.logical_or.accumulate(~inside[::-1], axis=0)[::-1]
@@ -92,17 +92,17 @@ def staying_times(flight: Flight) -> np.ndarray:
 
 
 def on_times(flight: Flight) -> np.ndarray:
-    """Summed time the thrusters of each episode were open, (N,) thruster-seconds."""
+    """Time that thrusters were open, summed over the thrusters of each episode, (N,) s."""
     return flight.openings.sum(axis=(0, 2)) * flight.timing.control_period
 
 
 def impulses(flight: Flight) -> np.ndarray:
-    """Thrust spent by each episode, force times time summed over thrusters, (N,) N s."""
+    """Impulse of each episode, force times time summed over thrusters, (N,) N s."""
     return forces(flight).sum(axis=0) * flight.timing.control_period
 
 
 def forces(flight: Flight) -> np.ndarray:
-    """Forces of all thrusters of each episode in every control period, added up, (T, N) N."""
+    """Sum of the forces of all thrusters in every control period of each episode, (T, N) N."""
     shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
     return np.sum(
         [share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0
@@ -115,9 +115,9 @@ def final_errors(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The largest error of the last fifth in tolerances, (N,), and the largest of each, (N,) SI units.
+    """Largest error of the last fifth in tolerances, (N,), and the largest of each kind, (N,) SI units.
 
-    Infinite where a state is lost; of errors that have a tolerance.
+    Only errors with a tolerance count. They are infinite if a state is not finite.
     """
     result = flight.errors()
     bounds = flight.task.tolerances()
@@ -161,7 +161,7 @@ def _success(flight: Flight) -> Iterator[Sample]:
 
 
 def _rest(flight: Flight) -> Iterator[Sample]:
-    """Of tasks with a place or an attitude to keep; of others arriving for good is settling."""
+    """Rest in the goal set, of tasks with a position or an attitude to hold; for others that is settling."""
     slow = f"{100.0 * REST_SPEED:g} cm/s, {math.degrees(REST_SPIN):g} deg/s"
     first = arrival_times(flight)
     staying = staying_times(flight)
@@ -191,7 +191,7 @@ def _rest(flight: Flight) -> Iterator[Sample]:
 
 
 def _held(flight: Flight) -> Iterator[Sample]:
-    """Like "solved", with other bounds than the task's tolerances."""
+    """Shares like "solved", with other bounds than the task's tolerances."""
     ends = {
         name: QUANTITIES[name].display_factor * last_fifth(error)
         for name, error in flight.errors().items()
@@ -247,7 +247,7 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
 
 
 def _reached(declared: Quantity, error: np.ndarray) -> Iterator[Sample]:
-    """Whether errors (T, N) ever fall below the original system's threshold, and stay near it."""
+    """Whether errors (T, N) ever fall below the threshold of the original system, and stay near it."""
     threshold = declared.threshold
     assert threshold is not None
     whole, half, margin = declared.threshold_texts
@@ -264,9 +264,9 @@ def _reached(declared: Quantity, error: np.ndarray) -> Iterator[Sample]:
 
 
 def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
-    """(N,) whether each episode gets below the threshold and from then on keeps within the margin.
+    """(N,) whether each episode falls below the threshold and stays within the margin from then on.
 
-    The original system also counts episodes that never got there but were always within the margin.
+    The original system also counts episodes that never fell below the threshold but were always within the margin.
     """
     hit = np.logical_or.accumulate(error < threshold)
     lost = hit & (error >= _STAY * threshold)
@@ -317,7 +317,7 @@ def _effort(flight: Flight) -> Iterator[Sample]:
 
 
 def _guarding(flight: Flight) -> Iterator[Sample]:
-    """What a safety filter did."""
+    """Interventions of a safety filter."""
     assert flight.guarded is not None
     share = 100.0 * flight.guarded.mean(axis=0)
     yield Sample("guard", "interventions", "control periods with another command", "%", share)
@@ -326,9 +326,9 @@ def _guarding(flight: Flight) -> Iterator[Sample]:
 
 
 def outran(flight: Flight) -> str:
-    """Why the motion of a flight is not to be trusted: it span faster than its substeps are accurate for.
+    """Sentence that the motion of a flight is inaccurate because of a high spin; "" if it is accurate.
 
-    Nothing if it is; `rans.model.accuracy.fastest` has the bound.
+    The bound of the spin for the substeps is that of `rans.model.accuracy.fastest`.
     """
     spin = float(np.nanmax(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
     bound = fastest(flight.craft, flight.timing)

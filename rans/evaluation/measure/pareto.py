@@ -1,4 +1,4 @@
-"""Indicators by which sets of points are compared whose every coordinate is to be small (Pareto fronts).
+"""Indicators for the comparison of sets of points whose coordinates are all to be minimised (Pareto fronts).
 
 Both are those of E. Zitzler, L. Thiele, M. Laumanns, C. M. Fonseca and V. Grunert da Fonseca, "Performance
 assessment of multiobjective optimizers: an analysis and review", IEEE Trans. Evol. Comput. 7(2), 2003,
@@ -17,7 +17,7 @@ def epsilon_indicator(points: np.ndarray, reference: np.ndarray) -> float:
 
     The least factor such that every point of the reference set, multiplied by it, is weakly dominated by a
     point of the set: max over b of the reference, min over a of the set, max over coordinates i of a_i / b_i.
-    It is 1 or less where the set is nowhere behind.
+    It is 1 or less if the set weakly dominates the whole reference.
 
     Args:
         points: (N, d), positive; infinite coordinates dominate nothing.

@@ -1,4 +1,4 @@
-"""Estimates with 95 % intervals, all of them over the same resampled episodes."""
+"""Estimates with 95 % intervals, over the same resampled episodes."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ from typing import Any
 import numpy as np
 
 RESAMPLES = 1000
-"""Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
+"""Number of bootstrap resamples: 25 of them lie beyond each end of a 95 % interval."""
 
 SEED = 0
 """Seed of the resamples, so that equal flights have equal intervals."""
 
 _TAILS = (0.025, 0.975)
-"""Between these quantiles lie 95 %."""
+"""Quantiles between which 95 % lie."""
 NORMAL_95 = 1.959964
 """97.5 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its interval; infinite where most flights never get there."""
+    """A value and its interval; infinite if the event of most flights never happens."""
 
     value: float
     low: float
     high: float
 
     def text(self, digits: str = ".3g") -> str:
-        """Value and interval as tables show them."""
+        """Value and interval as in tables."""
         value, low, high = (figure(x, digits) for x in (self.value, self.low, self.high))
         return value if value == low == high else f"{value} ({low} to {high})"
 
     def scaled(self, factor: float) -> Estimate:
-        """In another unit."""
+        """The estimate in another unit."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high)
 
 
 def figure(value: float, digits: str = ".3g") -> str:
-    """A number as tables show it: "never" for an infinite time, a dash for what is not known.
+    """A number as in tables: "never" for an infinite time, a dash for NaN.
 
     Thousands have no exponent: 1,153 rather than 1.15e+03.
     """
@@ -55,9 +55,9 @@ def figure(value: float, digits: str = ".3g") -> str:
 class Bootstrap:
     """Percentile bootstrap over episodes (Efron and Tibshirani, 1993, section 13.3).
 
-    All estimates of one evaluation or comparison draw the same episodes, so that they stay paired. An
-    interval has no width where all episodes agree; N of N successes then still leave about 3/N of failures
-    possible at 95 % (rule of three). Equal counts of episodes draw the same.
+    All estimates of one evaluation or comparison draw the same episodes, so that they stay paired; equal numbers of
+    episodes draw the same. An interval has no width if all episodes agree; after N of N successes a failure
+    probability of about 3/N is still possible at 95 % (rule of three).
     """
 
     def __init__(self, count: int) -> None:
@@ -69,7 +69,7 @@ class Bootstrap:
         return times @ values / len(values)
 
     def median(self, values: np.ndarray) -> Estimate:
-        """Median of (N,) values; infinity is a value like any other, and larger than all."""
+        """Median of (N,) values; infinity is a value too, the largest."""
         return self.of(np.median, values)
 
     def mean(self, values: np.ndarray) -> Estimate:
@@ -77,12 +77,12 @@ class Bootstrap:
         return self.of(np.mean, values)
 
     def ratio(self, values: np.ndarray, reference: np.ndarray) -> Estimate:
-        """Mean of (N,) values as a share of the mean of the reference from the same starts."""
+        """Mean of (N,) values over the mean of the reference from the same starts."""
         draws = values[self._picks].mean(axis=1) / reference[self._picks].mean(axis=1)
         return _interval(float(values.mean() / reference.mean()), draws)
 
     def difference(self, values: np.ndarray, reference: np.ndarray) -> Estimate:
-        """Median of the differences per start; 0 where neither of two gets there."""
+        """Median of the differences per start; a difference of two infinite values is 0."""
         both = np.isinf(values) & np.isinf(reference)
         with np.errstate(invalid="ignore"):
             return self.median(np.where(both, 0.0, values - reference))

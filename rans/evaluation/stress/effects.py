@@ -1,4 +1,4 @@
-"""Disturbances, faults and errors by size: each alone, and the same in every episode."""
+"""Disturbances, faults and sensor errors by size, each alone and the same in every episode."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
 
 
 def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
-    """Worlds where one setting has the size, times its unit, and all else is perfect."""
+    """Conditions of a size, in which one setting is the size times its unit and all else is nominal."""
 
     def world(size: float) -> Conditions:
         perfect = Conditions()
@@ -239,7 +239,7 @@ def _missed(quantity: str, percent: float) -> Conditions:
 
 
 def failures() -> list[Level]:
-    """Which have no size: one thruster that fails as the episode begins, any of them."""
+    """Levels of failures, which have no size: one thruster, drawn at random, fails when the episode begins."""
     return [
         Level(
             f"one thruster {kind}",

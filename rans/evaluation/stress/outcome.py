@@ -21,9 +21,9 @@ class Outcome:
     """Outcomes of N episodes of one contestant under the same conditions, in the order of their numbers."""
 
     errors: dict[str, np.ndarray]
-    """The largest of every error that has a tolerance over the last fifth, (N,) SI; infinite if lost."""
+    """Largest of every error with a tolerance over the last fifth, (N,) SI; infinite if a state is not finite."""
     excess: np.ndarray
-    """The largest of them in tolerances, (N,)."""
+    """Largest of these errors in tolerances, (N,)."""
     held: np.ndarray
     """Whether the goal was held, (N,) (`rans.verdict`)."""
 
@@ -51,7 +51,7 @@ class Outcome:
         return share(self.held)
 
     def worst(self, count: int) -> list[int]:
-        """At most so many episodes that were not held, the farthest from their goals first."""
+        """Numbers of at most ``count`` episodes that were not held, those with the largest errors first."""
         ranking = np.argsort(-self.excess, kind="stable")
         return [int(k) for k in ranking[:count] if not self.held[k]]
 
@@ -75,7 +75,7 @@ class BreakEven(NamedTuple):
     """The contestant that is ahead at larger sizes."""
 
     def text(self, first: str, second: str, unit: str) -> str:
-        """In words."""
+        """Sentence for tables."""
         names = {1: first, -1: second, 0: "alike"}
         if self.size is None:
             return f"{names[self.after]} throughout"

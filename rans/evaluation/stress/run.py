@@ -1,4 +1,4 @@
-"""Everybody flown in every world, on all processors; what was flown is kept when somebody interrupts."""
+"""Flights of every contestant under all conditions, on all processors; an interrupt keeps what was flown."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ from rans.scenario import draws
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024
 _SLOW_SHARE = 8
-"""Episodes that a process flies at once; of a controller that solves a problem for each."""
+"""Number of episodes that a process flies at once of a slow controller."""
 
 
 @dataclass
 class Stress:
-    """What is flown, and everything found so far."""
+    """Plan and results of a comparison under disturbances and faults."""
 
     contest: Contest
-    """Plant, task and starts, in a perfect world."""
+    """Spacecraft, task and starts, under nominal conditions."""
     named: Sequence[Level]
-    """Worlds without a size: a perfect one, conditions by name or file, and failed thrusters."""
+    """Conditions without a size: nominal ones, conditions by name or file, and failed thrusters."""
     effects: Sequence[Effect]
     slow_episodes: int
-    """Number of episodes of controllers that are slow, in place of the contest's."""
+    """Number of episodes of slow controllers, in place of the contest's."""
     contestants: dict[str, Contestant] = field(default_factory=dict)
     """Contestants by the text that named them; others are compared with the first."""
     outcomes: dict[tuple[str, str], Outcome] = field(default_factory=dict)
-    """Outcomes by the names of world and contestant."""
+    """Outcomes by the names of level and contestant."""
     failures: list[str] = field(default_factory=list)
-    """What went wrong, a sentence each."""
+    """Failures of contestants, a sentence each."""
     stopped: dict[str, int] = field(default_factory=dict)
-    """Times that a contestant's solver found nothing."""
+    """Number of times that the solver of each contestant found no solution."""
 
     @cached_property
     def levels(self) -> list[Level]:
-        """Every world."""
+        """All levels: named conditions, then the sizes of every effect."""
         return [*self.named, *(level for effect in self.effects for level in effect.levels())]
 
     @property
@@ -60,12 +60,12 @@ class Stress:
         return [one.name for one in self.contestants.values()]
 
     def episodes(self, one: Contestant) -> int:
-        """How many somebody flies in each world."""
+        """Number of episodes of a contestant at each level."""
         few = getattr(one.controller, "slow", False)
         return min(self.slow_episodes, self.contest.episodes) if few else self.contest.episodes
 
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
-        """Sizes that somebody was flown at, the perfect world's first, and the shares held there."""
+        """Sizes at which a contestant was flown, the nominal one first, and its shares of held episodes."""
         sizes = (effect.nominal, *effect.sizes)
         worlds = (_PERFECT, *effect.levels())
         flown = [
@@ -73,7 +73,7 @@ class Stress:
             for size, level in zip(sizes, worlds, strict=True)
             if (level.name, name) in self.outcomes
         ]
-        return [size for size, _ in flown], [found for _, found in flown]
+        return [size for size, _ in flown], [share for _, share in flown]
 
     def break_even(self, effect: Effect, other: str) -> BreakEven | None:
         """Size at which the first contestant and another are equally good; None: both flew too few sizes."""
@@ -86,15 +86,15 @@ class Stress:
         return break_even(
             both,
             *(
-                [found[have.index(size)] for size in both]
-                for have, found in ((sizes, first), (others, second))
+                [shares[flown.index(size)] for size in both]
+                for flown, shares in ((sizes, first), (others, second))
             ),
         )
 
     def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
-        """Fly everyone; a contestant that fails is named in ``failures`` and flies no more.
+        """Fly all contestants; one that fails is noted in ``failures`` and flies no more.
 
-        An interrupt leaves what was flown.
+        After an interrupt the outcomes until then remain.
 
         Args:
             stages: reports progress.
@@ -104,12 +104,12 @@ class Stress:
         progress = stages(f"{len(self.levels)} scenarios", total)
         made = list(self.contestants.values())
         jobs = list(_jobs(self))
-        given = (
+        arguments = (
             self.contest,
             [one.controller for one in made],
             [level.conditions.or_none for level in self.levels],
         )
-        pool = Workers(_Flyer, given, workers, "flew episodes")
+        pool = Workers(_Flyer, arguments, workers, "flew episodes")
         parts: dict[tuple[int, int], dict[int, _Part]] = {}
         lost: set[int] = set()
         for number, answer in pool.finished(_Flyer.tried, jobs):
@@ -142,13 +142,13 @@ def prepared(
     slow_episodes: int,
     trust: bool = False,
 ) -> Stress:
-    """What is to be flown.
+    """Prepare a comparison under disturbances and faults, before any flight.
 
     Args:
-        contest: of the first contestant, see `rans.evaluation.compare.entrants.contest_of`.
+        contest: contest of the first contestant, see `rans.evaluation.compare.entrants.contest_of`.
         specs: contestants; after the first also controllers by their bare names.
-        conditions: by name or file.
-        only: names of effects, or nothing for all, and for failed thrusters too.
+        conditions: conditions by name or file.
+        only: names of effects; empty: all, and failed thrusters.
         slow_episodes: see `Stress`.
         trust: see `enlisted`.
 
@@ -184,7 +184,7 @@ def prepared(
 
 
 class _Job(NamedTuple):
-    """Consecutive episodes of one contestant in one world."""
+    """Consecutive episodes of one contestant at one level."""
 
     level: int
     contestant: int
@@ -198,7 +198,7 @@ class _Part(NamedTuple):
 
 
 def _jobs(stress: Stress) -> Iterator[_Job]:
-    """World by world, so that what is flown first can be compared."""
+    """Jobs level by level, so that the first results are of all contestants."""
     for level in range(len(stress.levels)):
         for k, one in enumerate(stress.contestants.values()):
             count = stress.episodes(one)
@@ -208,17 +208,17 @@ def _jobs(stress: Stress) -> Iterator[_Job]:
 
 
 class _Flyer(NamedTuple):
-    """Contestants and worlds, as each process has them."""
+    """Contestants and conditions, in each process."""
 
     contest: Contest
     controllers: Sequence[Controller]
     worlds: Sequence[Conditions | None]
 
     def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
-        """Consecutive episodes of one contestant in one world, or what went wrong in a sentence."""
+        """Outcomes of consecutive episodes of one contestant at one level, or a sentence about its failure."""
         try:
             with warnings.catch_warnings():
-                # A controller that cannot bear a world may well tumble and overflow there.
+                # A craft whose controller fails under the conditions may tumble until numbers overflow.
                 warnings.simplefilter("ignore")
                 return self.flown(level, contestant, first, count)
         except RansError as error:
@@ -227,7 +227,7 @@ class _Flyer(NamedTuple):
             return f"{type(error).__name__}: {first_line(error)}."
 
     def flown(self, level: int, contestant: int, first: int, count: int) -> _Part:
-        """Consecutive episodes of one contestant in one world."""
+        """Outcomes of consecutive episodes of one contestant at one level."""
         controller = self.controllers[contestant]
         setup = self.contest.setup._replace(conditions=self.worlds[level])
         flight = fly_draws(controller, setup, draws(self.contest.seed, count, first))
