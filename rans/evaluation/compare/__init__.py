@@ -1,1 +1,1 @@
-"""Contestants from the same starts beside what is physically possible."""
+"""Comparisons of contestants from the same starts, with optima and certified bounds."""

@@ -1,4 +1,4 @@
-"""What nothing can beat, per start: the certificate where one exists, else the hull bound.
+"""Lower bounds for each start: the certificate where one exists, else the hull bound.
 
 docs/certificate.md proves both.
 """
@@ -49,70 +49,71 @@ SETTLING = (
 )
 
 _LONGEST = 25.0
-"""Time up to which the certified least time is looked for, s: an episode's."""
+"""Largest certified least time that is searched, s: that of an episode."""
 
 
 Kind = Literal["arrival", "settling"]
-"""What a bound of its own exists of."""
+"""Kinds of events with a bound of their own."""
 
 
 class Event(NamedTuple):
-    """What numbers are about; those of different events are not compared."""
+    """Event whose time or thrust-time is measured; numbers of different events are not compared."""
 
     kind: Kind | Literal["staying"] = "arrival"
-    """Arrival: in the goal set, which asks for rest (see `goal_set`), whatever follows. Settling: within the
-    task's tolerances for good. Staying: in the goal set for good."""
+    """arrival: first in the goal set, which asks for rest (see `goal_set`); settling: within the task's tolerances
+    for good; staying: in the goal set for good."""
     horizon: float | None = None
-    """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
+    """None: the time of the event, s, is measured; else the thrust-time, N s, with which it has happened at this
+    time, s."""
 
     @property
     def text(self) -> str:
-        """As a heading, without units."""
+        """Heading of the event, without units."""
         if self.horizon is not None:
             return f"thrust-time by {self.horizon:g} s"
         return "time of arrival for good" if self.kind == "staying" else f"time of {self.kind}"
 
 
 class Question(NamedTuple):
-    """What is bounded; plain values, so that equal questions have equal answers and equal texts."""
+    """Question to a bound; it holds plain values, so that equal questions have equal texts."""
 
     craft: Spacecraft
     aims: tuple[str, ...]
-    """Sorted: what the set asks for, of "position", "attitude", "velocity" and "spin"."""
+    """Sorted names of the errors that the set bounds, of "position", "attitude", "velocity" and "spin"."""
     goals: GoalSet
     period: float
-    """For which on/off commands are held, s."""
+    """Control period of on/off commands, s."""
     horizon: float | None
-    """Bounded is the least thrust-time (N s) with which a controller is in the goal set at this time, s;
-    None: the least time, s."""
+    """Time at which a controller is in the goal set, s, with the least thrust-time (N s); None: the least time, s,
+    is bounded."""
     effort: Effort
     scenario: Scenario
-    """Of floats."""
+    """Scenario whose fields are floats."""
     kind: Kind = "arrival"
-    """Settling: the set is one that everyone is in who stays within the tolerances (see `staying_set`)."""
+    """settling: the set contains every state from which a craft can stay within the tolerances (`staying_set`)."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What nothing can beat from one start, in N s or s."""
+    """Bounds for one start, in N s or s."""
 
     start: int
     horizon: float | None
     """See `Question`."""
     hull: float
-    """No commands between 0 and 1 do with less, on/off or not."""
+    """Lower bound for all commands between 0 and 1, on/off or not."""
     lower: float | None = None
-    """No on/off controller at the control rate does with less; None where no certificate exists."""
+    """Lower bound for on/off controllers at the control rate; None if there is no certificate."""
     upper: float = math.inf
-    """What ``commands`` need, replayed into the goal set; infinite where none were found."""
+    """Amount with ``commands``, which were replayed into the goal set; infinite if there are none."""
     commands: list[list[int]] | None = None
-    """(T, thrusters) zeros and ones."""
+    """On/off commands (T, thrusters), zeros and ones, that reach the goal set."""
     seconds: float = 0.0
     """Wall time of the certificate."""
     unit: float = 0.0
-    """What on/off commands need comes in whole multiples of it (periods, pulses); 0: in any amount."""
+    """Unit of amounts of on/off commands, a period or a pulse; 0: there is none."""
     kind: Kind = "arrival"
-    """Of settling there are no commands: being in that set once is necessary, not sufficient."""
+    """Kind of event; settling has no commands, because being in the set once is not sufficient for it."""
 
     def __repr__(self) -> str:
         result = f", {self.upper:g} found" if math.isfinite(self.upper) else ""
@@ -120,30 +121,30 @@ class Bound:
 
     @property
     def event(self) -> Event:
-        """What it bounds."""
+        """Event that is bounded."""
         return Event(self.kind, self.horizon)
 
     @property
     def best(self) -> float:
-        """What no on/off controller beats, by all proofs there are."""
+        """Largest lower bound for on/off controllers."""
         hull = rounded_up(self.hull, self.unit) if self.unit else self.hull
         return hull if self.lower is None else max(hull, self.lower)
 
 
 def goal_set(task: Task) -> GoalSet:
-    """A task's tolerances, and rest where it has a place; what it leaves open is not looked at.
+    """Goal set of a task: its tolerances, and rest if it has a tolerance for the position.
 
-    `ConfigError` if something pulls at the spacecraft, the goal moves or there are constraints, of which the
-    bounds know nothing.
+    Raises:
+        ConfigError: the task has a drift, a moving goal or constraints, which the bounds do not include.
     """
     if task.drift != FREE or not goal_stands_still(task):
         raise ConfigError(
-            "bounds hold for free flight to a goal that stands still; "
+            "bounds are for free flight to a goal that stands still; "
             f"{type(task).__name__} has {task.drift.name} or a goal that moves."
         )
     if type(task).constraints is not Task.constraints:
         raise ConfigError(
-            f"bounds hold for motion without constraints, and {type(task).__name__} has some."
+            f"bounds are for motion without constraints, and {type(task).__name__} has some."
         )
     tolerances = task.tolerances()
     return GoalSet(
@@ -155,9 +156,12 @@ def goal_set(task: Task) -> GoalSet:
 
 
 def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
-    """Where everyone is who has settled: within the tolerances, and slow enough to stay there.
+    """Set of states from which a craft can stay within the tolerances, in which every settled craft is.
 
-    See `rans.optimal.certificate.hull.settling_set`; raises as `goal_set`.
+    See `rans.optimal.certificate.hull.settling_set`.
+
+    Raises:
+        ConfigError: as `goal_set`.
     """
     near = task.tolerances()
     goals = goal_set(task)
@@ -170,18 +174,18 @@ def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
 def question(
     craft: Spacecraft, task: Task, period: float, event: Event, effort: Effort, scenario: Scenario
 ) -> Question:
-    """What is asked about an event from one start.
+    """Question about an event from one start.
 
     Raises:
-        ConfigError: see `goal_set`; or the event is thrust-time to settle by a horizon, or staying, whose
-            bound is the greater one of arrival and settling.
+        ConfigError: see `goal_set`; or the event is settling by a horizon, or staying, whose bound is the
+            greater one of arrival and settling.
     """
     if event.kind == "staying":
         raise ConfigError("staying has no bound of its own: ask for those of arrival and settling.")
     if event.kind == "arrival":
         wanted = aims(task)
         goals = goal_set(task)
-    elif event.horizon is None:  # of the spin the lattice makes use, not the hull
+    elif event.horizon is None:  # The lattice uses the spin; the hull does not.
         wanted = aims(task) - {"spin"} | task.tolerances().keys()
         goals = staying_set(craft, task, period)
     else:
@@ -192,9 +196,9 @@ def question(
 
 
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
-    """Why on/off controllers have no bound of their own here; nothing if they do.
+    """Reason why there is no certificate for on/off controllers; "" if there is one.
 
-    Of what is wanted see `rans.tasks.goal_set.aims`; commands are held for a period (s).
+    For ``wanted`` see `rans.tasks.goal_set.aims`; commands are held for a period (s).
     """
     try:
         if not {"position", "attitude"} <= set(wanted):
@@ -214,13 +218,16 @@ def bounds(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> Iterator[tuple[int, Bound]]:
-    """The answers as they are found, each with the number of its question; `RansError` if a process died.
+    """Compute bounds in parallel; each comes with the number of its question, as soon as it is known.
 
     Args:
-        questions: what is asked.
+        questions: questions.
         starts: number of the scenario of each.
-        workers: processes, by default one per processor; 1 works in this process.
+        workers: processes, by default one per processor; 1: this one.
         progress: reports answers.
+
+    Raises:
+        RansError: a process died.
     """
     jobs = list(zip(starts, questions, strict=True))
     for answer in Workers(nothing, (), workers, "searched for bounds").finished(_bound, jobs):
@@ -234,21 +241,25 @@ def _bound(_: None, start: int, question: Question) -> Bound:
 
 @dataclass(frozen=True)
 class Amounts:
-    """Numbers of starts, with the event they are of."""
+    """Times or thrust-times of an event, a start each."""
 
     event: Event
     values: np.ndarray
-    """(N,) s or N s; infinite where the event does not happen."""
+    """(N,) s or N s; infinite if the event does not happen."""
 
     def __getitem__(self, starts: Any) -> Amounts:
         return replace(self, values=self.values[starts])
 
     def over(self, bound: Amounts) -> np.ndarray:
-        """(N,) multiples of a bound; `ConfigError` if that is of another event."""
+        """Ratios (N,) to a bound.
+
+        Raises:
+            ConfigError: the bound is of another event.
+        """
         return self.values / self._same(bound)
 
     def below(self, bound: Amounts) -> np.ndarray:
-        """(N,) whether they beat it by more than rounding, which a bound excludes; raises as `over`."""
+        """Whether amounts (N,) are below a bound by more than rounding, an error in a proof; raises as `over`."""
         return self.values < self._same(bound) - 1e-9
 
     def _same(self, bound: Amounts) -> np.ndarray:
@@ -258,7 +269,11 @@ class Amounts:
 
 
 def whole_periods(horizon: float, period: float) -> int:
-    """Control periods that a horizon is made of; `ConfigError` if it is not."""
+    """Number of control periods of a horizon.
+
+    Raises:
+        ConfigError: the horizon is no whole number of them.
+    """
     check_period(period)
     count = round(horizon / period) if math.isfinite(horizon / period) else 0
     if 1 <= count <= MOST_STEPS and abs(count * period - horizon) <= 1e-9 * horizon:
@@ -270,9 +285,12 @@ def whole_periods(horizon: float, period: float) -> int:
 
 
 def bound(start: int, question: Question) -> Bound:
-    """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite.
+    """Bounds of a question, infinite if nothing can arrive by the horizon.
 
-    The hull's bound is all there is of problems that are too large for a certificate.
+    The certificate is left out of problems that are too large for it.
+
+    Raises:
+        ConfigError: a number of the question is not finite.
     """
     craft, wanted, goals, period, horizon, _, scenario, kind = question
     begin: Any = scenario.start
@@ -308,7 +326,7 @@ def bound(start: int, question: Question) -> Bound:
 
 
 def _certificate(question: Question, steps: int) -> Certificate | None:
-    """Of on/off controllers; None for a start whose spin no number of pulses takes to the goal's."""
+    """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's."""
     craft, wanted, goals, period, horizon, effort, scenario, _ = question
     proves = bounder(craft, period)
     problem = Problem(scenario.start, scenario.goal, goals, wanted)
@@ -318,16 +336,16 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]) -> Table:
-    """A row per start, of its bound and the cost found for its relaxed trajectory, NaN where there is none.
+    """Table of the bound of every start and the cost of its relaxed trajectory, NaN if there is none.
 
-    The sentence says what the bounds hold for; the measure is what is bounded, with its unit.
+    The sentence says for which controllers the bounds hold; the measure is the bounded quantity with its unit.
     """
 
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
         lower = answer.lower
         upper = answer.upper
-        shown = lower is not None and lower < math.inf and answer.kind == "arrival"
-        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and shown else "-"
+        is_certified = lower is not None and lower < math.inf and answer.kind == "arrival"
+        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and is_certified else "-"
         best = "-" if answer.kind == "settling" else f"{upper:.3f}"
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
         return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap

@@ -1,4 +1,4 @@
-"""What no controller can beat, from some of the starts, kept for the next time."""
+"""Certified bounds for some of the starts, with a cache in a file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from rans.progress import Progress, unseen
 from rans.scenario import each
 
 _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
-"""Most questions take two processor seconds. Less of it, or a busy machine, leaves wider gaps but changes
-no bound's truth."""
+"""Effort of each question; most take two processor seconds. With less, or on a busy machine, gaps are wider, and
+bounds hold all the same."""
 _VERSION = 4
-"""Of the proofs: bounds kept from other versions are searched anew."""
+"""Version of the proofs: bounds of other versions are searched again."""
 
 
 def certify(
@@ -33,7 +33,7 @@ def certify(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> Iterator[Bound]:
-    """Bounds of events from the first so many starts, as they are found; see `certify_each`."""
+    """Bounds of events from the first ``count`` starts; see `certify_each`."""
     wanted = product(range(min(count, contest.episodes)), events)
     return certify_each(contest, wanted, _EFFORT, cache, workers, progress)
 
@@ -46,17 +46,18 @@ def certify_each(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> Iterator[Bound]:
-    """Bounds as they are found, those first that are kept already.
-
-    `RansError` if a process died, or the cache is damaged or cannot be written.
+    """Bounds of events, as soon as each is known; those of the cache come first.
 
     Args:
-        contest: gives the starts.
-        wanted: numbers of starts, and what is bounded.
-        effort: for each.
-        cache: JSON file that keeps the bounds for the next time; others may add theirs meanwhile.
+        contest: contest with the starts.
+        wanted: numbers of starts, and the event to bound.
+        effort: effort of each search.
+        cache: JSON file that keeps the bounds; other processes may add theirs meanwhile.
         workers: see `bounds`.
         progress: reports bounds.
+
+    Raises:
+        RansError: a process died, or the cache is damaged or cannot be written.
     """
     known = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, contest.task, contest.timing.control_period)
@@ -79,11 +80,11 @@ def certify_each(
         yield answer
 
 
-def _add(cache: Path, key: str, found: Bound) -> None:
-    """Keep one more bound beside those that are there by now, also from other processes."""
+def _add(cache: Path, key: str, bound: Bound) -> None:
+    """Add a bound to the cache, to which other processes may have added some."""
     with one_at_a_time(cache.parent):
         known = _read(cache) if cache.exists() else {}
-        write_json(cache, {kept: asdict(one) for kept, one in (known | {key: found}).items()})
+        write_json(cache, {kept: asdict(one) for kept, one in (known | {key: bound}).items()})
 
 
 def _revived(row: dict[str, Any]) -> Bound:
@@ -98,5 +99,5 @@ def _read(cache: Path) -> dict[str, Bound]:
         return {key: _revived(row) for key, row in read_json(cache).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(
-            f"{cache} does not hold bounds; delete it, and they are searched anew."
+            f"{cache} does not hold bounds; delete it, and they are searched again."
         ) from error

@@ -1,4 +1,4 @@
-"""The conditions that all contestants share, and what their flights are scored by."""
+"""Setup that all contestants share, and the scores of their flights."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Contest:
     conditions: Conditions | None = None
     """Domain randomization, disturbances, faults and sensors; None: everything is nominal."""
     guard: Guard | None = None
-    """Safety filter between every contestant and the effectors; None: every command is given."""
+    """Safety filter between every contestant and the effectors; None: every command passes."""
 
     @cached_property
     def starts(self) -> Scenario:
@@ -70,7 +70,7 @@ class Contest:
 
     @property
     def setup(self) -> Setup:
-        """What flies, what for and how long."""
+        """Spacecraft, task, timing, conditions and guard."""
         return Setup(self.craft, self.task, self.timing, self.conditions, self.guard)
 
     def fly(
@@ -79,7 +79,7 @@ class Contest:
         workers: int | None = None,
         progress: Progress = unseen,
     ) -> Flown:
-        """All starts, see `rans.evaluation.fly.episodes.fly_episodes`."""
+        """Fly from all starts; see `rans.evaluation.fly.episodes.fly_episodes`."""
         return fly_episodes(
             controller, self.setup, self.seed, self.episodes, self.engine, workers, progress
         )
@@ -87,14 +87,14 @@ class Contest:
     def latencies(self, controller: Controller) -> np.ndarray:
         """Processor time of single actions, one observation at a time, (T,) s.
 
-        That is its wall time on an idle core; wall time itself would count what else the machine does.
-        Of the first fifth of an episode from a few starts: later on who rests need not think.
+        On an idle core it is the wall time, without other work of the machine. The actions are those of the first
+        fifth of episodes from a few starts, because a controller that rests later takes less time.
         """
         seconds: list[float] = []
 
-        def act(*seen: Any) -> np.ndarray:
+        def act(*inputs: Any) -> np.ndarray:
             begun = time.process_time()
-            command = controller.act(*seen)
+            command = controller.act(*inputs)
             seconds.append(time.process_time() - begun)
             return command
 
@@ -105,7 +105,7 @@ class Contest:
         return np.array(seconds)
 
     def title(self) -> str:
-        """What is compared, in one line."""
+        """Title in one line: task, spacecraft, episodes and engine."""
         world = (
             ""
             if self.conditions is None
@@ -121,21 +121,21 @@ class Contest:
 
 @dataclass(frozen=True)
 class Contestant:
-    """Who flies, and what it took to make it."""
+    """A controller with its name, its inputs and the effort of its tuning."""
 
     name: str
     controller: Controller
     knows: str
-    """What it is given: observations, the state, a model."""
+    """Inputs: observations, the state, or a model too."""
     tuning: str
-    """How much was spent on making or tuning it."""
+    """Effort of its training or tuning."""
     trade_off: float | None = None
-    """Where an agent's trade-off is fixed, 0 (fast) to 1 (thrifty), after "#" in its name; None: there is none."""
+    """Fixed trade-off of an agent, 0 (fast) to 1 (thrifty), after "#" in its name; None: it has none."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Somebody's flights and their scores; an array has one entry a start, none is left out."""
+    """Flights of a contestant and their scores; arrays have an entry for every start."""
 
     contestant: Contestant
     flight: Flight
@@ -159,7 +159,7 @@ class Entry:
 
     @cached_property
     def spent(self) -> np.ndarray:
-        """Thrust-time until every instant, (T + 1, N) N s."""
+        """Thrust-time from the start to every instant, (T + 1, N) N s."""
         total = forces(self.flight)
         return np.vstack([0.0 * total[:1], np.cumsum(total, axis=0)]) * self._period
 
@@ -170,7 +170,7 @@ class Entry:
 
     @cached_property
     def staying(self) -> np.ndarray:
-        """Time since which flights are in the goal set at every instant to the end, (N,) s; or infinite."""
+        """First time from which flights are in the goal set at every instant to the end, (N,) s, or infinite."""
         return staying_times(self.flight)
 
     @cached_property
@@ -180,17 +180,17 @@ class Entry:
 
     @cached_property
     def arrival_thrust(self) -> np.ndarray:
-        """Thrust-time until then, (N,) N s; infinite if never."""
+        """Thrust-time until arrival, (N,) N s; infinite without an arrival."""
         spent = np.take_along_axis(self.spent, self.at_goal.argmax(axis=0)[None], axis=0)[0]
         return np.where(np.isfinite(self.arrival), spent, np.inf)
 
     def thrust_by(self, horizon: float) -> np.ndarray:
         """Thrust-time until a horizon (s) of flights in the goal set by then, (N,) N s; else infinite.
 
-        A flight that begins at rest is there by the horizon if it was in the goal set at any instant up to
-        it: it could have waited first and been there at the horizon on the same thrust, so that no bound of
-        being there at the horizon is above what it has spent. One that begins moving cannot wait; it must be
-        in the goal set at the horizon itself.
+        A flight that begins at rest counts if it was in the goal set at any instant up to the horizon: with a wait
+        before its first command it would be there at the horizon with the same thrust, so that no bound of being
+        there at the horizon is above its thrust-time. A flight that begins moving cannot wait; it must be in the
+        goal set at the horizon itself.
         """
         k = whole_periods(horizon, self._period)
         there = np.where(self._begins_at_rest, self.at_goal[: k + 1].any(axis=0), self.at_goal[k])
@@ -203,7 +203,7 @@ class Entry:
         return np.all([rate[0] == 0.0 for rate in rates], axis=0)
 
     def amounts(self, event: Event) -> Amounts:
-        """What a bound of an event is compared with."""
+        """Times or thrust-times of an event, which are compared with its bound."""
         if event == Event():
             return Amounts(event, self.arrival)
         if event == Event("staying"):
@@ -232,7 +232,7 @@ class Entry:
 
     @cached_property
     def duty(self) -> np.ndarray:
-        """Mean share of thrusters open, (N,)."""
+        """Mean share of open thrusters, (N,)."""
         return self.flight.openings.mean(axis=(0, 2))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Contestants of a comparison: agents and controllers by name, and what each of them cost to make."""
+"""Contestants of a comparison: agents and controllers by name, and the effort of their tuning."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from rans.scenario import EVALUATION_SEED
 from rans.tasks.derived import check_dimension
 
 Guest = Controller | Maker
-"""A controller that was made for the contest's setup, or what makes one of it."""
+"""A controller that was made for the contest's setup, or a function that makes one for a setup."""
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
@@ -44,11 +44,11 @@ _UNKNOWN = "not known"
 
 
 Invited = str | LoadedRun | Guest
-"""A contestant as `enlisted` takes it: by its text, with its setup, or made for the contest's setup."""
+"""A contestant as `enlisted` takes it: by name, with its own setup, or for the contest's setup."""
 
 
 def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[Invited]]:
-    """The first contestant, and all of them as `enlisted` takes them.
+    """The first contestant, and all of them in the forms that `enlisted` takes.
 
     Raises:
         ConfigError: there is none, the first one has no task, or one is neither a name nor a controller.
@@ -64,25 +64,25 @@ def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[In
             or hasattr(one, "predict")
         ):
             raise ConfigError(
-                "a contestant is a name, a run folder, a controller or what makes one of "
+                "a contestant is a name, a run folder, a controller or a function that makes one of "
                 f"spacecraft, task and timing, got {brief(one)}."
             )
     if not isinstance(first := invited[0], str | LoadedRun):
         raise ConfigError(
             "the first contestant gives task, spacecraft and rate, which a controller does not "
-            f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
+            f"have: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
         )
     return first, invited
 
 
-def _invited(given: object) -> object:
-    """A path as a text; an agent as the text that names it, or the run that it is."""
-    if isinstance(given, PathLike):
-        return str(given)
-    run = run_of(given)
-    if run is None or isinstance(given, Lookahead):
-        return given
-    return getattr(given, "spec", "") or run
+def _invited(entrant: object) -> object:
+    """A path as text, and an agent as its name or its run."""
+    if isinstance(entrant, PathLike):
+        return str(entrant)
+    run = run_of(entrant)
+    if run is None or isinstance(entrant, Lookahead):
+        return entrant
+    return getattr(entrant, "spec", "") or run
 
 
 def contest_of(
@@ -94,12 +94,13 @@ def contest_of(
     trust: bool = False,
     guard: bool = False,
 ) -> Contest:
-    """The setup of the first contestant, for all others too.
+    """Contest in the setup of its first contestant.
 
-    `ConfigError` if it has no task, or one that works in the other dimension only.
+    Conditions, given by name, file or as an object, replace those of the setup. With ``guard`` all contestants fly
+    with the safety filter for spacecraft and task.
 
-    Conditions by name, file or as such take the place of its own. With ``guard`` all fly behind the safety
-    filter for spacecraft and task.
+    Raises:
+        ConfigError: the contestant has no task, or one for the other dimension only.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
@@ -108,13 +109,13 @@ def contest_of(
     else:
         run = _single(spec.controller.name, spec).under(conditions)
     craft, task, timing, world, guarded = run.guarded(guard).judged
-    seed_words(seed)  # what is wrong here is told once: else every contestant would
+    seed_words(seed)  # A wrong seed is reported once, and not for every contestant.
     check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world, guarded)
 
 
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
-    """Refuse (`ConfigError`) an agent of several tasks or with a preference that is not held fixed."""
+    """Refuse (`ConfigError`) an agent with several tasks or with a trade-off that is not fixed."""
     if run.task.draws_trade_off:
         name = spec.rstrip("#")
         raise ConfigError(
@@ -125,7 +126,7 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
     plain = without_trade_off(run)
     if plain is not run and (
         name := controller_name(spec)
-    ):  # who needs no training sees no trade-off
+    ):  # A controller without training has no trade-off.
         return plain._replace(
             controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
         )
@@ -135,9 +136,12 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
 def enlisted(
     specs: Sequence[Invited], contest: Contest, trust: bool = False
 ) -> dict[str, Contestant]:
-    """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
+    """Contestants by their texts, before any flight; see `enlist`.
 
-    See `enlist`; who is named as somebody before is called by its text, a guest by its name and place.
+    A contestant with the name of an earlier one is called by its text, a guest by its name and position.
+
+    Raises:
+        ConfigError: contestants are wrong; the message names all of them.
     """
     result: dict[str, Contestant] = {}
     wrong: list[str] = []
@@ -163,39 +167,42 @@ def enlisted(
 
 
 def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
-    """A contestant that is an object with its own setup, which must be the contest's."""
+    """A contestant from an object with its own setup, which must be the contest's."""
     name = run.controller.name
     _check_same(name, run, contest)
     sees = _OBSERVATION if isinstance(run.controller, (Agent, *OBSERVERS)) else _MODEL
     return Contestant(name, run.controller, sees, _UNKNOWN)
 
 
-def _guest(given: Guest, contest: Contest) -> Contestant:
+def _guest(guest: Guest, contest: Contest) -> Contestant:
     """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
-    if hasattr(given, "predict") and not hasattr(given, "act"):  # a model of Stable-Baselines3
-        policy = ObjectPolicy(given, contest.craft, contest.task)
+    if hasattr(guest, "predict") and not hasattr(guest, "act"):  # A model of Stable-Baselines3
+        policy = ObjectPolicy(guest, contest.craft, contest.task)
         return Contestant(policy.name, policy, _OBSERVATION, _UNKNOWN)
-    makes = isinstance(given, type) or not hasattr(given, "act")
-    who = getattr(given, "__name__", type(given).__name__)
+    makes = isinstance(guest, type) or not hasattr(guest, "act")
+    who = getattr(guest, "__name__", type(guest).__name__)
     made = CheckedController(
-        who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given)
+        who, contest.setup, cast(Maker, guest) if makes else lambda *_: cast(Controller, guest)
     )
     return Contestant(made.name, made, _MODEL, _UNKNOWN)
 
 
 def turned(spec: str, count: int) -> list[str]:
-    """An agent whose trade-off is left open, with its trade-off at so many positions; others as they are."""
+    """Names of an agent with ``count`` positions of its open trade-off; of others the name itself."""
     try:
         is_open = not controller_name(spec) and contestant(spec).task.draws_trade_off
     except RansError:
-        is_open = False  # `enlisted` tells what is wrong with it
+        is_open = False  # `enlisted` reports what is wrong.
     return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if is_open else [spec]
 
 
 def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
-    """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate.
+    """Make a contestant by name.
 
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
+
+    Raises:
+        ConfigError: there is none of this name, or it is for another task, craft or control rate.
     """
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     _check_same(spec, run, contest)
@@ -212,7 +219,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
 
 
 def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
-    """Refuse (`ConfigError`) who is for another task, craft or control period."""
+    """Refuse (`ConfigError`) a contestant for another task, craft or control period."""
     if type(run.task) is not type(contest.task):
         raise ConfigError(
             f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
@@ -232,7 +239,7 @@ def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
 
 
 def _tuning(spec: str) -> str:
-    """What was spent on an agent or a policy, as far as its files tell."""
+    """Effort of the training of an agent or a policy, from its files."""
     if is_user_policy(spec):
         return _UNKNOWN
     folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
@@ -253,19 +260,23 @@ def _tuning(spec: str) -> str:
 
 
 def _budget(name: str, contest: Contest) -> str:
-    """What was spent on a controller."""
+    """Effort of the tuning of a controller."""
     result = tuned(name, contest.setup)
     return result.budget() if result else _UNTUNED
 
 
 def simple_controller(name: str, contest: Contest) -> Contestant:
-    """A controller of `CONTROLLERS`, see `controller`; `ConfigError` if it cannot fly this craft."""
+    """Contestant with a controller of `CONTROLLERS`; see `controller`.
+
+    Raises:
+        ConfigError: the controller cannot fly this craft.
+    """
     made = controller(name, contest.setup)
     return Contestant(made.name, made, _MODEL, _budget(name, contest))
 
 
 def swept(name: str, contest: Contest) -> list[Contestant]:
-    """The controller with other weights, of those that have a ``sweep``."""
+    """Contestants with the weights of a controller's ``sweep``; none if it has no such method."""
     sweep = getattr(CONTROLLERS[name], "sweep", None)
     result = sweep(*contest.setup[:3]) if sweep else {}
     return [

@@ -21,26 +21,26 @@ from rans.optimal.certificate.certificate import Effort
 from rans.progress import Progress, unseen
 
 _EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)
-"""Bounds only: no controls are looked for beyond the first level of fuel that cannot be excluded."""
+"""Effort for bounds only: controls are searched at the first level of fuel only that cannot be excluded."""
 _MOST_STARTS = 64
-"""About half an hour of search on two processors."""
+"""Largest number of starts, whose search takes half an hour on two processors."""
 
 
 class Point(NamedTuple):
-    """Somebody's means over all starts; a place between two of them is theirs in proportion."""
+    """Means of a contestant over all starts, or a linear interpolation between two contestants."""
 
     time: float
-    """First at rest in the goal set, s; a flight that never is counts with the whole episode."""
+    """Time of the first rest in the goal set, s; without one the whole episode counts."""
     impulse: float
     """Thrust-time of the episode, N s."""
     error: float
-    """Of position (or whatever the task names first) over the last fifth, SI units."""
+    """Mean error of the position, or of the task's first quantity, over the last fifth, SI units."""
     there: float
-    """Share of starts from which it is ever at rest in the goal set, 0 to 1."""
+    """Share of starts from which it comes to rest in the goal set, 0 to 1."""
 
 
 def point(entry: Entry) -> Point:
-    """Where somebody stands."""
+    """Means of a contestant over its starts."""
     return Point(*map(float, _figures(entry).mean(axis=0)))
 
 
@@ -51,31 +51,31 @@ def _figures(entry: Entry) -> np.ndarray:
     return np.stack([late, entry.thrust, error, np.isfinite(entry.arrival)], axis=-1)
 
 
-def least(line: Sequence[Point], what: str, given: str, limit: float) -> Point | None:
-    """The place on a broken line that has least of one figure where another is at most the limit."""
-    places = [one for one in line if getattr(one, given) <= limit]
+def least(line: Sequence[Point], what: str, bounded: str, limit: float) -> Point | None:
+    """Point of a polygonal line with the least ``what`` where ``bounded`` is at most the limit, or None."""
+    points = [one for one in line if getattr(one, bounded) <= limit]
     for one, other in pairwise(line):
-        begin = getattr(one, given)
-        end = getattr(other, given)
+        begin = getattr(one, bounded)
+        end = getattr(other, bounded)
         if (begin - limit) * (end - limit) < 0:
             share = (limit - begin) / (end - begin)
-            places.append(Point(*(a + share * (b - a) for a, b in zip(one, other, strict=True))))
-    return min(places, key=lambda place: getattr(place, what), default=None)
+            points.append(Point(*(a + share * (b - a) for a, b in zip(one, other, strict=True))))
+    return min(points, key=lambda point_of_line: getattr(point_of_line, what), default=None)
 
 
 class Verdict(NamedTuple):
-    """What a line is to a point."""
+    """Comparison of a line of trade-offs with a point."""
 
     thrifty: Point | None
-    """The line's least impulse in the point's time; None where it is never as quick."""
+    """Point of the line with the least impulse in the point's time; None: the line is never as quick."""
     quick: Point | None
-    """Its least time with the point's impulse; None where it never spends as little."""
+    """Point of the line with the least time for the point's impulse; None: the line always needs more."""
     dominates: bool
-    """Whether both are better, and the line at both is as accurate and as often there."""
+    """Whether both are better than the point, and there as accurate, with at least its share of arrivals."""
 
 
 def judged(line: Sequence[Point], other: Point) -> Verdict:
-    """Whether a line dominates a point: less impulse in its time, less time with its impulse, and as good."""
+    """Compare a line with a point: it dominates with less impulse in its time and less time for its impulse."""
     thrifty = least(line, "impulse", "time", other.time)
     quick = least(line, "time", "impulse", other.impulse)
     if thrifty is None or quick is None:
@@ -86,26 +86,26 @@ def judged(line: Sequence[Point], other: Point) -> Verdict:
 
 
 class Multiple(NamedTuple):
-    """Impulse over the certified least of being at rest in the goal set when the flight first is.
+    """Impulse over the certified least impulse of rest in the goal set at the flight's time of arrival.
 
-    Means over starts divided by the mean of the bounds from the same starts.
+    Means over starts are divided by the mean of the bounds of the same starts.
     """
 
     episode: float
-    """Of the whole episode: holding the pose is in it, but not in the bound, which holds all the same."""
+    """Ratio of the whole episode, which includes the impulse for holding; the bound does not."""
     until: float
-    """Until the flight is there: the same event as the bound's."""
+    """Ratio until arrival, the event of the bound."""
     bound: float
     """Mean of the bounds, N s."""
     time: float
-    """Mean of when these flights were there, s."""
+    """Mean time of arrival of these flights, s."""
     behind: float
-    """By how much both are above the front at once, see `Front.behind`: its mean over the starts."""
+    """Mean over the starts of the factor of time and impulse to the front; see `Front.behind`."""
     starts: int
 
 
 class Indicators(NamedTuple):
-    """How much of the certified front a set of flights covers."""
+    """Indicators of a set of flights against the certified front."""
 
     epsilon: float
     """Multiplicative epsilon indicator (`rans.evaluation.measure.pareto.epsilon_indicator`), median over the
@@ -121,16 +121,16 @@ class Indicators(NamedTuple):
 
 @dataclass
 class Front:
-    """Everybody, all positions of trade-offs included, and the bounds found within a budget."""
+    """Contestants, with all positions of trade-offs, and bounds that are computed within a budget."""
 
     contest: Contest
     horizons: Sequence[float]
-    """At which the certified front is drawn, s."""
+    """Times of the points of the certified front, s."""
     entries: list[Entry] = field(default_factory=list)
     certified: list[Bound] = field(default_factory=list)
 
     def lines(self) -> dict[str, list[Entry]]:
-        """Positions of each trade-off that was turned, by agent, from fast to thrifty."""
+        """Entries with the positions of an open trade-off, by agent, from fast to thrifty."""
         result: dict[str, list[Entry]] = {}
         for entry in self.entries:
             if entry.contestant.trade_off is not None:
@@ -142,16 +142,16 @@ class Front:
         }
 
     def others(self) -> list[Entry]:
-        """Contestants that are not settings of one trade-off agent."""
+        """Entries of contestants without an open trade-off."""
         turned = {one.name for line in self.lines().values() for one in line}
         return [entry for entry in self.entries if entry.name not in turned]
 
     def verdict(self, line: Sequence[Entry], other: Entry) -> Verdict:
-        """What a line is to somebody else."""
+        """Comparison of a line of trade-offs with another entry."""
         return judged([*map(point, line)], point(other))
 
     def chance(self, line: Sequence[Entry], other: Entry) -> float:
-        """Share of the resamplings of all starts (see `Bootstrap`) in which a line dominates somebody."""
+        """Share of the resamples of the starts (see `Bootstrap`) in which a line dominates another entry."""
         figures = np.hstack([_figures(one) for one in (*line, other)])
         draws = Bootstrap(len(figures)).means(figures).reshape(-1, len(line) + 1, 4).tolist()
         won = [
@@ -160,18 +160,18 @@ class Front:
         return sum(won) / len(won)
 
     def events(self, start: int) -> list[Event]:
-        """Events that are bounded from a start: the least time, the horizons, and the time of each contestant."""
+        """Events to bound from a start: the least time, the horizons, and the time of each contestant."""
         own = (float(entry.arrival[start]) for entry in self.entries)
         horizons = dict.fromkeys([*self.horizons, *(t for t in own if 0.0 < t < math.inf)])
         return [Event(), *(Event(horizon=t) for t in horizons)]
 
     def questions(self) -> list[tuple[int, Event]]:
-        """All that may be asked, start by start."""
+        """Events to bound, start by start."""
         most = min(self.contest.episodes, _MOST_STARTS)
         return [(k, event) for k in range(most) for event in self.events(k)]
 
     def starts(self) -> list[int]:
-        """Those of which every bound is known."""
+        """Numbers of the starts whose bounds are all known."""
         known = self._known()
         return [
             k
@@ -193,7 +193,7 @@ class Front:
         )
 
     def multiple(self, entry: Entry) -> Multiple | None:
-        """How far somebody is from the bounds of its own times; None where none are known."""
+        """Ratio of an entry to the bounds at its own times; None if none are known."""
         known = self._known()
         starts = [k for k in self.starts() if 0.0 < entry.arrival[k] < math.inf]
         bound = sum(known[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
@@ -209,12 +209,12 @@ class Front:
         )
 
     def behind(self, entry: Entry, start: int) -> float:
-        """The factor f of which is certified that nobody is there f times sooner with f times less impulse.
+        """Factor f for which it is certified that no flight arrives f times sooner with f times less impulse.
 
-        It is the distance of one flight from the nearest point of the front, as a factor, and says nothing of
-        the rest of the front: `indicators` does. It may be a little too large, for the front is known at some
-        times only: who is there less than a period after one of them could have waited first, and is bounded
-        as there. From a start that moves nobody can wait; there it is infinite.
+        It is the distance of one flight from the nearest point of the front, as a factor; `indicators` describe
+        the rest of the front. It may be a little too large, because the front is known at some times only: a flight
+        that arrives less than a period after one of them, and could have waited first, is compared with the bound
+        there. From a start that moves no flight can wait, and the factor is infinite.
         """
         begun = self.contest.start(start).start
         if any(np.any(x) for x in (*begun.v.columns(), *begun.spin())):
@@ -232,13 +232,13 @@ class Front:
         return min([*behind, own / least] if least else behind, default=math.inf)
 
     def indicators(self, entries: Sequence[Entry]) -> Indicators | None:
-        """How much of the certified front some flights cover together, None where no front is known.
+        """Indicators of the flights of some entries against the certified front; None if no front is known.
 
-        From each start the set is that of (arrival, impulse until then) of all these entries. The reference
-        are the bounds at the horizons at which anything can be there: points that nothing dominates, so that
-        the epsilon indicator against what is really possible is no larger. The area is compared with that
-        above the bounds, where the front between two horizons is taken from the later one, so that the share
-        is no larger either. Its corner is the last horizon and twice the impulse of the first one.
+        From each start the set is that of (arrival, impulse until then) of all these entries. The reference are the
+        bounds at the horizons at which arrival is possible. No flight dominates these points, so that the epsilon
+        indicator against the true front is no larger. The area is compared with that above the bounds, where the
+        front between two horizons is that of the later one, so that the share is no larger either. Its corner is
+        the last horizon and twice the impulse of the first one.
         """
         known = self._known()
         epsilons = []
@@ -265,7 +265,7 @@ class Front:
         )
 
     def impossible(self) -> Iterator[str]:
-        """Flights below a bound: each would prove an error of ours."""
+        """Sentences about flights below a bound, each of which would prove an error in the package."""
         known = self._known()
         for entry in self.entries:
             for k in self.starts():
@@ -290,7 +290,7 @@ def certify_front(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> None:
-    """Bounds from one start after the other, for about so many seconds; none for 0.
+    """Compute bounds from one start after the other, for about ``seconds``; 0: none.
 
     For cache, workers and progress see `rans.evaluation.compare.certified.certify_each`.
     """

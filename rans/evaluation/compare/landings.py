@@ -1,4 +1,4 @@
-"""Landings with the least propellant from given starts: bounded, flown in our engine and in Drake, in a table."""
+"""Landings with the least propellant: bounds, flights in the fast engine and in Drake, and tables."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from rans.scenario import Scenario, each, scenarios
 from rans.tasks.land import Land
 
 REPLAY_BOUND = 0.1
-"""Distance between the planned and the flown end, m, a tenth of what the task tolerates: between two knots a plan's
-acceleration is constant, a thrust's grows as the craft gets lighter."""
+"""Largest distance between the planned and the flown end, m, a tenth of the task's tolerance: between two knots the
+acceleration of a plan is constant, and that of a constant thrust grows as the craft becomes lighter."""
 
 
 @dataclass(frozen=True)
 class LandingAnswer:
-    """The optimum of one start; what was not found is None, its numbers NaN."""
+    """Optimum of one start; a landing that was not found is None, its numbers NaN."""
 
     start: int
     """Number of the scenario."""
     landing: Landing | None
-    """Flyable one."""
+    """Landing that can be flown."""
     bound: float = math.nan
-    """Propellant below which nothing lands, kg, see `rans.optimal.convex.landing.landing`."""
+    """Lower bound of the propellant, kg; see `rans.optimal.convex.landing.landing`."""
     replayed: float = math.nan
-    """Distance from the plan's end at which our engine ends, m."""
+    """Distance between the plan's end and that of the flight in the fast engine, m."""
     in_drake: float = math.nan
-    """The same of Drake, m."""
+    """The same of the flight in Drake, m."""
 
     @property
     def good(self) -> bool:
-        """Whether there is a landing, and both engines fly it."""
+        """Whether there is a landing, and the flights in both engines end as planned."""
         return self.landing is not None and max(self.replayed, self.in_drake) <= REPLAY_BOUND
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`; what is missing is NaN."""
+        """Data for `rans.files.write_json`; missing numbers are NaN."""
         result = self.landing
         return {
             "start": self.start,
@@ -83,10 +83,10 @@ def landings(
 
     Args:
         craft: lander, see `rans.optimal.convex.landing.Lander`.
-        task: what is asked for; its control period is the time for which thrust is held.
+        task: landing task; thrust is held for its control period.
         starts: batch of starts.
         exact: whether to end at the site at rest instead of within the tolerances.
-        progress: told of every start that is done.
+        progress: reports starts.
 
     Raises:
         ConfigError: the craft is no lander.
@@ -117,15 +117,15 @@ def landings(
 def replay_landing(
     craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
 ) -> list[SpatialState]:
-    """States after every period of a plan whose thrusts are held, with the craft turned at once.
+    """States after every period of a plan whose thrusts are held, for a craft that turns at once.
 
     Args:
-        craft: what flies.
-        task: whose gravity pulls.
-        lander: what the plan knows of the craft.
+        craft: spacecraft.
+        task: task with the gravity.
+        lander: the plan's model of the craft.
         start: state of numbers.
-        plan: what is flown.
-        drake: whether Drake moves it instead of our engine.
+        plan: plan to fly.
+        drake: whether to fly in Drake instead of the fast engine.
     """
     timing = Timing(plan.period, None, len(plan.acceleration))
     move: Mover
@@ -172,12 +172,12 @@ def _upright_along(direction: np.ndarray) -> Quat:
 
 
 def _columns(vector: Any) -> np.ndarray:
-    """(3,) numbers of a vector of numbers or of arrays of one number."""
+    """Components (3,) of a vector of numbers or of arrays of one number."""
     return np.array([float(np.asarray(x).item()) for x in leaves(vector)])
 
 
 def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
-    """One row a start."""
+    """Table with a row for each start."""
     table = Table(title=title)
     for name in ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", ""):
         table.add_column(name, justify="right")

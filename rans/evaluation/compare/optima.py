@@ -1,4 +1,4 @@
-"""Optimal trajectories from the evaluation starts: flown in Drake, bounded, in tables and in files."""
+"""Optimal trajectories from the evaluation starts: flights in Drake, tables and files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
 
 REPLAY_BOUND = 1e-3
-"""Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
+"""Largest distance between an optimised and the flown path, m: a fiftieth of the tolerance of tasks."""
 
 _SENTENCES = {
     "Infeasible_Problem_Detected": "the optimiser found no trajectory that arrives in this time",
@@ -46,24 +46,24 @@ _SENTENCES = {
     "Invalid_Number_Detected": "a number became NaN or infinite: the start, goal or task has one",
     "Worker_Died": "the process that solved it died, usually for lack of memory",
 }
-"""How the optimiser ended, in words. It searches locally: that nothing arrives only a certificate proves."""
+"""Sentences for results of the optimiser. It searches locally: only a certificate proves that nothing arrives."""
 
 _AS_PLANNED = Timing(episode_steps=1)
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The answer for one start."""
+    """Optimum of one start."""
 
     start: int
     """Number of the scenario."""
     trajectory: Trajectory
     replay_error: float = math.nan
-    """Largest distance between the optimised path and the one Drake flies, m."""
+    """Largest distance between the optimised path and the flight in Drake, m."""
     errors: dict[str, float] = field(default_factory=dict)
     """The task's errors at the trajectory's end in Drake, SI units."""
     flight: Flight | None = None
-    """By Drake, see `episode`."""
+    """Flight in Drake; see `episode`."""
 
     def __repr__(self) -> str:
         path = self.trajectory
@@ -73,19 +73,19 @@ class Optimum:
 
     @property
     def good(self) -> bool:
-        """Whether there is a trajectory, and Drake flies it."""
+        """Whether there is a trajectory, and the flight in Drake follows it."""
         return self.trajectory.solved and self.replay_error <= REPLAY_BOUND
 
     @property
     def sentence(self) -> str:
-        """How it ended, in words."""
+        """Result in words."""
         status = self.trajectory.status
         if not self.trajectory.solved:
             return _SENTENCES.get(status, f"the solver stopped: {status.replace('_', ' ').lower()}")
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`; what is missing is NaN."""
+        """Data for `rans.files.write_json`; missing numbers are NaN."""
         path = self.trajectory
         result = 1.0 if path.solved else math.nan
         kkt = path.optimality
@@ -118,30 +118,30 @@ def optima(
     timing: Timing = _AS_PLANNED,
     limits: PathLimits | None = None,
 ) -> list[Optimum]:
-    """Solve from every start and fly what was found in Drake: one answer per start, solved or not.
+    """Optimise from every start and fly the trajectories in Drake; there is an answer for every start.
 
     Args:
-        craft: what flies.
-        task: where to, or what for.
-        objective: what to minimise.
-        starts: fields of arrays (N,).
+        craft: spacecraft.
+        task: task.
+        objective: objective to minimise.
+        starts: starts, whose fields are arrays (N,).
         guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`.
         workers: see `rans.optimal.trajectory.pool.solve_all`.
         progress: reports solved problems.
-        timing: how long flights last, see `episode`; by default as long as their trajectories.
-        limits: what trajectories keep to beside the task's own constraints.
+        timing: length of flights, see `episode`; by default that of their trajectories.
+        limits: limits of trajectories beside the task's own constraints.
     """
-    [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
+    [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
         if trajectory.solved
         else Optimum(k, trajectory)
-        for k, (trajectory, scenario) in enumerate(zip(found, each(starts), strict=True))
+        for k, (trajectory, scenario) in enumerate(zip(trajectories, each(starts), strict=True))
     ]
 
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
-    """Against its flight in Drake."""
+    """Optimum of a trajectory and its flight in Drake."""
     last = len(trajectory.commands)
     planned = map_leaves(lambda x: x[: last + 1, 0], flight.states)
     end = map_leaves(lambda x: float(x[-1]), planned)
@@ -155,10 +155,10 @@ def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
 def episode(
     craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario, trajectory: Trajectory
 ) -> Flight:
-    """A trajectory that was solved, flown by Drake for a whole episode, thrusters shut once it has arrived.
+    """Fly a trajectory in Drake for a whole episode, with all thrusters shut after its end.
 
-    The timing says how long; the control period is the trajectory's own. The scenario is of floats. Thrust is
-    what the optimiser took it for: steady over each period, also of a craft whose valves give it in pulses.
+    The length is that of the timing, the control period that of the trajectory. Fields of the scenario are floats.
+    Thrust is constant over each period, as in the optimisation, even if the craft's valves give it in pulses.
     """
     steady = craft.actuators.steady()
     if steady != craft.actuators:
@@ -194,7 +194,7 @@ def episode(
 
 
 def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
-    """A row per start, and a sentence for those without a trajectory."""
+    """Table with a row for each start, and a sentence for those without a trajectory."""
     lost: dict[str, list[str]] = {}
     for answer in answers:
         if not answer.good:
@@ -212,10 +212,10 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
             *(QUANTITIES[n].display[0] * answer.errors.get(n, math.nan) for n in names),
             1e3 * answer.replay_error,
         )
-        shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]
+        cells = [f"{x:.3f}" if path.solved else "-" for x in numbers]
         result.add_row(
             str(answer.start),
-            *shown,
+            *cells,
             str(path.iterations),
             f"{1e3 * path.seconds:.0f}",
             "solved" if good else "lost",
@@ -236,13 +236,13 @@ def write(
     The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
     (N, T, thrusters), ``control_period`` (N,), ``costates`` (N, T, leaves) and ``command_multipliers`` (N, T,
     thrusters), see `rans.optimal.trajectory.transcription.Optimality`; NaN where a problem was not solved.
-    ``starts`` and ``goals`` (N, fields) are the scenarios, with all that the task keeps in them. spacecraft.toml
-    is what flew.
+    ``starts`` and ``goals`` (N, fields) are the scenarios, with the notes of the task. spacecraft.toml is the
+    spacecraft.
     optimal.csv has a row for every instant of the trajectories that were solved, with the commands of the
     period that begins there, empty at the last one.
 
     Raises:
-        ConfigError: the disk refused.
+        ConfigError: a file cannot be written.
     """
     paths = [answer.trajectory for answer in answers]
     known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
@@ -268,9 +268,9 @@ def write(
 
 
 def flights(folder: Path) -> list[tuple[int, Flight]]:
-    """The trajectories that `write` wrote, flown again by Drake, each with the number of its start.
+    """Flights in Drake of the trajectories that `write` wrote, each with the number of its start.
 
-    Those without a solution are left out.
+    Starts without a trajectory are left out.
 
     Raises:
         ConfigError: the folder has no such files, or one of them is damaged; or it names the module of a task,
@@ -322,7 +322,7 @@ def _names(states: Any) -> list[str]:
 
 
 def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Costates and multipliers of the commands' bounds, NaN where nothing was solved."""
+    """Costates and multipliers of the commands' bounds, NaN without a solution."""
     if path.optimality is None:
         width = len(leaves(path.states))
         return np.full((len(path.commands), width), np.nan), np.full_like(path.commands, np.nan)
@@ -339,8 +339,8 @@ def _csv(answers: Sequence[Optimum]) -> str:
             continue
         columns = np.stack(leaves(path.states), axis=-1)
         for k, state in enumerate(columns):
-            given = [f"{x:.10g}" for x in path.commands[k]] if k < len(path.commands) else []
-            row = [f"{k * path.control_period:.10g}", *(f"{x:.10g}" for x in state), *given]
-            row += [""] * (len(commands) - len(given))
+            numbers = [f"{x:.10g}" for x in path.commands[k]] if k < len(path.commands) else []
+            row = [f"{k * path.control_period:.10g}", *(f"{x:.10g}" for x in state), *numbers]
+            row += [""] * (len(commands) - len(numbers))
             lines.append(",".join([str(answer.start), *row]))
     return "\n".join(lines) + "\n"

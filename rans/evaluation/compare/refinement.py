@@ -1,4 +1,4 @@
-"""How much of an optimum is its mesh: the same problem with shorter and shorter control periods."""
+"""Refinement of the mesh: the same optimal control problem with shorter and shorter control periods."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from rans.evaluation.compare.optima import Optimum
 from rans.optimal.trajectory.objectives import Objective, ObjectiveName, objective_of
 
 MOST_HALVINGS = 4
-"""Halvings of the control period at most: each doubles the variables, and four make 800 periods of 50."""
+"""Largest number of halvings of the control period: each doubles the variables, and four make 800 periods of 50."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """The optima of all starts with one control period."""
+    """Optima of all starts with one control period."""
 
     intervals: int
     """Control periods of a trajectory."""
     costs: np.ndarray
-    """(N,) costs in the objective's unit, NaN where a start was not solved."""
+    """(N,) costs in the objective's unit, NaN of starts without a solution."""
     defects: np.ndarray
-    """(N,) largest distance between the optimised path and the one that Drake flies with its commands, m."""
+    """(N,) largest distance between the optimised path and the flight in Drake, m."""
     seconds: float
     """Processor time of the solver, all starts together."""
 
     @classmethod
     def of(cls, answers: Sequence[Optimum]) -> Mesh:
-        """From the answers of one mesh, one per start."""
+        """Mesh from its optima, one for each start."""
         return cls(
             len(answers[0].trajectory.commands),
             np.array([one.trajectory.cost if one.good else np.nan for one in answers]),
@@ -50,15 +50,15 @@ def refined_objectives(
     ending: Any,
     intervals: int,
 ) -> list[Objective]:
-    """An objective with its own control period, and with that halved again and again.
+    """Objectives whose control periods are halved again and again.
 
     Args:
         name: see `rans.optimal.trajectory.objectives.objective_of`, as the others.
-        halvings: how often.
+        halvings: number of halvings.
         horizon: length of the trajectory, s.
-        control_period: of the coarsest mesh, s.
+        control_period: control period of the coarsest mesh, s.
         ending: "exact" or "set".
-        intervals: of the coarsest mesh, for least time.
+        intervals: intervals of the coarsest mesh, for least time.
 
     Raises:
         ConfigError: there are no halvings or more than `MOST_HALVINGS`; or see `objective_of`.
@@ -75,11 +75,11 @@ def refined_objectives(
 
 
 def remaining_errors(meshes: Sequence[Mesh]) -> np.ndarray:
-    """(meshes - 1, N) estimates of how far the costs of the second and later meshes are from the limit.
+    """(meshes - 1, N) estimates of the errors of the costs of the second and later meshes, in the objective's unit.
 
-    The change d from the mesh before is what is known. Where the change before that, D, was larger, the changes
-    are taken for a geometric series, whose rest is d / (D / d - 1) (Richardson's extrapolation with the observed
-    order). Elsewhere the estimate is the change itself. All are absolute, in the objective's unit.
+    With d the change from the mesh before and D the change before that, larger than d, the changes are taken for a
+    geometric series, whose rest is d / (D / d - 1) (Richardson's extrapolation with the observed order). Otherwise
+    the estimate is the change itself.
     """
     costs = np.array([mesh.costs for mesh in meshes])
     changes = np.abs(np.diff(costs, axis=0))
@@ -94,7 +94,7 @@ def remaining_errors(meshes: Sequence[Mesh]) -> np.ndarray:
 
 
 def table(measure: str, meshes: Sequence[Mesh]) -> Table:
-    """A row per mesh: its size, the mean cost, the estimated error and the defect."""
+    """Table with a row for each mesh: size, mean cost, estimated error and defect."""
     solved = np.all([np.isfinite(mesh.costs) for mesh in meshes], axis=0)
     errors = remaining_errors(meshes)
     note = (
@@ -117,7 +117,7 @@ def table(measure: str, meshes: Sequence[Mesh]) -> Table:
 
 
 def to_json(meshes: Sequence[Mesh]) -> list[dict[str, Any]]:
-    """For `rans.files.write_json`; what is missing is NaN."""
+    """Data for `rans.files.write_json`; missing numbers are NaN."""
     errors = remaining_errors(meshes)
     nothing = np.full(len(meshes[0].costs), np.nan)
     return [

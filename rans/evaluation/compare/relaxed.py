@@ -1,7 +1,8 @@
-"""Relaxed optima: trajectories whose thrust may be anything between shut and open, flown in Drake.
+"""Relaxed optima: trajectories whose commands are any numbers from 0 to 1, flown in Drake.
 
-Drake throttles there too, whatever the craft's valves can do. They are locally optimal, know the future and,
-but for the greatest reward, arrive at the exact goal: marks to measure by, no controllers or certificates.
+Drake throttles thrusters too, even if the craft's valves are on/off. The trajectories are locally optimal, without
+disturbances and, but for the largest return, end at the exact goal. They are references for comparison, and neither
+controllers nor certificates.
 """
 
 from __future__ import annotations
@@ -19,35 +20,35 @@ from rans.optimal.trajectory.transcription import usual_guesses
 from rans.progress import Progress, unseen
 
 _GUESSES = 2
-"""For the greatest reward, whose local optima are many: turning either way round."""
+"""Guesses for the largest return, which has many local optima: a turn in either direction."""
 
 
 @dataclass(frozen=True)
 class Relaxed:
-    """One optimum from one start; NaN for what an unsolved problem does not have."""
+    """Optimum of one objective from one start; numbers without a solution are NaN."""
 
     objective: Objective
     start: int
     status: str
-    """How it ended, in words."""
+    """Result in words."""
     solved: bool
-    """Whether there is a trajectory, and Drake flies it."""
+    """Whether there is a trajectory, and the flight in Drake follows it."""
     seconds: float
     """Wall time of the optimiser."""
     arrival: float = math.nan
-    """At the exact goal, s."""
+    """Time of arrival at the exact goal, s."""
     settling: float = math.nan
-    """When all errors enter their tolerances for good, in Drake, s."""
+    """Time from which all errors are within their tolerances, in Drake, s."""
     thrust: float = math.nan
     """Thrust-time, N s."""
     total: float = math.nan
-    """Sum of the task's rewards over the episode, in Drake; NaN if it acts at a rate of its own."""
+    """Sum of the task's rewards over the episode, in Drake; NaN if its control period is not the task's."""
     replay_error: float = math.nan
-    """Largest distance between the optimised path and the one flown in Drake, m."""
+    """Largest distance between the optimised path and the flight in Drake, m."""
 
 
 def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
-    """Least time, least thrust-time for each horizon (s), and the greatest sum of the task's rewards."""
+    """Least time, least thrust-time for each horizon (s), and largest return of the task."""
     period = contest.timing.control_period
     greatest: Any = MaximumReward(contest.duration, period)
     return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]
@@ -59,7 +60,7 @@ def solve(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> list[Relaxed]:
-    """The optimum from every start of a contest; see `optima` for workers and progress."""
+    """Optimise from every start of a contest; for workers and progress see `optima`."""
     usual = usual_guesses(contest.craft, contest.task)
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
     result = optima(

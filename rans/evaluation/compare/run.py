@@ -1,4 +1,4 @@
-"""A comparison from beginning to end: what is finished is there at every moment, whatever fails."""
+"""Comparisons: flights of contestants, optima and bounds, of which every finished part is kept."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
-"""Shares of an episode at which the front is drawn, so close that gaps hardly count (`Front.behind`)."""
+"""Shares of an episode at which the front is computed, so close that gaps hardly count (`Front.behind`)."""
 
 _RELAXED = (0.4, 0.8)
-"""Shares of an episode for which the relaxed optimum is found too."""
+"""Shares of an episode for which the relaxed optimum is computed too."""
 
 
 @dataclass
 class Comparison(NotebookRepr):
-    """Everything found so far."""
+    """Flights, optima and bounds of a comparison, as far as it has come."""
 
     contest: Contest
     entries: list[Entry] = field(default_factory=list)
-    """Contestants in their order; the first is the one that others are compared with."""
+    """Entries of the contestants in their order; the others are compared with the first."""
     curve: list[Entry] = field(default_factory=list)
-    """LQRs of other weights."""
+    """Entries of LQRs with other weights."""
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
     certified: list[Bound] = field(default_factory=list)
     front: Front | None = None
-    """Time against impulse, where it was asked for."""
+    """Front of time and impulse; None: not asked for."""
     notes: list[str] = field(default_factory=list)
-    """What does not exist here, and why."""
+    """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
-    """What went wrong, a sentence each."""
+    """Sentences about failed parts."""
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
@@ -70,18 +70,18 @@ class Comparison(NotebookRepr):
         return {entry.name for entry in self.entries}
 
     def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
-        """Times at which thrust is compared, s: whole control periods."""
+        """Times at which thrust-times are compared, s, in whole control periods."""
         timing = self.contest.timing
         steps = {max(1, round(share * timing.episode_steps)) for share in shares}
         return tuple(k * timing.control_period for k in sorted(steps))
 
     def certified_starts(self) -> list[int]:
-        """Numbers of the starts of which every bound is known."""
+        """Numbers of the starts whose bounds are all known."""
         counts = [c.start for c in self.certified]
         return [k for k in sorted(set(counts)) if counts.count(k) == len(self.asked())]
 
     def asked(self) -> list[Event]:
-        """What bounds are searched for: times of arrival and of settling, and thrust-time by each horizon."""
+        """Events to bound: arrival and settling, and arrival by each horizon."""
         return [
             Event(),
             Event("settling"),
@@ -89,7 +89,7 @@ class Comparison(NotebookRepr):
         ]
 
     def events(self) -> list[Event]:
-        """What flights are measured by: what is asked for, and arrival for good where it asks for rest."""
+        """Events that are measured: those of `asked`, and staying if the goal set asks for rest."""
         arrival, *others = self.asked()
         staying = [Event("staying")] if asks_rest(self.contest.task) else []
         return [arrival, *staying, *others]
@@ -97,8 +97,8 @@ class Comparison(NotebookRepr):
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
         """Lower and upper bounds of the certified starts for one event.
 
-        A flight that is in the goal set for good has arrived and has settled, no later: the bound of that is
-        the greater one of both. No controls are known that reach it.
+        A flight that stays in the goal set has arrived and settled before: the bound of staying is the greater one
+        of both. No controls are known that reach it.
         """
         if event == Event("staying"):
             arrival, _ = self.bounds(Event())
@@ -113,9 +113,9 @@ class Comparison(NotebookRepr):
         return Amounts(event, lower), Amounts(event, upper)
 
     def _last_watched(self) -> float:
-        """Until when a flight that settles is watched long enough for the bound to hold, s.
+        """Latest settling time for which the bound holds, s.
 
-        A craft that enters the tolerances at the end of an episode may be too fast to stay there.
+        A craft that enters the tolerances later may be too fast to stay, and the episode ends before it leaves.
         """
         craft = self.contest.craft
         task = self.contest.task
@@ -126,7 +126,7 @@ class Comparison(NotebookRepr):
         )
 
     def impossible(self) -> list[str]:
-        """Flights below a certified bound: each would prove an error of ours."""
+        """Sentences about flights below a certified bound, each of which would prove an error in the package."""
         return [
             f"{entry.name} beats the certified bound from start {k}: the certificate or a flight is "
             "wrong."
@@ -148,14 +148,14 @@ class Comparison(NotebookRepr):
         stages: Stages = unseen_stages,
         workers: int | None = None,
     ) -> None:
-        """Fly everyone and find what is possible; failures are noted and the rest goes on.
+        """Fly all contestants and compute optima and bounds; failures are noted, and the rest goes on.
 
-        An interrupt leaves what was finished.
+        After an interrupt the finished parts remain.
 
         Args:
-            contestants: see `rans.evaluation.compare.entrants.enlisted`; the first gave the contest.
+            contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
             beside: names of controllers, and "optimal".
-            certified: starts whose bounds are certified.
+            certified: number of starts whose bounds are certified.
             cache: see `certify`.
             stages: reports progress.
             workers: processes, by default one per processor.
@@ -166,7 +166,7 @@ class Comparison(NotebookRepr):
         for name in dict.fromkeys(name for name in beside if name != "optimal"):
             with _noted(self, name):
                 simple = entrants.simple_controller(name, self.contest)
-                if simple.name not in self.names():  # nobody flies twice
+                if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, stages, workers))
                 self.curve += [
                     _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
@@ -186,9 +186,9 @@ class Comparison(NotebookRepr):
         stages: Stages = unseen_stages,
         workers: int | None = None,
     ) -> None:
-        """After `fly`: fly the positions of trade-offs that are no contestants, and certify the front.
+        """After `fly`, fly the other positions of trade-offs, and certify the front.
 
-        The bounds take about so many seconds, see `certify_front`.
+        The bounds take about ``seconds``; see `certify_front`.
         """
         front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
         self.front = front
@@ -234,7 +234,7 @@ def trace(comparison: Comparison, *arguments: Any, **options: Any) -> None:
 
 
 def _nothing_claimed(contest: Contest) -> str:
-    """Why neither optima nor bounds are claimed; nothing if they are."""
+    """Reason why there are neither optima nor bounds; "" if there are."""
     if contest.conditions is not None:
         return "Optima and bounds are those of a perfect world; under these conditions none is claimed."
     try:
@@ -245,7 +245,7 @@ def _nothing_claimed(contest: Contest) -> str:
 
 
 def _uncertified(contest: Contest) -> str:
-    """Why no bound is certified; nothing if one can be."""
+    """Reason why no bound can be certified; "" if one can."""
     try:
         goal_set(contest.task)
     except ConfigError as reason:
@@ -267,12 +267,12 @@ def _entry(
 
 @contextlib.contextmanager
 def _noted(comparison: Comparison, what: str) -> Iterator[None]:
-    """A failure becomes a sentence."""
+    """Note an exception as a sentence."""
     try:
         yield
     except RansError as error:
         comparison.failures.append(str(error))
-    except Exception as error:  # solvers and other people's code raise anything
+    except Exception as error:  # Solvers and users' code raise anything.
         comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
 
 
@@ -281,12 +281,12 @@ def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -
     for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
-            found = relaxed.solve(contest, objective, workers, step)
-            comparison.relaxed[objective.name] = found
-            lost = [one.status for one in found if not one.solved]
+            optima = relaxed.solve(contest, objective, workers, step)
+            comparison.relaxed[objective.name] = optima
+            lost = [one.status for one in optima if not one.solved]
             if lost:
                 comparison.failures.append(
-                    f"{objective.name}: no trajectory from {len(lost)} of {counted(len(found), 'start')} "
+                    f"{objective.name}: no trajectory from {len(lost)} of {counted(len(optima), 'start')} "
                     f"({'; '.join(sorted(set(lost)))})."
                 )
 

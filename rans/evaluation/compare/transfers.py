@@ -1,4 +1,4 @@
-"""Missions on an orbit beside their bounds: contestants and optima from the same starts, ratio by ratio."""
+"""Missions on an orbit with their bounds: contestants and optima from the same starts, and ratios of impulse."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rans.tasks.orbital import OrbitalMission
 
 
 class Script:
-    """A controller that gives commands written down beforehand, whatever happens."""
+    """A controller that gives a fixed sequence of commands, whatever happens."""
 
     name = "optimum"
 
@@ -35,7 +35,7 @@ class Script:
         self._step = 0
 
     def reset(self, count: int) -> None:
-        """Begin anew; (count, T, m) commands were given."""
+        """Begin the sequences, which are (count, T, m)."""
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
@@ -47,11 +47,11 @@ class Script:
 
 @dataclass(frozen=True)
 class Row:
-    """What one contestant is worth from N starts with one deadline."""
+    """Results of one contestant from N starts with one deadline."""
 
     name: str
     docked: np.ndarray
-    """(N,) bool: won in time, and no limit was broken at any check."""
+    """(N,) bool: the mission was won in time, and no limit was broken at any check."""
     violated: np.ndarray
     """(N,) bool: a limit was broken at some check before the end."""
     impulse: np.ndarray
@@ -60,23 +60,23 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Contestants beside the bounds of the same starts and the same deadline."""
+    """Contestants and bounds for the same starts and the same deadline."""
 
     deadline: float
-    """s"""
+    """Deadline, s."""
     lower: np.ndarray
-    """(N,) N s: what nobody who wins by the deadline can do without, limits left out."""
+    """(N,) N s: lower bound of the impulse of winning by the deadline, without limits."""
     upper: np.ndarray
-    """(N,) N s, of flights that keep the limits, replayed in both engines; infinite where none was found."""
+    """(N,) N s: impulse of flights within the limits, replayed in both engines; infinite if there is none."""
     rows: tuple[Row, ...]
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Heads of `cells`."""
+        """Headings of `cells`."""
         return ("", "won", "limit broken", "over the bound", "worst", "impulse")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """One row a contestant, as text."""
+        """Cells of a table with a row for each contestant."""
         rows = []
         for row in self.rows:
             ratios = self.ratios(row)
@@ -94,7 +94,7 @@ class Table:
         return rows
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, start by start."""
+        """Data for `rans.files.write_json`, start by start."""
         return {
             "deadline": self.deadline,
             "lower": self.lower.tolist(),
@@ -111,14 +111,14 @@ class Table:
         }
 
     def ratios(self, row: Row) -> np.ndarray:
-        """Impulse over the lower bound of its own start, of those who docked."""
+        """Impulse over the lower bound of the same start, of flights that docked."""
         return (row.impulse / self.lower)[row.docked]
 
 
 def contestants_of(
     craft: Spacecraft, mission: OrbitalMission, agents: Sequence[str] = ()
 ) -> dict[str, Callable[[OrbitalMission], Controller]]:
-    """Guidance of every kind that keeps the limits of a mission, LQR, and agents by their run folders' names."""
+    """Makers of every guidance that keeps the limits of a mission, of LQR, and of agents by name."""
 
     def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
         agent = contestant(spec).controller
@@ -152,14 +152,14 @@ def judged(
     """Fly contestants and the optima from the same starts with one deadline.
 
     Args:
-        craft: what flies.
-        mission: which mission; its deadline is replaced.
-        contestants: makers of controllers by name, which are given the mission with its deadline.
-        deadline: s.
-        seed: of the starts.
+        craft: spacecraft.
+        mission: mission, whose deadline is replaced.
+        contestants: functions that make controllers for a mission, by name.
+        deadline: deadline, s.
+        seed: seed of the starts.
         episodes: number of starts.
         engine: "fast", or "drake".
-        progress: told of every bound.
+        progress: reports bounds.
     """
     task = replace(mission, deadline=(deadline, deadline))
     starts = scenarios(task, craft, seed, episodes)
@@ -167,7 +167,7 @@ def judged(
     answers = bounds(craft, task, starts, deadline, progress)
     rows = []
     with warnings.catch_warnings():
-        # That it does not know the limits is what the table shows.
+        # The table shows that it does not know the limits.
         warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
         for name, made in contestants.items():
             flight = flying(craft, task, made(task), starts, task.timing)
@@ -185,7 +185,7 @@ def bounds(
     deadline: float,
     progress: Progress | None = None,
 ) -> list[Answer]:
-    """Least impulse from both sides, of every start; all have the same goal."""
+    """Lower and upper bounds of the least impulse of every start; all have the same goal."""
     every = list(each(starts))
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
@@ -202,7 +202,7 @@ def bounds(
 def optimum(
     craft: Spacecraft, task: OrbitalMission, starts: Scenario, answers: Sequence[Answer]
 ) -> Row:
-    """The optima as flown: what counts as docked has docked in our engine and in Drake."""
+    """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake."""
     steps = task.timing.episode_steps
     commands = np.zeros((len(answers), steps, len(craft.thrusters)))
     for k, answer in enumerate(answers):
@@ -216,6 +216,6 @@ def optimum(
 
 
 def row_of(name: str, flight: Flight) -> Row:
-    """A flight's row."""
+    """Row of the flights of a contestant."""
     violated = flight.violated()
     return Row(name, flight.done & ~violated, violated, impulses(flight))

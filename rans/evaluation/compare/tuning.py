@@ -19,11 +19,11 @@ from rans.progress import Progress, unseen
 from rans.scenario import TUNING_SEED
 
 _WIDE = 1 / 3
-"""Share of the candidates that are drawn from the whole ranges; the others are near the best so far."""
+"""Share of the candidates that are drawn from the whole ranges; the others are close to the best so far."""
 _STEPS = (0.3, 0.03)
-"""Standard deviation of those, as a share of the logarithmic range: first and last."""
+"""Standard deviations of these, as shares of the logarithmic range: of the first and the last."""
 _CHANGED = 0.4
-"""Chance of a setting to change."""
+"""Probability that a setting changes."""
 
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -38,21 +38,21 @@ def tune(
     progress: Progress = unseen,
     seconds: float = math.inf,
 ) -> Tuned:
-    """The settings of a controller with the least `cost`, in the setup's conditions.
+    """Tune a controller: search settings with the least `cost` under the setup's conditions.
 
-    The default settings are the first candidate, so that none are found that are worse than these. An
-    interrupt ends the search with what it has found.
+    The default settings are the first candidate, so that the result is never worse. An interrupt ends the search
+    with the best settings so far.
 
     Args:
-        name: of the controller.
-        setup: what it flies, with the starts to judge it on.
-        candidates: how many settings are flown.
-        starts: scenarios 0 to N - 1 of `TUNING_SEED`, which no report uses.
-        price: of thrust, s per N s.
-        command: for the record.
+        name: name of the controller.
+        setup: spacecraft, task with its starts, timing and conditions.
+        candidates: number of settings that are flown.
+        starts: number of starts, scenarios 0 to N - 1 of `TUNING_SEED`, which no report uses.
+        price: price of thrust, s per N s.
+        command: command line, for the record.
         progress: reports candidates.
-        seconds: processor time after which no further candidate is flown, s, so that slow controllers and quick
-            ones can be given the same.
+        seconds: processor time after which no further candidate is flown, s, so that slow and quick controllers can
+            have the same budget.
 
     Raises:
         ConfigError: the controller has no ``tunable``, or cannot fly this craft; the price is negative,
@@ -106,48 +106,52 @@ def tune(
 
 
 def _processor_time() -> float:
-    """Of this process and of those that it has waited for, s."""
+    """Processor time of this process and of those that it has waited for, s."""
     waited_for = os.times()
     return time.process_time() + waited_for.children_user + waited_for.children_system
 
 
 def ranges(name: str) -> Ranges:
-    """What of a controller can be tuned: bounds by "argument.field"; `ConfigError` if it says nothing."""
+    """Ranges of the settings of a controller, by "argument.field".
+
+    Raises:
+        ConfigError: the controller has no ``tunable``.
+    """
     result = getattr(CONTROLLERS[name], "tunable", None)
     if not result:
         raise ConfigError(
-            f"the controller {name!r} tells nothing that can be tuned; its class needs a "
+            f"the controller {name!r} has no settings that can be tuned; its class needs a "
             '`tunable` such as {"weights.position": (0.1, 3.0)}.'
         )
     return result
 
 
 def cost(entry: Entry, price: float) -> float:
-    """Mean over starts of half the settling time, half the time to rest in the goal set, and priced thrust.
+    """Mean over starts, s: half the settling time, half the time to rest in the goal set, and priced thrust.
 
-    What never happens counts as twice the episode, s.
+    A time of an event that never happens counts as twice the episode.
     """
     times = np.minimum([entry.settling, entry.arrival], 2.0 * entry.flight.times[-1])
     return float(times.mean() + price * entry.thrust.mean())
 
 
 def _candidate(
-    gone: float,
+    share: float,
     first: dict[str, float],
     within: Ranges,
-    found: list[tuple[float, dict[str, float]]],
+    flown: list[tuple[float, dict[str, float]]],
     random: np.random.Generator,
 ) -> dict[str, float]:
-    """When this share of the search is gone: the default, any, then nearer and nearer to the best so far."""
-    if not found:
+    """Settings after a share of the search: the default ones, any, then ever closer to the best so far."""
+    if not flown:
         return first
     low, high = np.log(list(within.values())).T
-    if gone < _WIDE:
+    if share < _WIDE:
         chosen = random.uniform(low, high)
     else:
         begin, end = _STEPS
-        step = begin + (gone - _WIDE) / (1.0 - _WIDE) * (end - begin)
-        _, best = min(found, key=lambda pair: pair[0])
+        step = begin + (share - _WIDE) / (1.0 - _WIDE) * (end - begin)
+        _, best = min(flown, key=lambda pair: pair[0])
         change = random.normal(scale=step, size=len(low)) * (random.random(len(low)) < _CHANGED)
         chosen = np.log(list(best.values())) + change * (high - low)
     values = np.exp(np.clip(chosen, low, high))

@@ -115,7 +115,7 @@ def test_no_report_uses_its_starts() -> None:
 @pytest.mark.parametrize(
     ("name", "price", "said"),
     [
-        (f"{HERE}:Fixed", 0.0, "tells nothing that can be tuned; its class needs a `tunable`"),
+        (f"{HERE}:Fixed", 0.0, "no settings that can be tuned; its class needs a `tunable`"),
         ("lqr", -1.0, "--price must be finite and >= 0"),
         ("lqr", float("nan"), "--price must be finite"),
     ],
