@@ -185,12 +185,12 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             cells(lambda one: figure(one.value)),
             "A wider terminal shows intervals too.",
         )
-    if full and (found := gaps(comparison)):
+    if full and (ratios := gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
             f"Median multiple of the bound of the same event, {starts}",
-            ("event", *gap_names(found)),
-            gap_rows(found),
+            ("event", *gap_names(ratios)),
+            gap_rows(ratios),
         )
     if board and (front := comparison.front):
         console.show(

@@ -117,9 +117,9 @@ class Evaluate:
     def _suggest(self) -> None:
         more = [] if self.full else ["--full"]
         guard = ["--guard"] if self.guard else []
-        given = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
+        command = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
         Terminal().suggest(
-            f"{given}   # all metrics" if more else f"{given} --engine drake",
+            f"{command}   # all metrics" if more else f"{command} --engine drake",
             shlex.join(["rans", "compare", self.contestant, *guard]),
             shlex.join(["rans", "view", self.contestant, *guard]),
         )

@@ -169,13 +169,13 @@ class Optimal:
 
             with writing_at_end(show_meshes):
                 for number, mesh in enumerate(finer, 1):
-                    found = self._with_progress(
+                    answers_by_number = self._with_progress(
                         f"control period / {2**number}",
                         lambda step, mesh=mesh: optima(
                             craft, task, mesh, starts, guesses, self.workers, step, limits=limits
                         ),
                     )
-                    meshes.append(Mesh.of(found))
+                    meshes.append(Mesh.of(answers_by_number))
         if self.certify:
             bounds: list[Bound] = []
 
@@ -324,18 +324,18 @@ class Optimal:
                 bounds.question(craft, task, period, event, effort, one) for one in each(starts)
             ]
             title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
-            found: dict[int, Bound] = {}
+            answers_by_number: dict[int, Bound] = {}
             try:
                 with progress() as bars:
                     step = stages(bars)("bounds", len(questions))
-                    found.update(
+                    answers_by_number.update(
                         bounds.bounds(questions, range(len(questions)), self.workers, step)
                     )
             finally:
-                known = [found[number] for number in sorted(found)]
+                known = [answers_by_number[number] for number in sorted(answers_by_number)]
                 every.extend(known)
                 if known:
-                    costs = [beside[number] for number in sorted(found)]
+                    costs = [beside[number] for number in sorted(answers_by_number)]
                     Terminal().print(bounds.table(title, measure, known, costs))
 
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:

@@ -166,8 +166,8 @@ class Train:
         if self.config is not None and self.spacecraft is None:
             SPACECRAFT.check_file(table["spacecraft"], self.config)
         for name in ("spacecraft", "seed", "device", "total_timesteps", "algorithm"):
-            if (given := getattr(self, name)) is not None:
-                table[name] = given
+            if (option := getattr(self, name)) is not None:
+                table[name] = option
         if self.conditions is not None:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
         if self.guard:

@@ -1,1 +1,1 @@
-"""How surely an agent does not fail: counts, exact bounds, replays, rarer events and the worst case."""
+"""Assurance: failure probability with exact bounds, replays, rare events and the smallest breaking disturbance."""

@@ -1,4 +1,4 @@
-"""An assurance: who, in what, how often flown, what failed, and what that proves."""
+"""Assurance of an agent: its setup, the number of flights and failures, and bounds on the failure probability."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from rans.verdict import Failure, kinds_of_failure
 
 @dataclass
 class Assurance:
-    """Everything about one agent's campaign."""
+    """Assurance of one agent: a campaign of flights, and what follows from it."""
 
     spec: str
     """Name of the agent, as `rans.evaluation.fly.contestants.contestant` takes it."""
     conditions: str | None
-    """Name or file; None: those of the training."""
+    """Name or file of the conditions; None: those of the training."""
     campaign: Campaign
     replays: Replays | None = None
     """Failed flights, flown again; None: not yet."""
@@ -57,10 +57,10 @@ class Assurance:
 
     @cached_property
     def run(self) -> LoadedRun:
-        """The agent, and what it is judged in.
+        """The agent with the setup of its evaluation.
 
         Raises:
-            ConfigError: there is no such agent, or it has several tasks, of which none was picked.
+            ConfigError: there is no such agent, or it has several tasks and none was picked.
         """
         if self.given is not None:
             return self.given
@@ -80,7 +80,7 @@ class Assurance:
 
     @property
     def _file(self) -> Path | None:
-        """File of a policy made elsewhere; None: it has none."""
+        """File of a policy of another library; None: there is none."""
         kind, _, name = split_policy(self.spec)[0].partition(":")
         return Path(name) if kind in ("sb3", "onnx") and Path(name).is_file() else None
 
@@ -94,7 +94,7 @@ class Assurance:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What a campaign must share with another to go on with it."""
+        """Facts that a campaign must share with an earlier one to continue it."""
         plan = self.campaign.plan
         return {
             "agent": self.spec,
@@ -113,7 +113,7 @@ class Assurance:
         keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
-        """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
+        """Count flights until the plan ends, from the state of the first process; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
         progress = stages("flights", self.campaign.plan.flights)
@@ -129,7 +129,7 @@ class Assurance:
         )
 
     def sample(self, count: int, device: str) -> None:
-        """Estimate the probability of failure by so many flights where failures are likely."""
+        """Estimate the probability of failure by ``count`` flights under likely failures (importance sampling)."""
         chances = Chances.of(self.run.judged)
         network = on_device(self._needed_network("importance sampling"), device)
         self.rare = rare(
@@ -140,7 +140,7 @@ class Assurance:
         )
 
     def search(self, world: str, device: str, progress: Progress = unseen) -> None:
-        """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
+        """Search the smallest disturbance that breaks the agent; see `rans.evaluation.assure.search`."""
         self.searched = searched(
             world,
             unit(world),
@@ -153,7 +153,7 @@ class Assurance:
 
     @property
     def _network(self) -> Network | None:
-        """The network of a trained agent; None: this is another controller."""
+        """Network of a trained agent; None for another controller."""
         controller = self.run.controller
         return controller.network if isinstance(controller, Agent) else None
 
@@ -166,11 +166,11 @@ class Assurance:
         return network
 
     def view(self, number: int) -> str:
-        """The command that shows a flight again."""
+        """Command that shows a flight again."""
         return view_command([self.spec], self.run.task, self.conditions, number, self.campaign.seed)
 
     def go_on(self, file: Path) -> bool:
-        """Take over what an earlier, equal campaign wrote; whether there was one."""
+        """Continue an earlier, equal campaign from its file; returns whether there was one."""
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or self._differs_in(before.get("about")):
             return False
@@ -180,7 +180,7 @@ class Assurance:
         return True
 
     def check_replaces_nothing(self, file: Path) -> None:
-        """Refuse (`ConfigError`) to write over another campaign that was interrupted, or flew more."""
+        """Refuse (`ConfigError`) to overwrite another campaign that was interrupted or has more flights."""
         before = read_json(file) if file.exists() else {}
         try:
             flights = before["campaign"]["flights"]
@@ -199,21 +199,21 @@ class Assurance:
             )
 
     def _differs_in(self, about: Any) -> list[str]:
-        """What of `about` is another; that the agent's folder was moved does not matter, its hashes tell."""
+        """Keys of `about` that differ; hashes are compared instead of the agent's folder, which may have moved."""
 
-        def told(about: Any) -> dict[str, Any]:
+        def comparable(about: Any) -> dict[str, Any]:
             known = about if isinstance(about, dict) else {}
             hashes = known.get("hashes")
             return {
                 key: value for key, value in known.items() if key not in ("agent", "hashes")
             } | (hashes if isinstance(hashes, dict) else {})
 
-        ours = told(self.about)
-        theirs = told(about)
-        return [key for key in ours if key not in theirs or theirs[key] != ours[key]]
+        own = comparable(self.about)
+        other = comparable(about)
+        return [key for key in own if key not in other or other[key] != own[key]]
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         campaign = self.campaign
         kinds = {
             "any": None,
@@ -252,14 +252,18 @@ def _bound(bound: Bound) -> dict[str, float]:
 def made(
     spec: str, conditions: str | None, plan: Plan, seed: int, command: str, trust: bool = False
 ) -> Assurance:
-    """An assurance of which nothing is flown yet; `ConfigError` see `Assurance.run`."""
+    """Assurance without flights.
+
+    Raises:
+        ConfigError: as `Assurance.run`.
+    """
     new = Assurance(spec, conditions, Campaign(plan, seed), command=command, trust=trust)
     _ = new.run
     return new
 
 
 def chosen_device(device: str) -> str:
-    """The torch device of "auto", "cpu" or "cuda": a GPU if there is one."""
+    """Torch device for "auto", "cpu" or "cuda"; "auto" is a GPU if there is one."""
     if device != "auto":
         return device
     return "cuda" if torch.cuda.is_available() else "cpu"

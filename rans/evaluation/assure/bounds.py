@@ -1,4 +1,4 @@
-"""Exact bounds on the probability of an event from counts, and the flights that a wanted bound needs."""
+"""Exact bounds on the probability of an event from counts, and the number of flights for a wanted bound."""
 
 from __future__ import annotations
 
@@ -11,35 +11,36 @@ from scipy.stats import beta, binom
 from rans.errors import ConfigError
 
 Decision = Literal["below", "above", "open"]
-"""Whether a probability is below or above the wanted bound; open: neither is certain yet."""
+"""Whether a probability is below or above the wanted bound; open: neither is certain."""
 
 _LOOKS = 5
-"""At which failures may be found to be rare enough: twice as many flights at each as at the one before."""
+"""Number of looks at which failures may be rare enough; each has twice as many flights as the one before."""
 _MOST = 2**31 - 1
-"""Flights that a seed has numbers for."""
+"""Largest number of flights of a seed."""
 _COUNTABLE = 2**62
-"""Flights up to which SciPy's binomial distribution takes a number."""
+"""Largest number of flights that SciPy's binomial distribution takes."""
 _EARLY = 0.1
-"""Share of the chance of error that looks before these have."""
+"""Share of the error probability for looks before these."""
 _FIRST = 1024
-"""Flights before the first look that may find them too frequent."""
+"""Number of flights at the first look, at which failures may be too frequent."""
 
 
 def upper(events: int, flights: int, level: float) -> float:
-    """Below which the probability lies, but for a chance of ``level``.
+    """Upper confidence bound of a probability, which is wrong with a probability of ``level``.
 
-    Clopper and Pearson, Biometrika 26, 1934: the probability at which so few events have this chance.
+    It is the probability of an event at which so few events are as likely as ``level`` (Clopper and Pearson,
+    Biometrika 26, 1934).
     """
     return 1.0 if events >= flights else float(beta.isf(level, events + 1, flights - events))
 
 
 def lower(events: int, flights: int, level: float) -> float:
-    """Above which the probability lies, but for a chance of ``level``; see `upper`."""
+    """Lower confidence bound of a probability, which is wrong with a probability of ``level``; see `upper`."""
     return 0.0 if events <= 0 else float(beta.ppf(level, events, flights - events + 1))
 
 
 class Bound(NamedTuple):
-    """What is known of the probability of one event."""
+    """Number of events of one kind, with a confidence interval of its probability."""
 
     events: int
     flights: int
@@ -48,12 +49,12 @@ class Bound(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Share of the flights; NaN of none."""
+        """Share of flights with the event; NaN without flights."""
         return self.events / self.flights if self.flights else math.nan
 
 
 def flights_needed(below: float, level: float, events: int = 0) -> int:
-    """The fewest flights after which so few events put `upper` at most at ``below``, or `_COUNTABLE`."""
+    """Least number of flights with which `upper` of ``events`` is at most ``below``, or `_COUNTABLE`."""
     few = 0
     many = 1
     while many < _COUNTABLE and binom.cdf(events, many, below) > level:
@@ -67,43 +68,43 @@ def flights_needed(below: float, level: float, events: int = 0) -> int:
 
 @dataclass(frozen=True)
 class Look:
-    """A moment, fixed before the first flight, at which the counts may end the campaign."""
+    """Number of flights, fixed before the first one, at which the counts may end the campaign."""
 
     flights: int
     high_level: float
-    """Chance that an `upper` bound stated here is wrong."""
+    """Probability that an `upper` bound of this look is wrong."""
     low_level: float
-    """Chance that a `lower` bound stated here is wrong."""
+    """Probability that a `lower` bound of this look is wrong."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """When to look. However often that is, all statements of one kind together fail with one chance.
+    """Looks of a campaign, whose bounds of one kind are all right with the confidence of the plan.
 
-    Looking often and stopping when it suits would make bounds too good. So each look has a part of the
-    allowed chance of error for itself, and the parts add up to the whole (Bonferroni): whichever look ends a
-    campaign, its bounds hold. Of the chance for upper bounds, a tenth is shared by the early looks, which
-    can only find failures too frequent; of the rest, half is for the first look that can find them rare
-    enough, half of what is left for the next, and so on. That for lower bounds all looks share evenly.
+    A campaign that could end at any look would have bounds that are too good. So each look has a part of the
+    allowed error probability, and the parts add up to the whole (Bonferroni): whichever look ends a campaign, its
+    bounds hold. Of the error probability of upper bounds, a tenth is shared by the early looks, at which failures
+    can only be too frequent. Of the rest, half is for the first look at which they can be rare enough, half of the
+    remainder for the next, and so on. That of lower bounds is shared evenly by all looks.
     """
 
     looks: tuple[Look, ...]
     confidence: float
     """Probability that all upper bounds hold, and that all lower ones do."""
     below: float | None = None
-    """The bound wanted of the probability of failure; None: there is none, and one look at the end."""
+    """Wanted bound of the probability of failure; None: there is none, and the only look is at the end."""
 
     @property
     def flights(self) -> int:
-        """The most that are flown."""
+        """Largest number of flights."""
         return self.looks[-1].flights
 
     def look(self, flights: int) -> Look:
-        """The first that is not before so many flights, whose levels also serve an interrupted campaign."""
+        """First look at or after a number of flights, whose levels are also those of an interrupted campaign."""
         return next((look for look in self.looks if look.flights >= flights), self.looks[-1])
 
     def decision(self, failures: int, flights: int) -> Decision:
-        """What so many failures at a look mean."""
+        """Decision from the number of failures at a look."""
         look = self.look(flights)
         if self.below is None:
             return "open"
@@ -112,7 +113,7 @@ class Plan:
         return "above" if lower(failures, flights, look.low_level) > self.below else "open"
 
     def allowed(self, look: Look) -> int:
-        """The most failures that are rare enough at a look; -1: not even none."""
+        """Largest number of failures that is rare enough at a look; -1: none is."""
         if self.below is None:
             return -1
         most = int(binom.ppf(look.high_level, look.flights, self.below))
@@ -120,12 +121,12 @@ class Plan:
 
 
 def plan(confidence: float, episodes: int | None, below: float | None = None) -> Plan:
-    """When to look, for a number of flights, or a bound wanted of the probability of failure.
+    """Plan for a number of flights, or for a wanted bound of the probability of failure.
 
     Args:
-        confidence: of every bound.
-        episodes: the most to fly; None: as many as the wanted bound may need.
-        below: the bound wanted; None: none, and all episodes are flown.
+        confidence: confidence of every bound.
+        episodes: largest number of flights; None: as many as the wanted bound may need.
+        below: wanted bound; None: there is none, and all episodes are flown.
 
     Raises:
         ConfigError: confidence or bound is no probability, or the bound needs more episodes.
@@ -136,7 +137,7 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     error = 1.0 - confidence
     if below is None:
         if episodes is None:
-            raise ConfigError("say how many episodes to fly, or which bound is wanted.")
+            raise ConfigError("give a number of episodes, or a wanted bound (--below).")
         return Plan((Look(episodes, error, error),), confidence)
     least, first = (flights_needed(below, error * (1.0 - _EARLY) * share) for share in (1.0, 0.5))
     most = min(first * 2 ** (_LOOKS - 1), _MOST) if episodes is None else episodes

@@ -1,4 +1,4 @@
-"""Flights counted until a look of the plan ends it, kept when somebody interrupts, and gone on with."""
+"""Campaigns: flights are counted until a look of the plan ends them; an interrupted campaign can be continued."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from rans.progress import Progress, unseen
 from rans.verdict import Failure
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
-"""Flights of one of several processes between two moments at which all learn of all."""
+"""Number of flights of each of several processes between two exchanges of their counts."""
 LISTED = 10_000
-"""Failed flights whose numbers are kept."""
+"""Largest number of failed flights whose numbers are kept."""
 
 
 @dataclass
 class Campaign:
-    """What was flown of a plan: scenarios 0 to ``flights - 1`` of a seed."""
+    """Flights of a plan so far: scenarios 0 to ``flights - 1`` of a seed."""
 
     plan: Plan
     seed: int
     flights: int = 0
     events: dict[Failure, int] = field(default_factory=lambda: dict.fromkeys(Failure, 0))
-    """How many flights failed, of every kind."""
+    """Number of failed flights of every kind."""
     listed: list[tuple[int, Failure]] = field(default_factory=list)
-    """Failed flights by number, rising, with their kinds; of many only the first."""
+    """Numbers and kinds of failed flights, in ascending order, of which the first `LISTED` are kept."""
     ways: set[str] = field(default_factory=set)
-    """What computed the flights."""
+    """Ways in which the flights were computed."""
     seconds: float = 0.0
 
     @property
@@ -50,24 +50,24 @@ class Campaign:
 
     @property
     def decision(self) -> Decision:
-        """At the last look that was reached."""
+        """Decision at the last look that was reached."""
         return self.plan.decision(self.failures, self.flights) if self.at_look else "open"
 
     @property
     def at_look(self) -> bool:
-        """Whether so many flights are a look of the plan, not where somebody interrupted."""
+        """Whether the number of flights is that of a look of the plan, and not of an interrupt."""
         return any(look.flights == self.flights for look in self.plan.looks)
 
     @property
     def over(self) -> bool:
-        """Whether there is nothing left to fly."""
+        """Whether the campaign has ended."""
         return self.flights >= self.plan.flights or self.decision != "open"
 
     def bound(self, kind: Failure | None = None) -> Bound:
-        """Bound on the probability of one kind of failure, or of any, with the plan's confidence on either side.
+        """Bounds on the probability of one kind of failure, or of any; each end has the confidence of the plan.
 
-        An interrupted campaign has the levels of the look that it was on its way to: right where nobody
-        interrupted because of what they saw.
+        An interrupted campaign has the levels of the next look. They are right if the interrupt was not made
+        because of the counts.
         """
         look = self.plan.look(self.flights)
         events = self.failures if kind is None else self.events[kind]
@@ -87,15 +87,15 @@ class Campaign:
         keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
-        """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
+        """Fly until the plan ends; flights until an interrupt are kept.
 
         Args:
             policy: a network of one member, or any controller, which flies in NumPy on the CPU.
-            setup: what flies, with the starts to fly from.
+            setup: spacecraft, task with its starts, and timing.
             device: torch device.
             progress: reports flights.
             keep: called after every part.
-            processes: those that share the flights, and all learn of all.
+            processes: processes that share the flights and exchange their counts.
         """
         fleet: Flights | ControllerFleet
         if hasattr(policy, "act"):
@@ -114,7 +114,7 @@ class Campaign:
                     began = time.monotonic()
 
     def add(self, flown: FlightStatistics) -> None:
-        """Take in the flights that come next."""
+        """Add the statistics of the next flights."""
         self.flights += flown.flights
         for kind in Failure:
             self.events[kind] += flown.failures[kind]
@@ -123,11 +123,11 @@ class Campaign:
         self.ways |= flown.ways
 
     def numbers(self, kind: Failure) -> list[int]:
-        """Numbers of the listed flights that failed in this way, rising."""
-        return [number for number, found in self.listed if found == kind]
+        """Numbers of the listed flights with this kind of failure, in ascending order."""
+        return [number for number, failure in self.listed if failure == kind]
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         return {
             "flights": self.flights,
             "seed": self.seed,
@@ -138,7 +138,7 @@ class Campaign:
         }
 
     def go_on_from(self, before: Mapping[str, Any]) -> None:
-        """Begin where `to_json` ended."""
+        """Continue from the result of `to_json`."""
         try:
             self.flights = before["flights"]
             self.seconds = before["seconds"]
@@ -149,7 +149,7 @@ class Campaign:
             )
         except (KeyError, TypeError) as error:
             raise ConfigError(
-                f"what was flown before is damaged: it lacks {error}; begin anew with --restart."
+                f"the earlier campaign is damaged: it lacks {error}; begin again with --restart."
             ) from error
 
 

@@ -1,7 +1,7 @@
-"""Flights whose random numbers are given: what importance sampling and a search for the worst case explore.
+"""Flights from given random numbers, for importance sampling and the search for the worst case.
 
-Everything that an episode draws once (start, goal, body, push ...) is a function of some uniform numbers in
-[0, 1). Here they are given. What sensors draw anew in every step stays with the number of the episode.
+Everything that an episode draws once (start, goal, body, push ...) is a function of uniform numbers in [0, 1),
+which are given here. Numbers that sensors draw in every step follow from the number of the episode as usual.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rans.randomization.sensors import PER_STEP
 from rans.structure import is_range
 
 Slot = tuple[int, int]
-"""A uniform number by the block that it is drawn from and its place in it."""
+"""A uniform number, by its block and its index in the block."""
 _UNSIZED = ("count", "share", "time", "slow_period")
 """Ranges of kinds and times of faults and disturbances, which have no size."""
 
@@ -63,12 +63,12 @@ def sized(conditions: Any) -> Any:
 
 @dataclass(frozen=True)
 class Chosen(Draws):
-    """What N episodes draw with, where most of it is given."""
+    """Random numbers of N episodes, most of which are given."""
 
     given: Mapping[Slot, Field] = field(default_factory=dict)
-    """Uniform numbers in [0, 1), (N,) each; what is not given is asked for by a KeyError."""
+    """Uniform numbers in [0, 1), (N,) each; one that is missing raises a KeyError."""
     size: Field = None
-    """Size of `Sized` ranges in units of their own: at 0 everything is as in a perfect world. None: 1."""
+    """Factor on `Sized` ranges: 1 leaves them as they are, 0 makes all nominal. None: 1."""
 
     def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
         """See `Draws.random`."""
@@ -84,7 +84,7 @@ class _Given(Random):
         self._at = (block, 0)
 
     def unit(self) -> Field:
-        """The next number that was given."""
+        """The next of the given numbers."""
         block, place = self._at
         self._at = block, place + 1
         return self._draws.given[block, place]
@@ -111,7 +111,7 @@ class _Given(Random):
 
 
 class _Noted(dict[Slot, Field]):
-    """Gives any number, and remembers that it was asked for."""
+    """Mapping that has every number and notes which were asked for."""
 
     def __missing__(self, place: Slot) -> Field:
         self[place] = np.full(1, 0.5)
@@ -144,13 +144,13 @@ class Chances:
         size: np.ndarray | None = None,
         backend: Backend | None = None,
     ) -> Chosen:
-        """What N episodes draw with.
+        """Random numbers of N episodes.
 
         Args:
             units: (D, N) in [0, 1), as many as there are places.
-            number: (N,) int32 of the episodes, by which sensors draw.
-            size: (N,) of the conditions, see `Chosen`.
-            backend: in which flights are stepped in float32; None: in NumPy, in float64.
+            number: (N,) int32 numbers of the episodes, from which the numbers of sensors follow.
+            size: (N,) factors on the conditions; see `Chosen`.
+            backend: library of flights in float32; None: NumPy in float64.
         """
         units = np.minimum(units, 1.0 - 2.0**-24)
         if backend is None:

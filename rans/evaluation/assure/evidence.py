@@ -18,13 +18,13 @@ from rans.randomization.conditions_file import conditions_text
 def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
     """SHA-256 of everything that decides how flights end, by name.
 
-    Weights and spacecraft are those of the files, as ``sha256sum`` prints them; conditions those of the text
-    that `conditions_text` gives; the code is all source files of the package, by their names.
+    Hashes of weights and spacecraft are those of the files, as ``sha256sum`` prints them; that of conditions is of
+    the text of `conditions_text`; that of the code is of all source files of the package, in the order of names.
 
     Args:
-        spec: text of a trained agent; empty: it is another controller.
-        setup: what it flies.
-        file: such a controller's own file; None: it has none, and only what it flies is told.
+        spec: text of a trained agent; "" for another controller.
+        setup: setup of its flights.
+        file: the file of another controller; None: it has none, and only the setup has hashes.
     """
     if spec:
         run = RunFolder(agent_folder(spec))

@@ -1,4 +1,4 @@
-"""Very many flights of any controller, one scenario each, of which only the verdicts are kept."""
+"""Very many flights of any controller, one for each scenario, of which only statistics are kept."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rans.verdict import last_fifth
 
 _SHARE = 1024
 _SLOW_SHARE = 16
-"""Flights that a process makes at once; of a controller that takes its time for each."""
+"""Number of flights that a process flies at once of a slow controller."""
 _MANY = 8192
-"""From so many flights on other processes share them."""
+"""Number of flights from which they are shared with other processes."""
 
 
 class ControllerFleet:
     """Flies a controller through the scenarios of a seed in float64, as `rans.fast.flights.Flights` does a network.
 
     Args:
-        controller: decides from state or observation; can be pickled.
-        setup: what flies, with the starts to fly from.
-        listed: failed flights whose numbers are kept.
+        controller: controller, which can be pickled.
+        setup: spacecraft, task with its starts, and timing.
+        listed: largest number of failed flights whose numbers are kept.
     """
 
     def __init__(self, controller: Controller, setup: Setup, listed: int) -> None:
@@ -40,7 +40,7 @@ class ControllerFleet:
         self._listed = listed
 
     def parts(self, first: int, count: int, seed: int) -> Generator[FlightStatistics]:
-        """Statistics of consecutive scenarios part by part, in the order of their numbers.
+        """Statistics of consecutive scenarios, part by part in the order of their numbers.
 
         Raises:
             ConfigError: the controller failed, or the seed has more than 64 bits.
@@ -52,8 +52,8 @@ class ControllerFleet:
             for begin in range(first, first + count, size)
         ]
         workers = 1 if count < _MANY and not slow else None
-        given = self._controller, self._setup, self._listed
-        yield from Workers(ControllerFleet, given, workers, "flew").ordered(
+        arguments = self._controller, self._setup, self._listed
+        yield from Workers(ControllerFleet, arguments, workers, "flew").ordered(
             ControllerFleet.part, jobs
         )
 

@@ -14,36 +14,36 @@ Score = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function of standard normal numbers (D, N) and episode numbers (N,) int32; from 1 on an event happens, (N,)."""
 
 _SHARE = 0.1
-"""Share of a round, nearest to the event, that the next round's distribution is fitted to."""
+"""Share of a round, with the highest scores, to which the next round's distribution is fitted."""
 _ROUNDS = 10
 _FEWEST = 1000
 _LEAST_RISE = 0.05
-"""Part of the way to an event by which a round must come closer to be worth another."""
+"""Least increase of the score in a round, as a share of what is missing, for another round."""
 _KEPT = 0.3
-"""How much of the last round's distribution is kept; without it small samples run away."""
+"""Weight of the last round's distribution in the next; without it small samples diverge."""
 _NARROWEST = 0.3
-"""Standard deviation."""
+"""Least standard deviation."""
 _AS_DRAWN = 0.3
-"""Share of the sample that is drawn as usual, by which no weight is larger than its inverse."""
+"""Share of the sample from the nominal distribution; its inverse bounds the weights."""
 NORMAL_99 = 2.5758
 """99.5 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True)
 class Tilt:
-    """Independent normal distributions, (D, 1) each: what leads to events more often than chance does."""
+    """Independent normal distributions, under which events are more likely than under the nominal one."""
 
     mean: np.ndarray
     spread: np.ndarray
 
     def sample(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """(D, N), a share of which is drawn as usual."""
+        """Sample (D, N), a share of which is from the nominal distribution."""
         z = random.standard_normal((len(self.mean), count))
         usual = random.random(count) < _AS_DRAWN
         return np.where(usual, z, self.mean + self.spread * z)
 
     def weight(self, z: np.ndarray) -> np.ndarray:
-        """How much likelier each is as usual than in `sample`, (N,), at most the inverse of that share."""
+        """Likelihood ratios (N,) of the nominal distribution to that of `sample`."""
         here = -0.5 * ((z - self.mean) / self.spread) ** 2 - np.log(self.spread)
         likelier = np.exp(np.minimum((here + 0.5 * z**2).sum(axis=0), 700.0))
         return 1.0 / (_AS_DRAWN + (1.0 - _AS_DRAWN) * likelier)
@@ -51,21 +51,21 @@ class Tilt:
 
 @dataclass(frozen=True)
 class Rare:
-    """What importance sampling found."""
+    """Result of importance sampling."""
 
     probability: float
     error: float
     """Standard error."""
     events: int
-    """Met in the sample."""
+    """Number of events in the sample."""
     sample: int
-    """Flights of it."""
+    """Number of flights in the sample."""
     learning: int
-    """Flights before it, that chose where to look."""
+    """Number of flights before it, from which the distribution was learnt."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """At 99 %, by the central limit theorem: an estimate, no proof; none without an event."""
+        """Interval at 99 % by the central limit theorem, an estimate and no proof; None without an event."""
         if not self.events:
             return None
         half = NORMAL_99 * self.error
@@ -86,19 +86,19 @@ class Rare:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         return asdict(self) | {"99 %": self.interval, "gain": self.gain}
 
     @property
     def gain(self) -> float:
-        """How many times as many flights counting would need for an error as small; NaN without an event."""
+        """Flights that counting needs for the same error, over those of the sample; NaN without an event."""
         if not self.error:
             return float("nan")
         return self.probability * (1.0 - self.probability) / (self.error**2 * self.sample)
 
 
 def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
-    """The probability of an event by a sample of so many, and a tenth as many in each round before it."""
+    """Probability of an event from a sample of ``count``, after rounds of a tenth of that."""
     random = generator(seed)
     tilt, learning = learnt(score, dimensions, max(_FEWEST, count // 10), random)
     return estimated(score, tilt, count, learning, random)
@@ -107,21 +107,21 @@ def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
 def learnt(
     score: Score, dimensions: int, count: int, random: np.random.Generator
 ) -> tuple[Tilt, int]:
-    """Where events are likely, and how many scores that took.
+    """Learn a distribution under which events are likely; returns the number of scores too.
 
-    The cross-entropy method (Rubinstein and Kroese, 2004, section 3.2): the tenth of a sample that scores
-    most moves the distribution of the next, weighted by how likely each is as usual, until a tenth are
-    events, or until that no longer helps.
+    The cross-entropy method (Rubinstein and Kroese, 2004, section 3.2): the distribution of the next round is
+    fitted to the tenth of a sample with the highest scores, weighted by likelihood ratios, until a tenth are
+    events, or until scores no longer increase.
     """
     tilt = Tilt(np.zeros((dimensions, 1)), np.ones((dimensions, 1)))
     before = -np.inf
     for number in range(1, _ROUNDS + 1):
         z = tilt.sample(random, count)
-        found = score(z, numbers(random, count))
-        level = min(1.0, float(np.quantile(found, 1.0 - _SHARE, method="higher")))
+        scores = score(z, numbers(random, count))
+        level = min(1.0, float(np.quantile(scores, 1.0 - _SHARE, method="higher")))
         if level < before + _LEAST_RISE * (1.0 - before):
             return tilt, number * count
-        best = found >= level
+        best = scores >= level
         before = level
         weight = tilt.weight(z)[best]
         weight /= weight.sum()
@@ -139,7 +139,7 @@ def learnt(
 def estimated(
     score: Score, tilt: Tilt, count: int, learning: int, random: np.random.Generator
 ) -> Rare:
-    """The probability of an event, which does not depend on where one looks, but its error does."""
+    """Probability of an event; the distribution of the sample changes its standard error only."""
     z = tilt.sample(random, count)
     events = score(z, numbers(random, count)) >= 1.0
     values = np.where(events, tilt.weight(z), 0.0)
@@ -153,5 +153,5 @@ def estimated(
 
 
 def numbers(random: np.random.Generator, count: int) -> np.ndarray:
-    """Numbers of episodes that nobody flew before, (N,) int32."""
+    """Numbers of episodes that no campaign flies, (N,) int32."""
     return random.integers(2**31, size=count, dtype=np.int32)

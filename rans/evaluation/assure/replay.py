@@ -1,4 +1,4 @@
-"""Failed flights again, step by step in float64: many by our equations in NumPy, the worst in Drake."""
+"""Replays of failed flights in float64: many in NumPy, the worst in Drake."""
 
 from __future__ import annotations
 
@@ -20,55 +20,57 @@ from rans.verdict import Failure, last_fifth
 Judge = Literal["numpy", "drake"]
 
 CANDIDATES = 256
-"""Failed flights of a kind that are flown again in NumPy, to find the worst of them."""
+"""Number of failed flights of a kind that are flown again in NumPy, from which the worst are chosen."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """One failed flight, flown again."""
+    """Replay of one failed flight."""
 
     number: int
     """Number of its scenario."""
     kind: Failure
-    """How it failed in the campaign."""
+    """Kind of failure in the campaign."""
     again: dict[Judge, Failure | None]
-    """How it fails for each judge; None: it does not."""
+    """Kind of failure in each engine; None: it does not fail."""
     excess: float
-    """The largest error of the last fifth in NumPy, in tolerances; infinite if it was lost."""
+    """Largest error of the last fifth in NumPy, in tolerances; infinite if a state is not finite."""
     errors: dict[str, float]
-    """The largest of each error over the last fifth in NumPy, SI."""
+    """Largest of each error over the last fifth in NumPy, SI."""
     outside: float
-    """Share of the last fifth outside of the tolerances, in NumPy."""
+    """Share of the last fifth outside the tolerances, in NumPy."""
     ending: str
-    """What it does in the end, see `ending`."""
+    """Motion at the end; see `ending`."""
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         return asdict(self) | {
             "kind": self.kind.name,
-            "again": {judge: found.name if found else None for judge, found in self.again.items()},
+            "again": {
+                judge: failure.name if failure else None for judge, failure in self.again.items()
+            },
         }
 
 
 @dataclass(frozen=True)
 class Replays:
-    """Failed flights, flown again: of each kind the worst, and the first, as good as drawn by lot."""
+    """Replays of failed flights: of each kind the worst, and the first, which are a random sample."""
 
     found: list[Replayed]
-    """Kind by kind, the worst first."""
+    """Replayed flights, kind by kind, the worst first."""
     flight: Flight | None
-    """Theirs, in NumPy and in this order; None: of none."""
+    """Their flights in NumPy, in this order; None if there are none."""
     tried: int = 0
-    """How many were flown again in NumPy."""
+    """Number of flights that were flown again in NumPy."""
     failed: int = 0
-    """How many of these failed again, in whatever way."""
+    """Number of these that failed again, in any way."""
 
     def refuted(self, judge: Judge) -> list[int]:
-        """Numbers of flights that do not fail for this judge."""
+        """Numbers of flights that do not fail in an engine."""
         return [one.number for one in self.found if judge in one.again and one.again[judge] is None]
 
     def judges(self) -> list[Judge]:
-        """For whom they were flown."""
+        """Engines of the replays."""
         return [*self.found[0].again] if self.found else []
 
 
@@ -88,12 +90,12 @@ def replays(
     """Fly failed flights again.
 
     Args:
-        controller: the agent.
-        setup: as in the campaign.
-        seed: of the campaign.
-        numbers: of its failed flights, by kind.
-        worst: how many of the worst of each kind Drake is given.
-        sample: how many of the first.
+        controller: agent.
+        setup: setup of the campaign.
+        seed: seed of the campaign.
+        numbers: numbers of its failed flights, by kind.
+        worst: number of the worst flights of each kind that Drake replays.
+        sample: number of the first flights of each kind that Drake replays.
     """
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
     if not kinds or not worst + sample:
@@ -106,17 +108,17 @@ def replays(
         own = [k for k, (_, of) in enumerate(kinds) if of == kind]
         ranked = sorted(own, key=lambda k: -excess[k])
         chosen += dict.fromkeys(ranked[:worst] + own[:sample])
-    told: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
+    verdicts: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])
-        told["drake"] = failures(fly_draws(controller, setup, own, "drake"))
+        verdicts["drake"] = failures(fly_draws(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[
         -last_fifth(len(flight.commands)) :
     ]
     results = [
         Replayed(
             *kinds[k],
-            again={judge: some[at] for judge, some in told.items()},
+            again={judge: some[at] for judge, some in verdicts.items()},
             excess=float(excess[k]),
             errors={name: float(x[k]) for name, x in largest.items()},
             outside=float(1.0 - inside[:, k].mean()),
@@ -130,7 +132,7 @@ def replays(
 
 
 def drawing(seed: int, numbers: Sequence[int]) -> Draws:
-    """What these scenarios of a seed draw with."""
+    """Random numbers of scenarios of a seed."""
     return Draws(*seed_words(seed), np.array(numbers, dtype=np.int32), 0, np.float64)
 
 
@@ -149,12 +151,12 @@ def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
 
 
 def failures(flight: Flight) -> list[Failure | None]:
-    """How each of N flights failed to solve its task; None: it was solved."""
+    """Kind of failure of each of N flights; None: it was solved."""
     return [Failure(kind) if kind else None for kind in flight.verdict.failure().tolist()]
 
 
 def ending(flight: Flight, k: int) -> str:
-    """What flight k does over its last fifth: whether its commands repeat, or it drifts."""
+    """Motion of flight k over its last fifth in words: whether its commands repeat, or it drifts."""
     commands = flight.commands[-last_fifth(len(flight.commands)) :, k]
     if not np.isfinite(leaves(flight.states)[0][-1, k]):
         return "is lost"

@@ -1,4 +1,4 @@
-"""The smallest disturbance that makes an agent fail, as far as a search finds it."""
+"""Search for the smallest disturbance that makes an agent fail."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from rans.randomization.conditions_file import load_conditions
 from rans.verdict import Failure
 
 _LARGEST = 2.0
-"""Size up to which it is looked for."""
+"""Largest size that is searched."""
 _ROUNDS = 20
 _COUNT = 2048
 _BEST = 0.1
-"""Share of a round that the next one is made like."""
+"""Share of a round to which the next round's distribution is fitted."""
 _KEPT = 0.3
 _NARROWEST = 0.05
 _CANDIDATES = 64
 _DRAKE = 8
-"""Smallest failures that are flown again in float64, and of those that still fail, in Drake."""
+"""Number of the smallest failures that are flown again in float64 and, if they still fail, in Drake."""
 
 Sizes = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Scores (N,) of normal numbers (D, N), numbers (N,) and sizes (N,); see `Chances.scores`."""
@@ -48,9 +48,9 @@ class Candidate:
 
     size: float
     z: np.ndarray
-    """(D,) what it drew, as standard normal numbers."""
+    """Standard normal numbers (D,) of its draws."""
     number: int
-    """Number of the episode, by which sensors draw."""
+    """Number of the episode, from which the random numbers of sensors follow."""
 
 
 @dataclass(frozen=True)
@@ -58,37 +58,37 @@ class Breaking:
     """The smallest disturbance that was found to make the agent fail."""
 
     conditions: Conditions
-    """In whose units."""
+    """Conditions that are the unit of the size."""
     size: float
-    """At 1 everything may be off by as much as in the conditions."""
+    """Size of the disturbance; 1 is the full range of the conditions."""
     again: dict[Judge, Failure | None]
-    """How the flight fails for each judge."""
+    """Kind of failure in each engine."""
     excess: float
-    """Its largest error in the last fifth in NumPy, in tolerances."""
+    """Largest error of the last fifth in NumPy, in tolerances."""
     ending: str
     drew: dict[str, str]
-    """What it drew, by name."""
+    """Values of its draws, by name."""
     units: list[float]
-    """What the flight drew as uniform numbers, for `Chances.draws`."""
+    """Uniform numbers of its draws, for `Chances.draws`."""
     number: int
-    """Number of the episode, by which sensors draw."""
+    """Number of the episode, from which the random numbers of sensors follow."""
     flight: Flight
-    """It alone, in NumPy."""
+    """The flight in NumPy."""
 
 
 @dataclass(frozen=True)
 class Searched:
-    """What came of a search."""
+    """Result of a search."""
 
     world: str
     """Name or file of the conditions."""
     largest: float
-    """Size up to which it was looked for."""
+    """Largest size that was searched."""
     flights: int
     failed: int
     """Number of flights that failed."""
     breaking: Breaking | None
-    """None: none was found that fails again in float64."""
+    """Smallest disturbance that makes the agent fail again in float64; None: there is none."""
 
     @property
     def summary(self) -> str:
@@ -104,7 +104,7 @@ class Searched:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Data for `rans.files.write_json`."""
         result = self.breaking
         return {
             "unit": self.world,
@@ -127,10 +127,10 @@ class Searched:
 
 
 def unit(world: str) -> Conditions:
-    """Conditions whose ranges a disturbance can be measured in.
+    """Conditions whose ranges are the unit of disturbances.
 
     Raises:
-        ConfigError: there are none of this name, or they are a mixture or a perfect world, which has no size.
+        ConfigError: there are none of this name, or they are a mixture or nominal, which have no size.
     """
     conditions = load_conditions(world)
     if conditions.others or conditions.or_none is None:
@@ -150,16 +150,15 @@ def searched(
     seed: int,
     progress: Progress = unseen,
 ) -> Searched:
-    """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
+    """Search over starts and conditions within bounds; flights that fail are flown again for confirmation.
 
     Args:
         world: name of the conditions.
-        conditions: its `unit`, whose ranges the disturbance is measured in; they and the start are searched
-            over.
-        controller: the agent.
-        network: its own, of one member on the device to search on.
-        setup: what flies, and what for.
-        seed: of the search.
+        conditions: conditions of the `unit`; draws of these and of the start are searched.
+        controller: agent.
+        network: network of the agent, of one member on the device of the search.
+        setup: setup of the flights.
+        seed: seed of the search.
         progress: reports flights.
     """
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
@@ -177,7 +176,7 @@ def searched(
 
 
 def room(conditions: Conditions) -> float:
-    """How large a disturbance can be before a mass, an inertia or a thrust comes near to nothing."""
+    """Largest size of a disturbance at which masses, inertias and thrusts are well above zero."""
     body = conditions.body
     thrusters = conditions.thrusters
     least = min(
@@ -193,10 +192,10 @@ def smallest(
     random: np.random.Generator,
     progress: Progress,
 ) -> list[Candidate]:
-    """Flights that failed, by size, found by the cross-entropy method (Rubinstein and Kroese, 2004).
+    """Failed flights by size, from the cross-entropy method (Rubinstein and Kroese, 2004).
 
-    Each round is made like the best tenth of the one before: those that fail, the smaller the better, then
-    those that come closest to it.
+    The distribution of each round is fitted to the best tenth of the one before: flights that fail, the smallest
+    first, then those with the highest scores.
     """
     mean = np.zeros((dimensions + 1, 1))
     spread = np.ones((dimensions + 1, 1))
@@ -224,7 +223,7 @@ def smallest(
 def _confirmed(
     chances: Chances, conditions: Conditions, controller: Controller, result: list[Candidate]
 ) -> Breaking | None:
-    """The smallest that fails again in NumPy, and in Drake if any of them does."""
+    """Smallest candidate that fails again in NumPy, and in Drake if any does; None: there is none."""
     if not result:
         return None
     flight = fly_draws(controller, chances.setup, _draws(chances, result))
@@ -263,15 +262,15 @@ def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
 
 
 def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
-    """What one flight drew, in words."""
+    """Draws of one flight in words."""
     conditions = chances.setup.conditions
     craft = chances.setup.craft
     world = World(chances.setup)
     start, goal = world.scenario(draws.first * 0, draws)
     parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
-    given = Conditions() if conditions is None else conditions
+    nominal = Conditions() if conditions is None else conditions
     said = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
-    if given.body != BodyConditions():
+    if nominal.body != BodyConditions():
         shares = (
             _one(parameters.body.mass) / craft.mass,
             _one(parameters.body.inertia[-1]) / craft.inertia[2][2],
@@ -281,7 +280,7 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
             f"{100.0 * _size(parameters.body.centre):.2g} cm off"
         )
     if (
-        replace(given.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
+        replace(nominal.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
         != ThrusterConditions()
     ):
         said["thrust"] = (

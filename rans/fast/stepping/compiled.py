@@ -1,7 +1,7 @@
-"""An engine's step on a CPU as a straight-line program: for few spacecraft four times as fast as equations.
+"""The step of an engine on a CPU as a straight-line program: for few spacecraft four times as fast as equations.
 
-Those compute on NumPy's arrays what several formulas share anew for each, and ask for new memory for every
-number; for a hundred spacecraft that is what a step's time goes into.
+Equations on NumPy's arrays compute common expressions again for each formula and allocate memory for every result,
+which takes most of the time of a step of a hundred spacecraft.
 """
 
 from __future__ import annotations
@@ -26,21 +26,25 @@ if TYPE_CHECKING:
     from rans.compile.cpu.program import Memory
 
 _BLOCK = 4096
-"""Spacecraft whose numbers stay in a processor's caches."""
+"""Number of spacecraft whose numbers fit a processor's caches."""
 _MOST = 600
-"""Numbers of an episode for which a program is made. 538, where 40 commands of 8 thrusters are on their way,
-take 9 s and 300 MB; 3,000, as at 1 kHz with valves that are 0.2 s late, took minutes and 14 GB."""
+"""Largest number of an episode's values for which a program is generated. 538 values, with 40 delayed commands of
+8 thrusters, take 9 s and 300 MB; 3,000, as at 1 kHz with valves that are 0.2 s late, took minutes and 14 GB."""
 
 
 class GeneratedStep:
-    """Steps N spacecraft in single precision, in blocks; not for two threads at once.
+    """Step of N spacecraft in single precision, in blocks; one thread at a time may call it.
 
     Its results are new arrays; episodes, seeds and settings are read from their memory in every step.
-    TypeError or AttributeError where the task does more than arithmetic on fields.
+
+    Raises:
+        TypeError: the task does more than arithmetic on fields; so does an AttributeError.
     """
 
     def __init__(self, world: World, episode: Episode, draws: Draws) -> None:
-        from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
+        from rans.compile.cpu.program import (
+            CompiledProgram,
+        )  # It imports LLVM, which a GPU does not need.
 
         program = trace(world, episode, np.float32)
         self._shape = program.shape
@@ -86,7 +90,7 @@ class GeneratedStep:
             "flags": np.empty((len(Shape.FLAGS), self._count), bool),
             "final": np.empty((self._count, shape.width), np.float32).T,
         }
-        with np.errstate(all="ignore"):  # of symbols that are not chosen
+        with np.errstate(all="ignore"):  # Branches that are not chosen may overflow.
             for rows, memory in self._blocks:
                 self._block(rows, memory, commands, arrays)
         reals = torch.from_numpy(arrays["reals"])
@@ -115,11 +119,11 @@ class GeneratedStep:
 
 
 class ArrayStep:
-    """One step of always the same episodes on NumPy's arrays, which are changed in place.
+    """Step of the episodes of one engine on NumPy's arrays, which are changed in place.
 
-    The first call makes the program, in a hundredth of a second in the plane and up to one under conditions
-    in space. The equations themselves stand in for it in double precision, which is for comparisons, where a
-    task does more than arithmetic on fields, and where an episode has more numbers than `_MOST`.
+    The first call generates the program, in 0.01 s in the plane and up to 1 s under conditions in space. The
+    equations are used instead in double precision, for tasks that do more than arithmetic on fields, and for
+    episodes with more than `_MOST` values.
     """
 
     def __init__(self) -> None:
@@ -127,11 +131,11 @@ class ArrayStep:
         self._tried = False
 
     def __reduce__(self) -> tuple[type[ArrayStep], tuple[()]]:
-        """A copy steps other episodes and makes a program of its own."""
+        """A copy generates a program of its own, for other episodes."""
         return ArrayStep, ()
 
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-        """As `rans.fast.stepping.step.step_arrays`."""
+        """Step as `rans.fast.stepping.step.step_arrays` does."""
         small = len(episode.memory()) <= _MOST
         by_values = getattr(world.setup.guard, "by_values", False)
         if not self._tried and draws.dtype is np.float32 and small and not by_values:
@@ -154,18 +158,18 @@ class ArrayStep:
 def stepping(
     backend: Backend, compiled: bool, plain: bool = False
 ) -> Callable[[World, Episode, Tensor, Draws], Step]:
-    """What steps the episodes of one engine."""
+    """Function that steps the episodes of one engine."""
     if plain:
         return partial(step_tensors, plain=True)
-    if compiled:  # and only then: importing torch's compilers takes seconds
-        # Linear programmes, which the compiler cannot trace; their answer is the same in every step.
+    if compiled:  # The import of torch's compilers takes seconds.
+        # The compiler cannot trace linear programs, whose result is the same in every step.
         torch.compiler.assume_constant_result(sets_among)
         return torch.compile(step_tensors, fullgraph=True, dynamic=False)
     return ArrayStep() if backend.on_numpy else step_tensors
 
 
 def _everywhere(program: Program) -> Iterator[Store]:
-    """Every store as one for all spacecraft, whether their episode ended or not."""
+    """Every store of the program, without regard to whether the episode ended."""
     yield from program.always
     for store in program.at_end:
         old = program.memory[store.row].symbol if store.array == "memory" else store.value

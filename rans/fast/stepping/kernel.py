@@ -24,19 +24,21 @@ _C_TYPES: dict[torch.dtype, Any] = {
     torch.float64: "double",
 }
 MANY = 2**18
-"""From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
+"""Number of spacecraft from which a thread steps two, if it is even: with fewer there are too few threads."""
 LONG = 950
-"""A step of so many operations is not bound by memory: two in a thread only crowd its registers and the
-instruction caches (docs/decisions/013-conditions.md)."""
+"""Number of operations from which a step is not bound by memory: two spacecraft in a thread would only need more
+registers and instruction cache (docs/decisions/013-conditions.md)."""
 
 
 class Kernel:
-    """One kernel that steps N spacecraft, compiled for each type of action when it first meets it.
+    """One kernel that steps N spacecraft, compiled for each type of action at its first call.
 
-    It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
-    memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
-    TypeError where the task does more than arithmetic on fields, or a curriculum's numbers lie elsewhere or
-    are of another dtype.
+    A CUDA graph may record it once it is compiled: episodes and the two words of the seed have constant addresses.
+    Of several members, each counts the episodes of an equal part of the spacecraft.
+
+    Raises:
+        TypeError: the task does more than arithmetic on fields, or the settings of a curriculum are on another
+            device or of another dtype.
     """
 
     def __init__(
@@ -59,9 +61,7 @@ class Kernel:
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         many = self._count >= MANY and self._count % 2 == 0
         self._together = 2 if many and self._program.operations < LONG else 1
-        for (
-            parameter
-        ) in self._program.settings:  # read as they lie in memory, so that nothing converts them
+        for parameter in self._program.settings:  # They are read without conversion.
             if (parameter.source.dtype, parameter.source.device) != (self._real, self._device):
                 raise TypeError(
                     f"settings that move must be {self._real} on {self._device}, got "
@@ -78,7 +78,7 @@ class Kernel:
 
     @classmethod
     def made(cls, *parameter: Any) -> Kernel | None:
-        """A kernel that is compiled for reals already; None with a warning where there can be none."""
+        """A kernel that is compiled for reals; None, with a warning, if it cannot be compiled."""
         try:
             kernel = cls(*parameter)
             kernel.function(kernel._real)
@@ -91,7 +91,7 @@ class Kernel:
         return kernel
 
     def source(self, action: torch.dtype | None) -> str:
-        """The kernel's text for actions that are bytes or reals; None: of an observation's."""
+        """CUDA C++ of the kernel for actions of bytes or reals; None: of the kernel of observations."""
         if action is None:
             return self._observation.source(_C_TYPES[self._real], self._members > 1)
         return source(
@@ -104,7 +104,7 @@ class Kernel:
         )
 
     def function(self, action: torch.dtype | None) -> Function:
-        """The compiled kernel of such a `source`; errors are those of `Function`."""
+        """Compiled kernel of `source`; raises the errors of `Function`."""
         if action not in self._functions:
             with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
                 capability = torch.cuda.get_device_capability()
@@ -147,9 +147,9 @@ class Kernel:
         return result.T
 
     def _blocks_ahead(self) -> int:
-        """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
+        """Number of blocks whose reads, with actions in bytes, fill a twelfth of the second-level cache.
 
-        More of it is thrown out before it is read, less comes too late (docs/speed.md).
+        With more, data is evicted before it is read; with fewer, it comes too late (docs/speed.md).
         """
         if self._device.type != "cuda":
             return 0
@@ -172,7 +172,7 @@ class Kernel:
             self.function(action).launch(blocks, THREADS, stream, pointers, numbers)
 
     def _readable(self, action: Tensor) -> Tensor:
-        """Bytes or reals in rows that start at multiples of what is read at once."""
+        """Action as bytes or reals, in rows that are aligned for the reads of the kernel."""
         if action.dtype == torch.bool:
             action = action.view(torch.uint8)
         if action.dtype not in _C_TYPES:

@@ -1,4 +1,4 @@
-"""One step of an engine, with the next episode begun where one ended; and the numbers that it changes."""
+"""One step of an engine, which begins the next episode where one ended, and the buffers that it changes."""
 
 from __future__ import annotations
 
@@ -28,33 +28,33 @@ _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
 
 class Step(NamedTuple):
-    """What one step gave to N environments; tensors on the engine's device."""
+    """Results of one step of N environments, as tensors on the engine's device."""
 
     observation: Tensor
-    """(N, width): first of the new episode where the old one ended."""
+    """(N, width): observation after the step; the first one of the new episode where one ended."""
     reward: Tensor
-    """(N,): 0 where the state was lost."""
+    """(N,): reward; 0 where the state is not finite."""
     terminated: Tensor
-    """(N,) bool: the task ended the episode, as it failed or was won."""
+    """(N,) bool: the task ended the episode by failure or success."""
     truncated: Tensor
     """(N,) bool: time is up, and the task did not end the episode."""
     final_observation: Tensor
-    """(N, width) of the state arrived in, where an episode ended; what the other rows hold is undefined."""
+    """(N, width): observation of the last state of episodes that ended; other rows are undefined."""
     reached: Tensor
-    """(N,) bool: within the task's tolerances at the end of the period and not failed; or the mission is won."""
+    """(N,) bool: within the task's tolerances at the end of the period without a failure, or the mission is won."""
     terms: Tensor
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
 
     @property
     def success(self) -> Tensor:
-        """(N,) bool: the episode ended as a success: won, or within the tolerances when time was up."""
+        """(N,) bool: the episode ended in success: won, or within the tolerances at truncation."""
         return self.reached & (self.terminated | self.truncated)
 
 
 def stepped(
     world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
 ) -> tuple[Step, Episode]:
-    """One step on tensors and the episodes to act in next, without writing anything."""
+    """Results of one step on tensors, and the episodes after it; nothing is changed in place."""
     command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
     result = step_and_restart(world, episode, command, draws, plain)
     return _results(result, torch.stack, lambda x: x), result.after
@@ -63,11 +63,11 @@ def stepped(
 def step_tensors(
     world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
 ) -> Step:
-    """One step on tensors, writing the episode's buffers in place: what is compiled, or runs as written."""
-    # Results first: final observations may show what is in memory.
+    """One step on tensors, which changes the episode's buffers in place; torch compiles it, or it runs eagerly."""
+    # Results are computed first, because final observations may be views of the buffers.
     results, after = stepped(world, episode, action, draws, plain)
     values = after.memory()
-    if plain:  # without a new episode some values are other buffers: commands move up by one
+    if plain:  # Commands move up by one, so that some values are other buffers.
         values = [value.clone() for value in values]
     for buffer, value in zip(episode.memory(), values, strict=True):
         buffer.copy_(value)
@@ -75,7 +75,7 @@ def step_tensors(
 
 
 def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-    """The same on NumPy's arrays."""
+    """One step on NumPy's arrays, which changes the episode's buffers in place."""
     command = tuple(np.ascontiguousarray(action.numpy().T).astype(draws.dtype))
     result = step_and_restart(world, episode, command, draws)
     results = _results(result, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
@@ -84,7 +84,7 @@ def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) ->
 
 
 def _results(result: StepAndRestart, stack: Any, wrap: Any) -> Step:
-    """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
+    """Results as tensors: ``stack`` makes a tensor of several fields, ``wrap`` of one."""
     outcome = result.outcome
     terms, reward = paid(outcome.terms, outcome.terminated)
     return Step(
@@ -115,7 +115,7 @@ class Backend:
 
     device: torch.device
     fields: Any
-    """Their floating dtype, see `field_dtype`."""
+    """Floating dtype of the fields; see `field_dtype`."""
 
     @classmethod
     def of(
@@ -125,10 +125,10 @@ class Backend:
         compiled: bool | None,
         plain: bool = False,
     ) -> Backend:
-        """Of fields of this dtype, see `field_dtype`.
+        """Library of fields for a device and a dtype; see `field_dtype`.
 
         Raises:
-            ConfigError: there is no such device here, or dtype is another one.
+            ConfigError: there is no such device, or the dtype is neither float32 nor float64.
         """
         if dtype not in _NUMPY_DTYPES:
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
@@ -138,16 +138,16 @@ class Backend:
 
     @property
     def on_numpy(self) -> bool:
-        """Whether they are NumPy's."""
+        """Whether fields are NumPy arrays."""
         return not isinstance(self.fields, torch.dtype)
 
     @property
     def nodes(self) -> int:
-        """Of the quadrature in the plane."""
+        """Number of nodes of the quadrature in the plane."""
         return FLOAT32_NODES if self.fields in (np.float32, torch.float32) else NODES
 
     def put(self, values: Any, dtype: torch.dtype) -> Any:
-        """A copy of numbers, an array or a tensor."""
+        """Copy of numbers, an array or a tensor, as a field."""
         copy = torch.as_tensor(values).to(self.device, dtype, copy=True)
         return copy.numpy() if self.on_numpy else copy
 
@@ -158,10 +158,10 @@ class Backend:
     def episodes(
         self, world: World, body: Body, count: int, draws: Draws, remember: bool
     ) -> Episode:
-        """Of N spacecraft, in buffers of the right shape that a reset fills; the body is in memory already.
+        """Episodes of N spacecraft in buffers, which a reset fills; the body is in them already.
 
-        From what the first episodes draw it is seen what varies. They remember what they draw from their
-        conditions, or draw it in every step.
+        Values that vary have buffers; they are known from the draws of the first episodes. The episodes remember
+        the draws of their conditions, or draw them in every step.
         """
         zeros = torch.zeros(count, dtype=torch.float64)
         kept = getattr(torch, world.craft.command_dtype)
@@ -193,7 +193,7 @@ class Backend:
         )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:
-        """The two words of a seed, or every environment's own of its member's, int32."""
+        """The two words of a seed, int32; of several members those of each environment's member."""
         table = (
             np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T
             if len(seeds) > 1
@@ -204,7 +204,11 @@ class Backend:
 
 
 def divisible(num_envs: object, members: int) -> int:
-    """The number of environments, if it is one, and as many for every member; else a `ConfigError`."""
+    """Number of environments, checked.
+
+    Raises:
+        ConfigError: it is no whole number >= 1, or not divisible by the number of members.
+    """
     count = whole("the number of environments", num_envs)
     if not members or count % members:
         raise ConfigError(f"{count} environments cannot be divided among {members} members.")
@@ -212,7 +216,7 @@ def divisible(num_envs: object, members: int) -> int:
 
 
 def check_device(device: str | torch.device) -> None:
-    """Refuse, with a ConfigError, a device that is not here."""
+    """Refuse (`ConfigError`) a device that is not available."""
     try:
         kind = torch.device(device).type
     except RuntimeError:
@@ -224,7 +228,7 @@ def check_device(device: str | torch.device) -> None:
 
 
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
-    """Change memory in place; what never varies is a number in both."""
+    """Write values into buffers in place; a value that never varies is a number in both."""
     for buffer, value in zip(buffers, values, strict=True):
         if isinstance(buffer, Tensor):
             buffer.copy_(value) if isinstance(value, Tensor) else buffer.fill_(value)
@@ -234,7 +238,7 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
 
 @contextmanager
 def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
-    """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
+    """Context that restores the buffers of the spacecraft where ``held``, (N,) bool, at its end."""
     before = [
         x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
         for x in memory
@@ -248,18 +252,20 @@ def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
 
 
 def varying(episode: Episode, like: Episode) -> list[Tensor]:
-    """What `begin_as` takes of N others' episodes: all that varies in those like these, each (N,)."""
+    """Values of N episodes for `begin_as`: those that vary in episodes like ``like``, (N,) each."""
     zero = leaves(episode.state)[0] * 0.0
-    told = replace(episode, parameters=episode.parameters if like.parameters is not None else None)
+    remembered = replace(
+        episode, parameters=episode.parameters if like.parameters is not None else None
+    )
     return [
         torch.as_tensor(x + zero if isinstance(x, int | float) else x)
-        for x, own in zip(_own(told), _own(like), strict=True)
+        for x, own in zip(_own(remembered), _own(like), strict=True)
         if not isinstance(own, int | float)
     ]
 
 
 def begin_as(running: Episode, timing: Timing, rows: Tensor, others: Sequence[Tensor]) -> None:
-    """Begin episodes in these rows of running ones, as those of `varying` stood; there are as many."""
+    """Begin episodes in some rows of running ones with the values of as many others from `varying`."""
     buffers = [torch.as_tensor(x) for x in _own(running) if not isinstance(x, int | float)]
     for buffer, values in zip(buffers, others, strict=True):
         buffer[rows] = values.to(buffer.dtype)
@@ -268,14 +274,14 @@ def begin_as(running: Episode, timing: Timing, rows: Tensor, others: Sequence[Te
 
 
 def _own(episode: Episode) -> tuple[Any, ...]:
-    """All that an episode has of its own: not what flies, nor its number."""
+    """All values of an episode but the spacecraft and its number."""
     return leaves(replace(episode, body=None, clock=0.0))
 
 
 def snapshot(
     world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> dict[str, Any]:
-    """What `Engine.save_state` gives."""
+    """Result of `Engine.save_state`."""
     buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
     return {
         "buffers": buffers,
@@ -287,7 +293,7 @@ def snapshot(
 def restore(
     table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> None:
-    """Write what `Engine.save_state` gave into an engine's memory, see `Engine.load_state`."""
+    """Write the result of `Engine.save_state` into an engine's buffers; see `Engine.load_state`."""
     buffers = episode.memory()
     values = [processes.mine(value) for value in table["buffers"]]
     if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:

@@ -50,10 +50,10 @@ def named_figure(stress: Stress) -> Figure:
     for k, name in enumerate(names):
         for row, level in enumerate(levels):
             if (level.name, name) in stress.outcomes:
-                found = stress.outcomes[level.name, name].share.scaled(100.0)
+                percentage = stress.outcomes[level.name, name].share.scaled(100.0)
                 _draw(
                     axes,
-                    found,
+                    percentage,
                     row + (k + 0.5) / len(names) * 0.8 - 0.4,
                     k,
                     name if row == 0 else "",

@@ -237,8 +237,10 @@ def _has_pictures() -> bool:
 
 def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
     again = [
-        ("fails" if found == one.kind else f"fails: {found.meaning}") if found else "does not fail"
-        for found in one.again.values()
+        ("fails" if failure == one.kind else f"fails: {failure.meaning}")
+        if failure
+        else "does not fail"
+        for failure in one.again.values()
     ]
     errors = (
         (QUANTITIES[name].display[0] * x, QUANTITIES[name].display[1])

@@ -148,9 +148,9 @@ class _Axis(NamedTuple):
         exact: bool = False,
     ) -> _Axis:
         """An axis from one place of the picture to another, with room around the values unless exact."""
-        found = list(values)
+        numbers = list(values)
         scale = math.log10 if logarithmic else float
-        low, high = scale(min(found)), scale(max(found))
+        low, high = scale(min(numbers)), scale(max(numbers))
         if not exact:
             room = 0.06 * (high - low) or 0.1 * abs(high) or 0.1
             low, high = low - room, high + room

@@ -92,8 +92,8 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
             )
             marks.append(Mark(x, y, f"relaxed optimum of {name}: {x:.3g} s, {y:.3g} N s"))
     if marks:
-        found = ", where found" if lost else ""
-        yield Series(f"relaxed thrust, exact goal (no controller{found})", marks, INK, "x")
+        suffix = ", where found" if lost else ""
+        yield Series(f"relaxed thrust, exact goal (no controller{suffix})", marks, INK, "x")
 
 
 def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
@@ -152,14 +152,14 @@ def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
         colour, marker = series_style(k)
         name = f"{agent}, trade-off at {counted(len(line), 'position')}"
         series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
-        found = [(one, own) for one in line if (own := front.multiple(one))]
+        multiples = [(one, own) for one in line if (own := front.multiple(one))]
         marks = [
             Mark(
                 own.time,
                 own.bound,
                 f"certified least impulse when {one.name} was there: {own.bound:.3g} N s",
             )
-            for one, own in found
+            for one, own in multiples
         ]
         if marks:
             name = f"certified least impulse when {agent} was there, from each start"
@@ -182,7 +182,5 @@ def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
 
 
 def _placed(entry: Entry) -> Mark:
-    found = point(entry)
-    return Mark(
-        found.time, found.impulse, f"{entry.name}: {found.time:.3g} s, {found.impulse:.3g} N s"
-    )
+    mean = point(entry)
+    return Mark(mean.time, mean.impulse, f"{entry.name}: {mean.time:.3g} s, {mean.impulse:.3g} N s")

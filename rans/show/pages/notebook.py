@@ -47,10 +47,8 @@ def _(craft: Spacecraft) -> str:
 @html.register
 def _(task: Task) -> str:
     summary = (type(task).__doc__ or "").strip().partition("\n")[0]
-    told = (one for one in task_listings(task) if not one.title.startswith("Observation"))
-    return (
-        f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, told))}"
-    )
+    listings = (one for one in task_listings(task) if not one.title.startswith("Observation"))
+    return f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, listings))}"
 
 
 @html.register

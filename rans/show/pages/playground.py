@@ -174,9 +174,9 @@ class _Traced:
             stores=self.episode.state.stores,
         )
         observation = world.observe(replace(self.episode, state=measured, reading=None))
-        given = agent.network.architecture
-        program = policy_program(given)
-        memory = inputs("memory", given.memory)
+        architecture = agent.network.architecture
+        program = policy_program(architecture)
+        memory = inputs("memory", architecture.memory)
         known: dict[str, Any] = {"observation": observation}
         known |= {
             name: tables[name].tolist()
@@ -187,10 +187,10 @@ class _Traced:
         if memory:
             known["memory"] = memory
             asked.append("memory_out")
-        found, stages = symbols(program, known, asked)
+        outputs, stages = symbols(program, known, asked)
         results = {
-            "command": of_outputs(world.craft, tuple(found["command"])),
-            "memory": found.get("memory_out", ()),
+            "command": of_outputs(world.craft, tuple(outputs["command"])),
+            "memory": outputs.get("memory_out", ()),
         }
         arguments = {"carried": self.carried, "errors": errors, "memory": memory}
         return function("act", arguments, results, stages)
@@ -198,7 +198,7 @@ class _Traced:
     def advance(self) -> str:
         """``advance(carried, command, gain, leak)``: what is carried a control period later, and poses on the way.
 
-        A thruster that is told c gives gain * c + leak of its force.
+        A thruster with the command c gives gain * c + leak of its force.
         """
         world = self.world
         craft = world.craft

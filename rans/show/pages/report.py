@@ -271,10 +271,10 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
 def stress_section(stress: Mapping[str, Any]) -> Section:
     """Shares held in worlds without a size (`rans.show.pages.stress_page`); stress.html has the rest."""
     rows = [
-        (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**found["held"]))
+        (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))
         for name, world in stress["worlds"].items()
         if world["size"] is None
-        for who, found in world["contestants"].items()
+        for who, result in world["contestants"].items()
     ]
     findings = [Finding(text, False) for text in stress["failures"]]
     return Section(
@@ -324,13 +324,13 @@ def _outcome(row: Mapping[str, Any]) -> str:
     return text + (f"; the optimiser found none from {lost}" if lost else "")
 
 
-def _evaluation(file: Path, found: Any) -> Section:
+def _evaluation(file: Path, evaluation: Any) -> Section:
     pictures = []
     for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
         picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")
         if picture.is_file():
             pictures.append(_kept_picture(picture, caption))
-    section = evaluation_section([*_find_metrics(found)], pictures)
+    section = evaluation_section([*_find_metrics(evaluation)], pictures)
     return replace(section, title=_title(file))
 
 

@@ -76,7 +76,7 @@ class InteractiveFlight:
 
     Attributes:
         delay: control periods after which a command reaches the thrusters.
-        noise: 0 to 1, share of `POSITION_NOISE` and `ANGLE_NOISE` in what the controller is told of the state.
+        noise: 0 to 1, share of `POSITION_NOISE` and `ANGLE_NOISE` in the state that the controller reads.
         over: "" while it lasts, else how it ended: "won" or "failed".
 
     Raises:
@@ -188,11 +188,11 @@ class InteractiveFlight:
             _Snapshot(self._episode, self._active, self._memory(), tuple(self._waiting))
         )
 
-        # What the controller is told, and what it answers.
-        told = self._measured(episode.state)
-        columns = world.observe(replace(episode, state=told, reading=None))
+        # The controller's inputs, and its command.
+        measured = self._measured(episode.state)
+        columns = world.observe(replace(episode, state=measured, reading=None))
         seen = np.stack([np.broadcast_to(x, 1) for x in columns], axis=1).astype(np.float32)
-        answer = np.asarray(self.controller.act(told, episode.goal, seen), dtype=np.float64)
+        answer = np.asarray(self.controller.act(measured, episode.goal, seen), dtype=np.float64)
 
         # The command that reaches the thrusters now.
         self._waiting.append(tuple(float(x) for x in answer[0]))

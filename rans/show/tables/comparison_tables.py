@@ -121,14 +121,14 @@ def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
     The contestants are those of `gap_names`, in their order.
     """
     return [
-        [event, *(_middle(found.get(name)) for name in gap_names(gaps))]
-        for event, found in gaps.items()
+        [event, *(_middle(ratios.get(name)) for name in gap_names(gaps))]
+        for event, ratios in gaps.items()
     ]
 
 
 def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
-    """Whose multiples these are."""
-    return list(dict.fromkeys(name for found in gaps.values() for name in found))
+    """Names of the contestants with such ratios."""
+    return list(dict.fromkeys(name for ratios in gaps.values() for name in ratios))
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:
@@ -138,14 +138,14 @@ def _middle(ratios: np.ndarray | None) -> str | None:
 
 
 def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
-    """What the optimiser found, by objective, for a table."""
+    """Rows of a table of the relaxed optima, one for each objective."""
     rows = []
-    for name, found in comparison.relaxed.items():
-        solved = [one for one in found if one.solved]
+    for name, optima in comparison.relaxed.items():
+        solved = [one for one in optima if one.solved]
         middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
         worst = max((one.replay_error for one in solved), default=None)
         rows.append(
-            [name, f"{len(solved)} of {len(found)}", *middle, worst, _median(solved, "seconds")]
+            [name, f"{len(solved)} of {len(optima)}", *middle, worst, _median(solved, "seconds")]
         )
     return rows
 

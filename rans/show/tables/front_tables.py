@@ -60,10 +60,10 @@ def sentences(front: Front) -> Iterator[str]:
             ("spends, in multiples of the certified least impulse for its own times,", "episode"),
         ):
             if over:
-                told = ", ".join(
+                factors = ", ".join(
                     f"{getattr(own, name):.2f} at {trade_off:g}" for trade_off, own in over.items()
                 )
-                yield f"{agent} {says} {told}."
+                yield f"{agent} {says} {factors}."
     sets = {**front.lines(), "Everybody together": front.entries}
     for name, entries in sets.items():
         if result := front.indicators(entries):

@@ -160,21 +160,21 @@ def _ends(task: Task) -> Listing:
     return Listing("An episode", ("ends", "when"), rows)
 
 
-def settings_listing(given: Any, prefix: str = "", title: str = "Settings") -> Listing:
-    """A row a field; with the prefix by which ``rans train --set`` knows it."""
-    told = meanings(type(given))
+def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -> Listing:
+    """Listing with a row for each field; keys have the prefix of ``rans train --set``."""
+    known = meanings(type(settings))
     return Listing(
         title,
         ("key", "value", "meaning"),
         [
-            (prefix + one.name, setting(getattr(given, one.name)), told.get(one.name, ""))
-            for one in dataclasses.fields(given)
+            (prefix + one.name, setting(getattr(settings, one.name)), known.get(one.name, ""))
+            for one in dataclasses.fields(settings)
         ],
     )
 
 
 def conditions_listing(conditions: Conditions) -> Listing:
-    """What is not the default."""
+    """Listing of the settings that are not the defaults."""
     return Listing(
         conditions.description or "Conditions",
         ("what", "range"),
@@ -182,9 +182,9 @@ def conditions_listing(conditions: Conditions) -> Listing:
     )
 
 
-def _changed(given: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    for one in dataclasses.fields(given):
-        value = getattr(given, one.name)
+def _changed(settings: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    for one in dataclasses.fields(settings):
+        value = getattr(settings, one.name)
         if dataclasses.is_dataclass(value):
             yield from _changed(value, f"{prefix}{one.name}.")
         elif one.name == "others":
