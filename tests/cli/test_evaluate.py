@@ -164,7 +164,7 @@ def test_wrong_arguments(
     (run_folder / "policy.zip").write_bytes(b"rubbish")
     assert "policy.zip is damaged" in refused(capsys, str(run_folder))
     (run_folder / "policy.zip").unlink()
-    assert "has no policy.zip: its training has not come" in refused(capsys, str(run_folder))
+    assert "has no policy.zip: its training has not" in refused(capsys, str(run_folder))
 
 
 def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
