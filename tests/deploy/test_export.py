@@ -199,7 +199,7 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "policy.zip").unlink()
-    with pytest.raises(ConfigError, match=r"has no policy\.zip: its training has not come"):
+    with pytest.raises(ConfigError, match=r"has no policy\.zip: its training has not"):
         export(bare, tmp_path / "again", margins=0)
 
 
