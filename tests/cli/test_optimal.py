@@ -117,6 +117,14 @@ def test_lost_starts_are_told_and_the_rest_is_made(
             ("go-to-pose", "--objective", "reward", "--ending", "set"),
             "the ending set is for fuel, time",
         ),
+        (
+            ("go-to-pose", "--start", "p.x=3", "--keep-out", "0,0.25,1"),
+            "goal 0 is 0.75 m inside the ball to keep out of at 0, 0.25",
+        ),
+        (
+            ("go-to-pose", "--start", "p.x=3", "--keep-out", "3,0,1"),
+            "start 0 is 1 m inside the ball to keep out of at 3, 0",
+        ),
     ],
 )
 def test_mistakes_are_one_sentence(

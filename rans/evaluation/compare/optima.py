@@ -130,7 +130,12 @@ def optima(
         progress: reports solved problems.
         timing: length of flights, see `episode`; by default that of their trajectories.
         limits: limits of trajectories beside the task's own constraints.
+
+    Raises:
+        ConfigError: a start or a goal is inside a ball to keep out of.
     """
+    if limits is not None:
+        limits.check_ends(starts)
     [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))

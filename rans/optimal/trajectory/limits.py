@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rans.errors import ConfigError, is_finite
 from rans.model.fields import Field, sqrt
 from rans.renamed import renamed
+from rans.scenario import Scenario
 
 
 @renamed(looks="checks")
@@ -65,3 +68,22 @@ class PathLimits:
             square = sum((x - c) * (x - c) for x, c in zip(where, centre, strict=True))
             result[f"keep out {number}"] = sqrt(square) - radius
         return result
+
+    def check_ends(self, starts: Scenario) -> None:
+        """Refuse starts and goals, fields of arrays (N,), inside a ball to keep out of.
+
+        Raises:
+            ConfigError: there is one; or a ball is for the other dimension.
+        """
+        for what, state in (("start", starts.start), ("goal", starts.goal)):
+            for name, margin in PathLimits(keep_out=self.keep_out).margins(state).items():
+                margins = np.atleast_1d(np.asarray(margin, float))
+                worst = int(margins.argmin())
+                if margins[worst] < 0.0:
+                    number = int(name.rpartition(" ")[2])
+                    *centre, radius = self.keep_out[number]
+                    raise ConfigError(
+                        f"{what} {worst} is {-margins[worst]:.3g} m inside the ball to keep out of at "
+                        f"{', '.join(f'{x:g}' for x in centre)} with a radius of {radius:g} m: no trajectory keeps "
+                        "out of it; move the ball, or make it smaller."
+                    )
