@@ -11,7 +11,9 @@ from typing import NamedTuple
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
+from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.episodes import fly_draws
+from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
@@ -64,6 +66,22 @@ class Stress:
         few = getattr(one.controller, "slow", False)
         return min(self.slow_episodes, self.contest.episodes) if few else self.contest.episodes
 
+    def tuned_for(self, spec: str, level: Level) -> bool:
+        """Whether a controller, by the text that named it, has settings tuned for the conditions of a level."""
+        name = spec.partition(":")[0]
+        if name not in CONTROLLERS or level.size is not None or level.conditions.or_none is None:
+            return False
+        setup = self.contest.setup._replace(conditions=level.conditions)
+        result = tuned(name, setup)
+        return result is not None and bool(result.conditions)
+
+    def _controller(self, spec: str, level: Level) -> Controller:
+        """A contestant at a level: controllers with the settings that were tuned for its conditions."""
+        if not self.tuned_for(spec, level):
+            return self.contestants[spec].controller
+        setup = self.contest.setup._replace(conditions=level.conditions)
+        return controller(spec.partition(":")[0], setup)
+
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
         """Sizes at which a contestant was flown, the nominal one first, and its shares of held episodes."""
         sizes = (effect.nominal, *effect.sizes)
@@ -106,7 +124,7 @@ class Stress:
         jobs = list(_jobs(self))
         arguments = (
             self.contest,
-            [one.controller for one in made],
+            [[self._controller(spec, level) for level in self.levels] for spec in self.contestants],
             [level.conditions.or_none for level in self.levels],
         )
         pool = Workers(_Flyer, arguments, workers, "flew episodes")
@@ -211,7 +229,8 @@ class _Flyer(NamedTuple):
     """Contestants and conditions, in each process."""
 
     contest: Contest
-    controllers: Sequence[Controller]
+    controllers: Sequence[Sequence[Controller]]
+    """Of each contestant, one for each level."""
     worlds: Sequence[Conditions | None]
 
     def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
@@ -228,7 +247,7 @@ class _Flyer(NamedTuple):
 
     def flown(self, level: int, contestant: int, first: int, count: int) -> _Part:
         """Outcomes of consecutive episodes of one contestant at one level."""
-        controller = self.controllers[contestant]
+        flying = self.controllers[contestant][level]
         setup = self.contest.setup._replace(conditions=self.worlds[level])
-        flight = fly_draws(controller, setup, draws(self.contest.seed, count, first))
-        return _Part(Outcome.of(flight), getattr(controller, "failures", 0))
+        flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
+        return _Part(Outcome.of(flight), getattr(flying, "failures", 0))

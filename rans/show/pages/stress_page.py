@@ -82,7 +82,12 @@ class StressReport(NotebookRepr):
             yield (
                 f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
             )
-        for one in self.stress.contestants.values():
+        for spec, one in self.stress.contestants.items():
+            worlds = [
+                level.effect for level in self.stress.named if self.stress.tuned_for(spec, level)
+            ]
+            if worlds:
+                yield f"{one.name} flies {', '.join(worlds)} with settings that were tuned for it."
             count = self.stress.episodes(one)
             stopped = self.stress.stopped.get(one.name, 0)
             if count < self.stress.contest.episodes:

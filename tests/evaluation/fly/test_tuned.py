@@ -16,6 +16,7 @@ from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Deadband, Weights
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import TUNING_SEED
 from rans.tasks import TASKS, GoToPose
 
@@ -28,18 +29,22 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     found = Tuned.read(file)
     craft = parse_spacecraft(found.spacecraft, file.name)
     task = TASKS[found.task]()
-    setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period))
+    conditions = load_conditions("lab") if found.conditions else None
+    setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period), conditions)
     assert tuned(found.controller, setup) == found
-    assert file.name == file_name(found.controller, setup.craft, task)
+    label = "lab" if found.conditions else ""
+    assert file.name == file_name(found.controller, setup.craft, task, label)
     assert found.costs["tuned"] < found.costs["default"]
-    assert (found.seed, found.starts) == (TUNING_SEED, 256)
+    assert found.seed == TUNING_SEED
     controller(found.controller, setup)
 
 
-def test_platform_has_tuned_opponents() -> None:
-    assert {"lqr-go-to-pose-floating-platform", "switching-go-to-pose-floating-platform"} <= {
-        file.stem for file in FILES
-    }
+@pytest.mark.parametrize("world", ["", "-lab"])
+def test_opponents_on_the_platform_had_equal_budgets(world: str) -> None:
+    """Of processor time; the last setting of each is finished, and seconds are those of one core."""
+    names = ("lqr", "switching", "mpc", "mppi")
+    files = [SHIPPED / f"{name}-go-to-pose-floating-platform{world}.json" for name in names]
+    assert all("--seconds 150 " in Tuned.read(file).command for file in files)
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,11 @@ import rans.evaluation.stress.run as run
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.stress.run import prepared
+from rans.randomization.conditions_file import load_conditions
 from tests.support.stress_runs import FIRST, small
 
 
@@ -47,6 +49,23 @@ def test_the_lqr_bears_late_valves_longer() -> None:
     assert answer.after == -1
     assert answer.size is not None
     assert answer.size < 0.1
+
+
+def test_a_controller_flies_a_named_world_as_it_was_tuned_for_it() -> None:
+    """In `lab` the LQR that ships for `lab`, which a comparison in `lab` flies too; elsewhere the nominal one."""
+    stress = small("lqr:go-to-pose-2d", conditions=("lab",))
+    stress.effects = []
+    stress.fly(workers=1)
+    setup = stress.contest.setup._replace(conditions=load_conditions("lab"))
+    found = stress.outcomes["lab", "LQR"].errors["position"]
+
+    def largest(nominal: bool) -> np.ndarray:
+        made = controller("lqr", stress.contest.setup if nominal else setup)
+        flight = fly_episodes(made, setup, 7, 4).flight
+        return flight.errors()["position"][-25:].max(axis=0)
+
+    assert found == pytest.approx(largest(nominal=False), rel=1e-6)
+    assert found != pytest.approx(largest(nominal=True), rel=1e-3)
 
 
 @pytest.mark.slow
