@@ -28,8 +28,9 @@ class Tune:
     """Name of the controller (see `rans list`), or MODULE:NAME."""
     task: str = "go-to-pose"
     """Task to tune it for."""
-    spacecraft: str = "floating-platform"
-    """Name of a spacecraft that comes with RANS, or your own TOML file."""
+    spacecraft: str | None = None
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
+    floating-platform."""
     candidates: int = 300
     """Number of settings to try, the default ones included."""
     starts: int = 256
@@ -58,8 +59,9 @@ class Tune:
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
         within = ranges(self.controller)
-        craft = load_spacecraft(self.spacecraft)
         task = TASKS[self.task]()
+        spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
+        craft = load_spacecraft(spacecraft)
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
@@ -108,6 +110,6 @@ class Tune:
         )
         if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt
-        where = f"{self.task}-{craft.dimension}d@{self.spacecraft}"
+        where = f"{self.task}-{craft.dimension}d@{spacecraft}"
         Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))
         return 0
