@@ -41,8 +41,9 @@ class Hold(OrbitalMission):
     """Distance from the hold point that counts as reached, m."""
     velocity_tolerance: float = 0.05
     """Speed that counts as at rest, m/s."""
-    shortest_aim: float = 20.0
-    """Least coasting time of the velocity to gain, s: the craft slows down in the last two periods."""
+    shortest_aim: float = 10.0
+    """Least coasting time of the velocity to gain, s: a control period."""
+    braking_time: float = 10.0
     done_weight: float = 1.0
     violation_weight: float = 1.0
     impulse_weight: float = 0.002
@@ -52,6 +53,7 @@ class Hold(OrbitalMission):
 
     flag = 9
     brakes: ClassVar[bool] = True
+    few_burns: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "vbar-chaser"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
 

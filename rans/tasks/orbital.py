@@ -34,6 +34,7 @@ from rans.tasks.observation_terms import (
 )
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape, SpeedLimit
+from rans.tasks.transfers import KeepOut, Tolerance, Transfer, cheapest
 
 PLANS = 24
 """Number of arrival times that are compared for the plan of an episode, evenly up to its deadline."""
@@ -45,6 +46,14 @@ _WORTH = 0.005
 """Least share of the velocity change that postponing a part of the burn must save."""
 _SLOW = 0.9
 """Burns may be postponed while the speed at the arrival is below this share of the velocity tolerance."""
+_AIMED = 0.6
+"""Share of the position tolerance that transfers of missions that brake use in the orbital plane."""
+_AIMED_ACROSS = 0.4
+"""The same across the orbital plane."""
+_LEFT = 0.95 / math.sqrt(3.0)
+"""Share of the velocity tolerance that braking leaves along each axis."""
+_LATE = 0.05
+"""Price of a plan whose braking ends after the deadline, m/s per second."""
 _NOTHING = 1e-9
 """Added to determinants so that none is zero, m^2 per (m/s)^2."""
 REFINEMENTS = 3
@@ -107,12 +116,16 @@ class OrbitalMission(SingleTask):
     optimal_problem = "rendezvous"
     braking_time: float = 20.0
     """Time between the latest planned arrival and the deadline, s; only of missions that brake."""
+    braking: float = 0.02
+    """Acceleration along each axis with which the craft brakes, m/s^2; only of missions that brake."""
     speed_reserve: float = 0.03
     """Share of a speed limit that recommended velocities stay below it: the limit may fall within a period."""
     keep_out_reserve: float = 4.0
     """Distance that recommended velocities keep from keep-out balls, m: coasts are checked at a few points."""
     brakes: ClassVar[bool] = False
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
+    few_burns: ClassVar[bool] = False
+    """Whether recommendations are transfers of few burns (`rans.tasks.transfers`); only of missions that brake."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -131,11 +144,13 @@ class OrbitalMission(SingleTask):
     def planned(self, random: Random, start: State, goal: State) -> State:
         """Goal with a drawn deadline and the plan for a start in its notes."""
         deadline = random.uniform(*self.deadline)
+        goal = replace(goal, notes=(deadline, deadline, deadline * 0.0))
         latest = self._whole(deadline - self.braking_time if self.brakes else deadline)
         arrival = latest
         cheapest = self._planned_price(start, goal, arrival, latest)
-        step = latest * (1.0 / PLANS)
-        tried = [latest * (1.0 - k / PLANS) for k in range(1, PLANS)]
+        plans = PLANS // 2 if self.few_burns else PLANS
+        step = latest * (1.0 / plans)
+        tried = [latest * (1.0 - k / plans) for k in range(1, plans)]
         for earlier in tried:
             arrival, cheapest = self._cheaper(start, goal, latest, earlier, arrival, cheapest)
         # Between the best of them and its neighbours.
@@ -163,6 +178,10 @@ class OrbitalMission(SingleTask):
 
     def _planned_price(self, start: Any, goal: Any, time: Field, latest: Field) -> Field:
         """Velocity change for an arrival after a time, m/s, and a penalty if limits delay it beyond the latest."""
+        if self.few_burns:
+            found = self._transfer(start, goal, time, later=False)
+            late = at_least(time + self._braking_after(found.brake) - goal.notes[0], 0.0)
+            return found.price + late * _LATE
         gain = self.velocity_to_gain(start, goal, time)
         begun = start.v + gain
         price = self._price(start, goal, time, gain)
@@ -227,11 +246,53 @@ class OrbitalMission(SingleTask):
         Beside keep-out balls the point of the coast that is nearest to a ball's centre is moved out of it, as
         far as it takes. Speeds are at most `most_gain`, and below speed limits by `speed_reserve`.
         """
+        if self.few_burns:
+            return self._recommended_with_brake(state, goal, left)
         time = at_least(left, self.shortest_aim)
         velocity = velocity_to_reach(self.drift, state.p, goal.p, time)
         if not self.brakes and isinstance(velocity, Vec3):
             velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
         return self._within_limits(state, goal, velocity, time)
+
+    def _recommended_with_brake(self, state: Any, goal: Any, left: Field) -> Any:
+        """See `recommended`, of missions that brake at the arrival."""
+        period = self.timing.control_period
+        time = at_least(left, self.shortest_aim)
+        velocity = state.v + self._transfer(state, goal, time).burn
+        velocity = self._within_limits(state, goal, velocity, time)
+        # Too late for the plan: go to the goal at once.
+        away = (goal.p - state.p).norm() > self.position_tolerance
+        late = (left < -period) & away
+        straight = velocity_to_reach(self.drift, state.p, goal.p, 4.0 * period + time * 0.0)
+        velocity = map_leaves(partial(where, late), straight, velocity)
+        # Half of the braking is done before the arrival, and half of it after.
+        least = self.velocity_tolerance * _LEFT
+        slowed = []
+        for mine, wanted, target in zip(
+            (state.v - goal.v).columns(), velocity.columns(), goal.v.columns(), strict=True
+        ):
+            excess = at_least(absolute(mine) - least, 0.0)
+            brakes = left < excess * (0.5 / self.braking) + 0.5 * period
+            rest = target + where(mine > 0.0, mine - excess, mine + excess)
+            slowed.append(where(late, wanted, where(brakes, rest, wanted)))
+        return type(velocity)(*slowed)
+
+    def _braking_after(self, brake: Field) -> Field:
+        """How long after the arrival a velocity change (m/s) ends that is made half before it, s."""
+        whole = brake * (1.0 / self.braking)
+        before = self._whole(0.5 * whole + 0.49 * self.timing.control_period)
+        return whole - before
+
+    def _transfer(self, state: Any, goal: Any, time: Field, later: bool = True) -> Transfer:
+        """Cheapest transfer with a brake at the arrival."""
+        ends = Tolerance(
+            self.position_tolerance * _AIMED,
+            self.position_tolerance * _AIMED_ACROSS,
+            self.velocity_tolerance * _LEFT,
+        )
+        balls = [one for one in self.limits(goal).values() if isinstance(one, Ball)]
+        ball = KeepOut(balls[0].centre, balls[0].radius + self.keep_out_reserve) if balls else None
+        return cheapest(self.mean_motion, state.p, state.v, goal.p, time, ends, ball, later)
 
     def _within_limits(self, state: Any, goal: Any, velocity: Any, time: Field) -> Any:
         """A velocity for a coast of this time, s, changed so far that it keeps the limits."""
@@ -303,6 +364,16 @@ class OrbitalMission(SingleTask):
             nearest = map_leaves(partial(where, nearer), way, nearest)
             distance = where(nearer, way.norm(), distance)
             when = where(nearer, time * share, when)
+        # The nearest point of a straight line through it, at most halfway to the points beside it.
+        p, v = self.drift.carry(state.p, velocity, when)
+        v = v - ball.v
+        spacing = time * (0.5 / (COAST_POINTS + 1))
+        sooner = (p - ball.later(when).centre).dot(v) / at_least(v.dot(v), 1e-9)
+        sooner = where(sooner > spacing, spacing, where(sooner < -spacing, 0.0 - spacing, sooner))
+        when = at_least(when - sooner, self.shortest_aim)
+        p, _ = self.drift.carry(state.p, velocity, when)
+        nearest = p - ball.later(when).centre
+        distance = nearest.norm()
         short = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
         return nearest.scale(short / (at_least(distance, 1e-3) * when))
 
@@ -357,6 +428,9 @@ class OrbitalMission(SingleTask):
     def _counted(self, state: Any, goal: Any, left: Field) -> Field:
         """Velocity to gain as rewards count it, m/s."""
         time = at_least(left, self.shortest_aim)
+        if self.few_burns:
+            price = self._transfer(state, goal, time, later=False).price
+            return where(price < self.most_gain, price, self.most_gain)
         whole = velocity_to_reach(self.drift, state.p, goal.p, time)
         gain = self._within_limits(state, goal, whole, time) - state.v
         price = self._price(state, goal, left, gain)
