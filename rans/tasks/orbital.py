@@ -272,14 +272,17 @@ class OrbitalMission(SingleTask):
             (state.v - goal.v).columns(), velocity.columns(), goal.v.columns(), strict=True
         ):
             excess = at_least(absolute(mine) - least, 0.0)
-            brakes = left < excess * (0.5 / self.braking) + 0.5 * period
-            rest = target + where(mine > 0.0, mine - excess, mine + excess)
-            slowed.append(where(late, wanted, where(brakes, rest, wanted)))
+            in_time = left < excess * (0.5 / self.braking) + 0.5 * period
+            # What the periods after this one cannot brake before the deadline.
+            pressing = at_least(excess - self.braking * (goal.notes[0] - period), 0.0)
+            brake = where(in_time, excess, pressing)
+            rest = target + where(mine > 0.0, mine - brake, mine + brake)
+            slowed.append(where(late, wanted, where(brake > 0.0, rest, wanted)))
         return type(velocity)(*slowed)
 
     def _braking_after(self, brake: Field) -> Field:
         """How long after the arrival a velocity change (m/s) ends that is made half before it, s."""
-        whole = brake * (1.0 / self.braking)
+        whole = brake * (1.05 / self.braking)
         before = self._whole(0.5 * whole + 0.49 * self.timing.control_period)
         return whole - before
 
