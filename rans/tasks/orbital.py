@@ -34,7 +34,7 @@ from rans.tasks.observation_terms import (
 )
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape, SpeedLimit
-from rans.tasks.transfers import KeepOut, Tolerance, Transfer, cheapest
+from rans.tasks.transfers import Coast, Ends, KeepOut
 
 PLANS = 24
 """Number of arrival times that are compared for the plan of an episode, evenly up to its deadline."""
@@ -46,12 +46,22 @@ _WORTH = 0.005
 """Least share of the velocity change that postponing a part of the burn must save."""
 _SLOW = 0.9
 """Burns may be postponed while the speed at the arrival is below this share of the velocity tolerance."""
-_AIMED = 0.6
+_AIMED = 0.65
 """Share of the position tolerance that transfers of missions that brake use in the orbital plane."""
-_AIMED_ACROSS = 0.4
+_AIMED_ACROSS = 0.45
 """The same across the orbital plane."""
 _LEFT = 0.95 / math.sqrt(3.0)
 """Share of the velocity tolerance that braking leaves along each axis."""
+_SMALL = 0.015
+"""Share of the price of the rest of a transfer below which nothing is burnt."""
+_SOON = 6.0
+"""Control periods before the arrival up to which such small corrections wait."""
+_BESIDE = 4.0
+"""Reserves of a keep-out ball up to which a coast passes beside it."""
+_PASSED = 0.4
+"""Share of the time to the arrival within which it has passed."""
+_RESCUE = 4.0
+"""Control periods in which a craft goes to the goal that has missed its arrival."""
 _LATE = 0.05
 """Price of a plan whose braking ends after the deadline, m/s per second."""
 _NOTHING = 1e-9
@@ -179,7 +189,7 @@ class OrbitalMission(SingleTask):
     def _planned_price(self, start: Any, goal: Any, time: Field, latest: Field) -> Field:
         """Velocity change for an arrival after a time, m/s, and a penalty if limits delay it beyond the latest."""
         if self.few_burns:
-            found = self._transfer(start, goal, time, later=False)
+            found = self._coast(start, goal, time).at_once()
             late = at_least(time + self._braking_after(found.brake) - goal.notes[0], 0.0)
             return found.price + late * _LATE
         gain = self.velocity_to_gain(start, goal, time)
@@ -258,44 +268,75 @@ class OrbitalMission(SingleTask):
         """See `recommended`, of missions that brake at the arrival."""
         period = self.timing.control_period
         time = at_least(left, self.shortest_aim)
-        velocity = state.v + self._transfer(state, goal, time).burn
-        velocity = self._within_limits(state, goal, velocity, time)
-        # Too late for the plan: go to the goal at once.
+        found = self._coast(state, goal, time).cheapest(self._keep_out(goal))
+        aimed = state.v + found.burn
+        velocity = self._within_limits(state, goal, aimed, time)
+        # Small corrections wait, as do those on the way past a ball. After the arrival there are none.
+        small = _sum_of_sizes(velocity - state.v) < found.price * _SMALL
+        waits = (small & (left > _SOON * period)) | (left < 0.5 * period)
+        for limit in self.limits(goal).values():
+            if isinstance(limit, Ball):
+                waits = waits | self._passes(limit, state, aimed, time)
+        velocity = map_leaves(partial(where, waits), state.v, velocity)
+        velocity = self._braked(state, goal, velocity, left)
+        # Too late for the plan: go to the goal soon.
         away = (goal.p - state.p).norm() > self.position_tolerance
         late = (left < -period) & away
-        straight = velocity_to_reach(self.drift, state.p, goal.p, 4.0 * period + time * 0.0)
-        velocity = map_leaves(partial(where, late), straight, velocity)
-        # Half of the braking is done before the arrival, and half of it after.
+        soon = velocity_to_reach(self.drift, state.p, goal.p, _RESCUE * period + time * 0.0)
+        return map_leaves(partial(where, late), soon, velocity)
+
+    def _braked(self, state: Any, goal: Any, velocity: Any, left: Field) -> Any:
+        """A velocity in W, m/s, of which the components are braked whose time has come.
+
+        Half of the braking is done before the arrival, as late as possible, and half of it after.
+        """
+        period = self.timing.control_period
         least = self.velocity_tolerance * _LEFT
-        slowed = []
-        for mine, wanted, target in zip(
-            (state.v - goal.v).columns(), velocity.columns(), goal.v.columns(), strict=True
+        components = []
+        for now, wanted, target in zip(
+            state.v.columns(), velocity.columns(), goal.v.columns(), strict=True
         ):
-            excess = at_least(absolute(mine) - least, 0.0)
-            in_time = left < excess * (0.5 / self.braking) + 0.5 * period
+            excess = at_least(absolute(now - target) - least, 0.0)
+            half = at_least(excess - 2.0 * self.braking * (left - period), 0.0) * 0.5
+            brake = where(left < 0.5 * period, excess, half)
             # What the periods after this one cannot brake before the deadline.
             pressing = at_least(excess - self.braking * (goal.notes[0] - period), 0.0)
-            brake = where(in_time, excess, pressing)
-            rest = target + where(mine > 0.0, mine - brake, mine + brake)
-            slowed.append(where(late, wanted, where(brake > 0.0, rest, wanted)))
-        return type(velocity)(*slowed)
+            brake = where(pressing > brake, pressing, brake)
+            braked = where(now > target, now - brake, now + brake)
+            components.append(where(brake > 0.0, braked, wanted))
+        return type(velocity)(*components)
+
+    def _passes(self, ball: Ball, state: Any, aimed: Any, time: Field) -> Field:
+        """Whether a coast passes a ball at a small distance, while the ball blocks the way of a velocity."""
+        coast, when = self._nearest(ball, state, state.v, time)
+        blocked, _ = self._nearest(ball, state, aimed, time)
+        reserve = self.keep_out_reserve
+        beyond = coast.norm() - ball.radius
+        clear = (beyond > 0.5 * reserve) & (beyond < _BESIDE * reserve)
+        soon = when < time * _PASSED
+        return clear & soon & (blocked.norm() < ball.radius + 0.5 * reserve)
 
     def _braking_after(self, brake: Field) -> Field:
-        """How long after the arrival a velocity change (m/s) ends that is made half before it, s."""
-        whole = brake * (1.05 / self.braking)
-        before = self._whole(0.5 * whole + 0.49 * self.timing.control_period)
-        return whole - before
+        """How long after the arrival a brake (m/s) ends of which half is before it, s."""
+        period = self.timing.control_period
+        # Flown brakes are a little larger than those of impulses.
+        return self._whole(brake * (0.55 / self.braking) + 0.95 * period)
 
-    def _transfer(self, state: Any, goal: Any, time: Field, later: bool = True) -> Transfer:
-        """Cheapest transfer with a brake at the arrival."""
-        ends = Tolerance(
+    def _coast(self, state: Any, goal: Any, time: Field) -> Coast:
+        """The coast from a state for a time, s, from which transfers are found."""
+        ends = Ends(
             self.position_tolerance * _AIMED,
             self.position_tolerance * _AIMED_ACROSS,
             self.velocity_tolerance * _LEFT,
         )
-        balls = [one for one in self.limits(goal).values() if isinstance(one, Ball)]
-        ball = KeepOut(balls[0].centre, balls[0].radius + self.keep_out_reserve) if balls else None
-        return cheapest(self.mean_motion, state.p, state.v, goal.p, time, ends, ball, later)
+        return Coast(self.mean_motion, state.p, state.v, goal.p, time, ends, self.braking)
+
+    def _keep_out(self, goal: Any) -> KeepOut | None:
+        """The first keep-out ball, with its reserve."""
+        for limit in self.limits(goal).values():
+            if isinstance(limit, Ball) and isinstance(limit.centre, Vec3):
+                return KeepOut(limit.centre, limit.radius + self.keep_out_reserve)
+        return None
 
     def _within_limits(self, state: Any, goal: Any, velocity: Any, time: Field) -> Any:
         """A velocity for a coast of this time, s, changed so far that it keeps the limits."""
@@ -356,6 +397,13 @@ class OrbitalMission(SingleTask):
 
     def _around(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Any:
         """Velocity change, m/s, with which the coast for this time passes beside a ball."""
+        nearest, when = self._nearest(ball, state, velocity, time)
+        distance = nearest.norm()
+        short = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
+        return nearest.scale(short / (at_least(distance, 1e-3) * when))
+
+    def _nearest(self, ball: Ball, state: Any, velocity: Any, time: Field) -> tuple[Any, Field]:
+        """Vector from a ball's centre to the nearest point of a coast for this time, m, and when it is there, s."""
         nearest = state.p - ball.centre
         distance = nearest.norm()
         when = time
@@ -375,10 +423,7 @@ class OrbitalMission(SingleTask):
         sooner = where(sooner > spacing, spacing, where(sooner < -spacing, 0.0 - spacing, sooner))
         when = at_least(when - sooner, self.shortest_aim)
         p, _ = self.drift.carry(state.p, velocity, when)
-        nearest = p - ball.later(when).centre
-        distance = nearest.norm()
-        short = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
-        return nearest.scale(short / (at_least(distance, 1e-3) * when))
+        return p - ball.later(when).centre, when
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
@@ -432,7 +477,7 @@ class OrbitalMission(SingleTask):
         """Velocity to gain as rewards count it, m/s."""
         time = at_least(left, self.shortest_aim)
         if self.few_burns:
-            price = self._transfer(state, goal, time, later=False).price
+            price = self._coast(state, goal, time).at_once().price
             return where(price < self.most_gain, price, self.most_gain)
         whole = velocity_to_reach(self.drift, state.p, goal.p, time)
         gain = self._within_limits(state, goal, whole, time) - state.v

@@ -1,85 +1,55 @@
 """Transfers of few burns near a circular orbit that end at rest, in closed form over fields.
 
-Equations of motion are linear (`rans.model.drift.ClohessyWiltshire`), so that the position and the velocity at the
-arrival are sums of what every burn does. Across the orbital plane one burn reaches a position; in the plane two
-burns along axes do. What is left of the velocity is braked at the arrival. Thrusters are along the axes, and pay
-for the sum of the components.
+The motion is linear (`rans.model.drift.ClohessyWiltshire`), so that position and velocity at the arrival are sums
+of what every burn does. Across the orbital plane one burn reaches a position, and in the plane two burns along axes
+do. What is left of the velocity is braked at the arrival. Thrusters are along the axes: burns cost the sum of their
+components.
 
-The burns of a transfer are now, or after a tenth, two tenths, ... of the time. All pairs of a burn now and another
-one are compared, each with its way past a keep-out ball.
+A burn is now, or after one or more of `PARTS` equal parts of the time. Of every such burn across the plane, and of
+the pairs in the plane of which one or none is now, the cheapest is taken. The best transfer of this kind is within
+some percent of the optimum, which has few burns too, most of them at both ends (T. N. Edelbaum, "How many
+impulses?", Astronautics & Aeronautics 5, 1967).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 from rans.model.fields import Field, Vec3, absolute, at_least, cos, sin, where
 
 PARTS = 8
-"""Number of equal parts of a transfer's time, between which burns are tried and the way past a ball is looked at."""
+"""Number of equal parts of a transfer's time, between which burns are tried and a ball is looked for."""
 _AIMS = 8
 """Number of points on the edge of the position tolerance, in the orbital plane, at which transfers may end."""
 _WORTH = 0.005
 """Least share of its price that postponing a burn must save."""
+_DETOUR = 8.0
+"""Price of every metre that a transfer is too near to a ball, times its time, m/s times s per metre."""
+_NEVER = 1e6
+"""Price of what is not possible, m/s."""
 _NOTHING = 1e-9
 """Added to determinants so that none is zero, m^2 per (m/s)^2."""
 
-
-class _After(NamedTuple):
-    """What a burn has done after a time."""
-
-    time: Field
-    """s"""
-    sine: Field
-    """Of n t."""
-    rise: Field
-    """1 - cos(n t)."""
-
-    def along_x(self, n: float) -> tuple[Field, Field]:
-        """Change of position in the plane by 1 m/s along x, m."""
-        return self.sine * (1.0 / n), self.rise * (-2.0 / n)
-
-    def along_y(self, n: float) -> tuple[Field, Field]:
-        """Change of position in the plane by 1 m/s along y, m."""
-        return self.rise * (2.0 / n), self.sine * (4.0 / n) - self.time * 3.0
-
-    def speeds(self) -> tuple[tuple[Field, Field], tuple[Field, Field]]:
-        """Change of velocity by 1 m/s along x, and along y, m/s."""
-        return (1.0 - self.rise, self.sine * -2.0), (self.sine * 2.0, 1.0 - self.rise * 4.0)
-
-    def coast(self, n: float, p: Vec3, v: Vec3) -> Vec3:
-        """Position, m, of a coast."""
-        (a, b), (c, d) = self.along_x(n), self.along_y(n)
-        return Vec3(
-            p.x * (1.0 + 3.0 * self.rise) + v.x * a + v.y * c,
-            p.y + p.x * (6.0 * (self.sine - n * self.time)) + v.x * b + v.y * d,
-            p.z * (1.0 - self.rise) + v.z * a,
-        )
-
-    def speed(self, n: float, p: Vec3, v: Vec3) -> Vec3:
-        """Velocity, m/s, of a coast."""
-        (a, b), (c, d) = self.speeds()
-        return Vec3(
-            p.x * (3.0 * n * self.sine) + v.x * a + v.y * c,
-            v.x * b + v.y * d - p.x * (6.0 * n * self.rise),
-            v.z * a - p.z * (n * self.sine),
-        )
+Pair = tuple[Field, Field]
+"""Components in the orbital plane, x and y."""
 
 
 @dataclass(frozen=True)
-class Tolerance:
-    """How far from the goal a transfer may end."""
+class Ends:
+    """Where a transfer may end, and how fast."""
 
     plane: float
-    """Distance in the orbital plane, m."""
+    """Distance from the goal in the orbital plane, m."""
     across: float
-    """Distance across it, m."""
+    """Distance from the goal across it, m."""
     speed: float
-    """Speed along each axis, m/s."""
+    """Speed along each axis that is not braked, m/s."""
     forgiven: float = 1.1
-    """Nothing is corrected up to so many times these distances."""
+    """Nothing is corrected within so many times the distances."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +59,7 @@ class KeepOut:
     centre: Vec3
     """m"""
     radius: Field
-    """m, with a reserve."""
+    """m"""
 
 
 class Transfer(NamedTuple):
@@ -98,183 +68,273 @@ class Transfer(NamedTuple):
     burn: Vec3
     """What of it is burnt now, m/s."""
     price: Field
-    """Velocity change of all burns, and of the way past the ball, m/s."""
+    """Velocity change of all burns, m/s, and a price of every metre within the ball."""
     brake: Field
     """Largest component of the velocity change at the arrival, m/s."""
 
 
-def cheapest(
-    n: float,
-    p: Vec3,
-    v: Vec3,
-    goal: Vec3,
-    time: Field,
-    ends: Tolerance,
-    ball: KeepOut | None = None,
-    later: bool = True,
-) -> Transfer:
-    """The cheapest transfer from a state to rest at a goal after a time.
+class _Burn(NamedTuple):
+    """A burn along an axis of the orbital plane."""
+
+    axis: int
+    """0: x, 1: y."""
+    size: Field
+    """m/s"""
+    begun: int
+    """After so many parts of the time."""
+
+
+class _Choice(NamedTuple):
+    """A transfer in the orbital plane."""
+
+    price: Field
+    """m/s"""
+    brake: Field
+    """Largest component of the velocity change at the arrival, m/s."""
+    now: Pair
+    """Burn now, m/s."""
+    aside: Pair
+    """Where it arrives, from the goal, m."""
+
+    def or_else(self, better: Field, other: _Choice) -> _Choice:
+        """The other one where it is better."""
+        return _Choice(
+            where(better, other.price, self.price),
+            where(better, other.brake, self.brake),
+            _chosen(better, other.now, self.now),
+            _chosen(better, other.aside, self.aside),
+        )
+
+
+class _Effect(NamedTuple):
+    """What 1 m/s does within a time."""
+
+    time: Field
+    """s"""
+    sine: Field
+    """Of n t."""
+    rise: Field
+    """1 - cos(n t)."""
+
+    def place(self, n: float, axis: int) -> Pair:
+        """Change of position in the orbital plane, m, by 1 m/s along an axis of it."""
+        if axis == 0:
+            return self.sine * (1.0 / n), self.rise * (-2.0 / n)
+        return self.rise * (2.0 / n), self.sine * (4.0 / n) - self.time * 3.0
+
+    def speed(self, axis: int) -> Pair:
+        """Change of velocity in the orbital plane, m/s, by 1 m/s along an axis of it."""
+        if axis == 0:
+            return 1.0 - self.rise, self.sine * -2.0
+        return self.sine * 2.0, 1.0 - self.rise * 4.0
+
+
+@dataclass(frozen=True)
+class Coast:
+    """A coast near a circular orbit, from which transfers to a goal are found.
 
     Args:
         n: mean motion of the orbit, rad/s.
-        p: position in W, m.
+        p: position in W, the target's Hill frame, m.
         v: velocity in W, m/s.
         goal: position in W, m.
         time: until the arrival, > 0, s.
         ends: what counts as the goal.
-        ball: is not entered, as far as can be seen from `PARTS` straight lines.
+        acceleration: by thrust along each axis, m/s^2. A later burn that lasts longer than a part of the time is
+            dearer.
     """
-    after = _clock(n, time)
-    whole = after[PARTS]
-    natural = [one.coast(n, p, v) for one in after]
-    at_goal = whole.speed(n, p, v)
-    missed = goal - natural[PARTS]
-    zero = time * 0.0
 
-    def left(speed: Field) -> Field:
-        return at_least(absolute(speed) - ends.speed, 0.0)
+    n: float
+    p: Vec3
+    v: Vec3
+    goal: Vec3
+    time: Field
+    ends: Ends
+    acceleration: float
 
-    # Across the orbital plane: one burn, at the best time.
-    z_price = left(at_goal.z)
-    z_price = where(absolute(missed.z) < ends.across * ends.forgiven, z_price, zero + math.inf)
-    z_brake = left(at_goal.z)
-    z_burns = [zero] * PARTS
-    for j in range(PARTS):
-        then = after[PARTS - j]
-        for side in (ends.across, -ends.across):
-            size = (missed.z + side) * n / then.sine
-            brake = left(at_goal.z + size * (1.0 - then.rise))
-            price = absolute(size) + brake
-            better = price < z_price if j == 0 else price < z_price * (1.0 - _WORTH)
-            z_price = where(better, price, z_price)
-            z_brake = where(better, brake, z_brake)
-            z_burns = [
-                where(better, size if k == j else zero, one) for k, one in enumerate(z_burns)
-            ]
-    zs = [
-        natural[k].z
-        + sum((z_burns[j] * after[k - j].sine * (1.0 / n) for j in range(min(k, PARTS))), zero)
-        for k in range(PARTS + 1)
-    ]
+    def cheapest(self, ball: KeepOut | None = None) -> Transfer:
+        """The cheapest transfer whose burns in the plane may be postponed, beside a ball."""
+        across, price, brake, heights = self._across()
+        at_once = self._at_once
+        best = at_once
+        if ball is not None:
+            apart = self._apart(ball, heights)
+            both = _Burn(0, at_once.now[0], 0), _Burn(1, at_once.now[1], 0)
+            best = at_once._replace(price=at_once.price + self._detour(ball, apart, both))
+            for choice, burns in self._postponed():
+                dearer = choice._replace(price=choice.price + self._detour(ball, apart, burns))
+                best = best.or_else(dearer.price < best.price * (1.0 - _WORTH), dearer)
+        else:
+            for choice, _ in self._postponed():
+                best = best.or_else(choice.price < best.price * (1.0 - _WORTH), choice)
+        return Transfer(Vec3(*best.now, across), best.price + price, _larger(best.brake, brake))
 
-    # In the plane: where to arrive, for burns now.
-    near = missed.x * missed.x + missed.y * missed.y < (ends.plane * ends.forgiven) ** 2
-    brakes = left(at_goal.x), left(at_goal.y)
-    best = _Best(
-        where(near, brakes[0] + brakes[1], zero + math.inf), brakes, zero, zero, zero, zero
-    )
-    now = whole.along_x(n), whole.along_y(n)
-    speeds = whole.speeds()
-    for k in range(_AIMS):
-        angle = 2.0 * math.pi * k / _AIMS
-        a, b = ends.plane * math.cos(angle), ends.plane * math.sin(angle)
-        u, w = _solved(*now, (missed.x + a, missed.y + b))
-        brakes = (
-            left(at_goal.x + u * speeds[0][0] + w * speeds[1][0]),
-            left(at_goal.y + u * speeds[0][1] + w * speeds[1][1]),
+    def at_once(self) -> Transfer:
+        """The cheapest transfer of which at most the burn across the plane is postponed, whatever is in the way."""
+        across, price, brake, _ = self._across()
+        best = self._at_once
+        return Transfer(Vec3(*best.now, across), best.price + price, _larger(best.brake, brake))
+
+    @cached_property
+    def _effects(self) -> list[_Effect]:
+        """After 0, 1, ..., `PARTS` parts of the time; sines of sums are sums of products."""
+        half = 0.5 * self.n / PARTS * self.time
+        one = sin(half), cos(half)
+        s, c = self.time * 0.0, self.time * 0.0 + 1.0
+        found = []
+        for k in range(PARTS + 1):
+            found.append(_Effect(self.time * (k / PARTS), 2.0 * s * c, 2.0 * s * s))
+            s, c = s * one[1] + c * one[0], c * one[1] - s * one[0]
+        return found
+
+    def _place(self, k: int) -> Vec3:
+        """Position after so many parts of the time, without burns, m."""
+        p, v, effect = self.p, self.v, self._effects[k]
+        (a, b), (c, d) = effect.place(self.n, 0), effect.place(self.n, 1)
+        return Vec3(
+            p.x * (1.0 + 3.0 * effect.rise) + v.x * a + v.y * c,
+            p.y + p.x * (6.0 * (effect.sine - self.n * effect.time)) + v.x * b + v.y * d,
+            p.z * (1.0 - effect.rise) + v.z * a,
         )
-        price = absolute(u) + absolute(w) + brakes[0] + brakes[1]
-        best = best.or_else(price < best.price, _Best(price, brakes, u, w, zero + a, zero + b))
-    m = missed.x + best.a, missed.y + best.b
 
-    # The way past the ball, which may come nearest halfway between two points.
-    beside = natural
-    squares = [zero] * (PARTS + 1)
-    per_lack = zero
-    if ball is not None:
-        step = (goal - p).scale(0.5 / PARTS)
-        square = ball.radius * ball.radius + step.dot(step)
-        beside = [one - ball.centre for one in natural]
-        squares = [square - (z - ball.centre.z) * (z - ball.centre.z) for z in zs]
-        per_lack = DETOUR / (2.0 * ball.radius * time)
+    @cached_property
+    def _missed(self) -> Vec3:
+        """Vector from the place at the arrival, without burns, to the goal, m."""
+        return self.goal - self._place(PARTS)
 
-    def detour(*burns: tuple[int, Field, int]) -> Field:
-        """Price of the way past the ball for burns along an axis of the plane, of a size, after so many parts."""
-        if ball is None:
-            return zero
-        lack = zero
+    @cached_property
+    def _at_goal(self) -> Vec3:
+        """Velocity at the arrival without burns, m/s."""
+        p, v, effect = self.p, self.v, self._effects[PARTS]
+        (a, b), (c, d) = effect.speed(0), effect.speed(1)
+        return Vec3(
+            p.x * (3.0 * self.n * effect.sine) + v.x * a + v.y * c,
+            v.x * b + v.y * d - p.x * (6.0 * self.n * effect.rise),
+            v.z * a - p.z * (self.n * effect.sine),
+        )
+
+    def _left(self, speed: Field) -> Field:
+        """What is braked of a speed along an axis, m/s."""
+        return at_least(absolute(speed) - self.ends.speed, 0.0)
+
+    def _across(self) -> tuple[Field, Field, Field, list[Field]]:
+        """Burn now across the plane, price and brake of the best one, m/s, and its heights, m."""
+        n = self.n
+        missed, at_goal = self._missed.z, self._at_goal.z
+        brake = self._left(at_goal)
+        near = absolute(missed) < self.ends.across * self.ends.forgiven
+        zero = self.time * 0.0
+        price = where(near, brake, zero + _NEVER)
+        now, size = zero, zero
+        sine, rise, begun = zero, zero, zero
+        for j in range(PARTS):
+            rest, effect = self._effects[PARTS - j], self._effects[j]
+            for side in (self.ends.across, -self.ends.across):
+                burn = (missed + side) * n / rest.sine
+                braked = self._left(at_goal + burn * (1.0 - rest.rise))
+                total = absolute(burn) + braked
+                better = total < (price * (1.0 - _WORTH) if j else price)
+                price = where(better, total, price)
+                brake = where(better, braked, brake)
+                now = where(better, zero if j else burn, now)
+                size = where(better, burn, size)
+                sine = where(better, effect.sine, sine)
+                rise = where(better, effect.rise, rise)
+                begun = where(better, effect.time, begun)
+        heights = []
+        for k, effect in enumerate(self._effects):
+            # sin(a - b), after the burn.
+            since = effect.sine * (1.0 - rise) - (1.0 - effect.rise) * sine
+            burnt = where(effect.time > begun, since * size * (1.0 / n), zero)
+            heights.append(self._place(k).z + burnt)
+        return now, price, brake, heights
+
+    @cached_property
+    def _at_once(self) -> _Choice:
+        """The cheapest transfer in the plane with a burn now and a brake at the arrival."""
+        missed, ends = self._missed, self.ends
+        zero = self.time * 0.0
+        whole = self._effects[PARTS]
+        places = whole.place(self.n, 0), whole.place(self.n, 1)
+        speeds = whole.speed(0), whole.speed(1)
+        price, brake = self._braked((zero, zero), speeds)
+        near = missed.x * missed.x + missed.y * missed.y < (ends.plane * ends.forgiven) ** 2
+        best = _Choice(where(near, price, zero + _NEVER), brake, (zero, zero), (zero, zero))
+        for k in range(_AIMS):
+            angle = 2.0 * math.pi * k / _AIMS
+            aside = zero + ends.plane * math.cos(angle), zero + ends.plane * math.sin(angle)
+            sizes = _solved(*places, (missed.x + aside[0], missed.y + aside[1]))
+            price, brake = self._braked(sizes, speeds)
+            best = best.or_else(price < best.price, _Choice(price, brake, sizes, aside))
+        return best
+
+    def _postponed(self) -> list[tuple[_Choice, tuple[_Burn, _Burn]]]:
+        """Transfers in the plane to the same place, of which one or both burns are later."""
+        aside = self._at_once.aside
+        missed = self._missed.x + aside[0], self._missed.y + aside[1]
+        zero = self.time * 0.0
+        whole = self._effects[PARTS]
+        found = []
+        for j in range(1, PARTS):
+            rest = self._effects[PARTS - j]
+            for first, second, begun in ((0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, j)):
+                effect = rest if begun else whole
+                sizes = _solved(effect.place(self.n, first), rest.place(self.n, second), missed)
+                price, brake = self._braked(sizes, (effect.speed(first), rest.speed(second)))
+                price = price + self._too_long(sizes[1])
+                if begun:
+                    price = price + self._too_long(sizes[0])
+                burnt = zero if begun else sizes[0]
+                now = (burnt, zero) if first == 0 else (zero, burnt)
+                burns = _Burn(first, sizes[0], begun), _Burn(second, sizes[1], j)
+                found.append((_Choice(price, brake, now, aside), burns))
+        return found
+
+    def _too_long(self, size: Field) -> Field:
+        """What is too much of a later burn for a part of the time, m/s."""
+        return at_least(absolute(size) - self.time * (self.acceleration / PARTS), 0.0)
+
+    def _braked(self, sizes: Pair, speeds: tuple[Pair, Pair]) -> tuple[Field, Field]:
+        """Price of two burns in the plane with the brake at the arrival, and its larger component, m/s."""
+        (u, w), (first, second) = sizes, speeds
+        x = self._left(self._at_goal.x + u * first[0] + w * second[0])
+        y = self._left(self._at_goal.y + u * first[1] + w * second[1])
+        return absolute(u) + absolute(w) + x + y, _larger(x, y)
+
+    def _apart(self, ball: KeepOut, heights: Sequence[Field]) -> list[tuple[Field, Field, Field]]:
+        """Position in the plane from a ball's centre, and the square of the least distance there, after each part.
+
+        A transfer may be nearest halfway between two of these points, which the square includes.
+        """
+        halfway = (self.goal - self.p).scale(0.5 / PARTS)
+        square = ball.radius * ball.radius + halfway.dot(halfway)
+        found = []
+        for k, height in enumerate(heights):
+            place = self._place(k) - ball.centre
+            above = height - ball.centre.z
+            found.append((place.x, place.y, square - above * above))
+        return found
+
+    def _detour(
+        self,
+        ball: KeepOut,
+        apart: Sequence[tuple[Field, Field, Field]],
+        burns: tuple[_Burn, _Burn],
+    ) -> Field:
+        """Price of the way past a ball, m/s."""
+        most = self.time * 0.0
         for k in range(1, PARTS + 1):
-            x, y = beside[k].x, beside[k].y
+            x, y, least = apart[k]
             for axis, size, begun in burns:
                 if k > begun:
-                    then = after[k - begun]
-                    effect = then.along_y(n) if axis else then.along_x(n)
+                    effect = self._effects[k - begun].place(self.n, axis)
                     x = x + size * effect[0]
                     y = y + size * effect[1]
-            short = squares[k] - x * x - y * y
-            lack = where(short > lack, short, lack)
-        return lack * per_lack
-
-    best = best._replace(price=best.price + detour((0, best.u, 0), (1, best.w, 0)))
-
-    # One of the two burns later, or both.
-    for j in range(1, PARTS) if later else ():
-        then = after[PARTS - j]
-        later = then.along_x(n), then.along_y(n)
-        then_speeds = then.speeds()
-        for first, second in ((0, 1), (1, 0), (1, 1)):
-            u, w = _solved(now[first], later[second], m)
-            brakes = tuple(
-                left(x + u * speeds[first][i] + w * then_speeds[second][i])
-                for i, x in enumerate((at_goal.x, at_goal.y))
-            )
-            price = absolute(u) + absolute(w) + brakes[0] + brakes[1]
-            price = price + detour((first, u, 0), (second, w, j))
-            mine = _Best(
-                price, brakes, u if first == 0 else zero, u if first == 1 else zero, zero, zero
-            )
-            best = best.or_else(price < best.price * (1.0 - _WORTH), mine)
-        u, w = _solved(*later, m)
-        brakes = tuple(
-            left(x + u * then_speeds[0][i] + w * then_speeds[1][i])
-            for i, x in enumerate((at_goal.x, at_goal.y))
-        )
-        price = absolute(u) + absolute(w) + brakes[0] + brakes[1]
-        price = price + detour((0, u, j), (1, w, j))
-        best = best.or_else(
-            price < best.price * (1.0 - _WORTH), _Best(price, brakes, zero, zero, zero, zero)
-        )
-    brake = z_brake
-    for one in best.brakes:
-        brake = where(one > brake, one, brake)
-    return Transfer(Vec3(best.u, best.w, z_burns[0]), best.price + z_price, brake)
+            most = _larger(most, least - x * x - y * y)
+        return most * (_DETOUR / (2.0 * ball.radius * self.time))
 
 
-DETOUR = 8.0
-"""Velocity change, m/s, that an arrival after 1 s costs for every metre that a transfer is too near to a ball."""
-
-
-class _Best(NamedTuple):
-    price: Field
-    brakes: tuple[Field, ...]
-    u: Field
-    w: Field
-    a: Field
-    b: Field
-
-    def or_else(self, better: Any, other: _Best) -> _Best:
-        return _Best(
-            where(better, other.price, self.price),
-            tuple(where(better, x, y) for x, y in zip(other.brakes, self.brakes, strict=True)),
-            *(where(better, x, y) for x, y in zip(other[2:], self[2:], strict=True)),
-        )
-
-
-def _clock(n: float, time: Field) -> list[_After]:
-    """After 0, 1, ..., `PARTS` parts of a time; sines of sums need no further sines."""
-    half = 0.5 * n / PARTS * time
-    first = sin(half), cos(half)
-    s, c = time * 0.0, time * 0.0 + 1.0
-    found = []
-    for k in range(PARTS + 1):
-        found.append(_After(time * (k / PARTS), 2.0 * s * c, 2.0 * s * s))
-        s, c = s * first[1] + c * first[0], c * first[1] - s * first[0]
-    return found
-
-
-def _solved(
-    first: tuple[Field, Field], second: tuple[Field, Field], missed: tuple[Field, Field]
-) -> tuple[Field, Field]:
+def _solved(first: Pair, second: Pair, missed: Pair) -> Pair:
     """Factors of two vectors in the plane whose sum is a third."""
     determinant = first[0] * second[1] - first[1] * second[0]
     # Vectors along one line solve nothing: factors are huge then.
@@ -283,3 +343,11 @@ def _solved(
         (missed[0] * second[1] - missed[1] * second[0]) * scale,
         (first[0] * missed[1] - first[1] * missed[0]) * scale,
     )
+
+
+def _larger(a: Field, b: Field) -> Field:
+    return where(a > b, a, b)
+
+
+def _chosen(condition: Field, a: Pair, b: Pair) -> Pair:
+    return where(condition, a[0], b[0]), where(condition, a[1], b[1])
