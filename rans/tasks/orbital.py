@@ -60,6 +60,8 @@ _BESIDE = 4.0
 """Reserves of a keep-out ball up to which a coast passes beside it."""
 _PASSED = 0.4
 """Share of the time to the arrival within which it has passed."""
+_PUSHES = 3
+"""Number of times that a coast is pushed out of a keep-out ball."""
 _RESCUE = 4.0
 """Control periods in which a craft goes to the goal that has missed its arrival."""
 _LATE = 0.05
@@ -343,7 +345,9 @@ class OrbitalMission(SingleTask):
         limits = self.limits(goal).values()
         for limit in limits:
             if isinstance(limit, Ball):
-                velocity = velocity + self._around(limit, state, velocity, time)
+                # Pushed aside, a coast is nearest elsewhere.
+                for _ in range(_PUSHES if self.few_burns else 1):
+                    velocity = velocity + self._around(limit, state, velocity, time)
         most: Field = self.most_gain
         for limit in limits:
             if isinstance(limit, SpeedLimit):
