@@ -17,11 +17,12 @@ from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import Dock, Rendezvous
+from rans.tasks import Dock, Hold, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 
 DEPUTY = load_spacecraft("afrl-deputy")
+CHASER = load_spacecraft("vbar-chaser")
 
 
 def test_it_docks_in_a_hurry_below_the_speed_limit() -> None:
@@ -83,3 +84,13 @@ def test_a_mission_with_a_cone_is_refused() -> None:
     """Of 256 flights none kept the cone."""
     with pytest.raises(ConfigError, match="Rendezvous has other limits"):
         MissionGuidance("arpod-chaser", Rendezvous())
+
+
+def test_it_holds_around_the_ball_and_brakes_into_the_tolerance() -> None:
+    """From all sides by the shortest deadline; some of the starts are behind the ball."""
+    task = Hold(deadline=(600.0, 600.0))
+    starts = scenarios(task, CHASER, 7, 48)
+    flight = fly(CHASER, task, MissionGuidance(CHASER, task), starts, task.timing)
+    row = row_of("", flight)
+    assert row.docked.all()
+    assert not row.violated.any()

@@ -1,0 +1,80 @@
+"""Transfers of few burns: flown burn by burn they arrive, and cost no less than the proven bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import Vec3
+from rans.tasks.transfers import Coast, Ends, KeepOut
+
+N = 0.0011
+DRIFT = ClohessyWiltshire(N)
+POINT = Ends(plane=0.0, across=0.0, speed=0.0)
+
+
+def coast(p: tuple[float, ...], v: tuple[float, ...], time: float, ends: Ends = POINT) -> Coast:
+    zero = np.zeros(1)
+    place, speed = (Vec3(*(zero + x for x in one)) for one in (p, v))
+    goal = Vec3(zero, zero - 100.0, zero)
+    return Coast(N, place, speed, goal, zero + time, ends, acceleration=0.02)
+
+
+def size(v: Vec3) -> float:
+    return sum(abs(float(x[0])) for x in v.columns())
+
+
+def test_a_transfer_at_once_reaches_the_goal() -> None:
+    """In a plane without anything across; the drift's own solution is the oracle."""
+    one = coast((200.0, 50.0, 0.0), (0.1, -0.2, 0.0), 900.0)
+    found = one.at_once()
+    p, v = DRIFT.carry(one.p, one.v + found.burn, 900.0)
+    np.testing.assert_allclose([p.x, p.y, p.z], [[0.0], [-100.0], [0.0]], atol=1e-6)
+    assert found.price[0] == pytest.approx(size(found.burn) + size(v), rel=1e-9)
+    assert found.brake[0] == pytest.approx(max(abs(v.x[0]), abs(v.y[0])), rel=1e-9)
+
+
+def test_across_the_plane_it_waits_for_the_node() -> None:
+    """At rest 100 m across, a craft comes to the plane at n times 100 m after a quarter of an orbit.
+
+    One burn there stops it. Whoever burns at once pays 1.8 times as much by 1,900 s: 100 m n times the cotangent of
+    0.0011 * 1900 and the inverse of its sine.
+    """
+    angle = N * 1900.0
+    at_once = 100.0 * N * (abs(np.cos(angle)) + 1.0) / np.sin(angle)
+    one = coast((0.0, -100.0, 100.0), (0.0, 0.0, 0.0), 1900.0)
+    found = one.at_once()
+    assert found.burn.z[0] == 0.0
+    assert 100.0 * N < found.price[0] < 1.1 * 100.0 * N
+    assert at_once > 1.7 * found.price[0]
+
+
+def test_tolerances_are_used() -> None:
+    """With 5 cm/s left along each axis a transfer costs less by at least that along the axes that brake."""
+    place, rest = (150.0, 100.0, 60.0), (0.0, 0.0, 0.0)
+    exact = coast(place, rest, 900.0).at_once()
+    slack = coast(place, rest, 900.0, Ends(plane=3.0, across=2.0, speed=0.03)).at_once()
+    assert slack.price[0] < exact.price[0] - 3 * 0.03
+
+
+def test_nothing_is_corrected_within_the_tolerances() -> None:
+    """A craft that drifts through the goal slowly needs no burn."""
+    found = coast((0.5, -101.0, 0.5), (0.0, 0.005, 0.0), 100.0, Ends(3.0, 2.0, 0.03)).cheapest()
+    assert size(found.burn) == 0.0
+    assert found.price[0] == 0.0
+
+
+def test_a_ball_in_the_way_makes_it_dearer() -> None:
+    """From before the target to behind it, through the target's ball; beside it nothing changes."""
+    ball = KeepOut(Vec3(*(np.zeros(1),) * 3), 54.0)
+    through = coast((0.0, 200.0, 0.0), (0.0, 0.0, 0.0), 500.0)
+    assert through.cheapest(ball).price[0] > through.cheapest().price[0] + 0.05
+    beside = coast((0.0, -250.0, 0.0), (0.0, 0.0, 0.0), 900.0)
+    assert beside.cheapest(ball).price[0] == beside.cheapest().price[0]
+
+
+def test_a_postponed_burn_saves_impulse() -> None:
+    """From between the target and the goal by 1,900 s, one burn along the track is cheaper later."""
+    one = coast((7.7, -15.8, 0.0), (0.0, 0.0, 0.0), 1900.0)
+    assert one.cheapest().price[0] <= one.at_once().price[0] * (1.0 - 0.005)
