@@ -335,7 +335,7 @@ def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch)
     assert "<td" in rans.GoToPose()._repr_html_()
     assert "0.5 exp(-position / 1.5)" in rans.GoToPose()._repr_html_()
     assert "thrusters.latency" in rans.load_conditions("lab")._repr_html_()
-    assert "a perfect world" in rans.Conditions()._repr_html_()
+    assert "nominal conditions" in rans.Conditions()._repr_html_()
     found = rans.evaluate("go-to-pose-2d", episodes=4)
     assert repr(found).startswith(
         "<go-to-pose-2d: 4 episodes of 25 s with floating-platform (fast engine): "
@@ -414,7 +414,7 @@ SHOWN = {
     "<Bound of the time of arrival from start 3: 5.5, 6 found>": lambda: Bound(
         3, None, 5.0, lower=5.5, upper=6.0
     ),
-    "<Bound of the thrust-time by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),
+    "<Bound of the impulse by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),
     "<x: 1 of 2 checks passed>": lambda: Study(
         "x", tuple(Check("y", value, 1.0, "m", "") for value in (0.5, 1.5))
     ),

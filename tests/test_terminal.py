@@ -50,7 +50,7 @@ def test_a_file_has_room(
 WIDE = ("score", "go-to-pose-2d-robust", "mpc", "python:my_policy:act")
 ROWS = [
     ("settled, %", "100 (97 to 100)", "99", None),
-    ("thrust-time of the episode, N s", "27.8", "2", "3"),
+    ("impulse of the whole episode, N s", "27.8", "2", "3"),
 ]
 SHORT = [("settled, %", "100", "99", None), ROWS[1]]
 
@@ -62,7 +62,7 @@ def test_a_table_that_does_not_fit_is_several(
     monkeypatch.setenv("COLUMNS", "60")
     Terminal().show("Title", WIDE, ROWS)
     text = capsys.readouterr().out
-    assert text.count("settled, %") == text.count("thrust-time of the episode, N s") == 3
+    assert text.count("settled, %") == text.count("impulse of the whole episode, N s") == 3
     for cell in ("100 (97 to 100)", "99", "27.8"):
         assert text.count(cell) == 1
     assert max(map(len, text.splitlines())) <= 60

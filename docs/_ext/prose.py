@@ -16,6 +16,7 @@ DOCS = ROOT / "docs"
 
 WORDS = {
     r"knobs?": "trade-off input",
+    r"thrust-times?": "impulse",
     r"verge": "boundary penalty",
     r"troubles?": "perturbation, or fault",
     r"(?<!line-of-)(?<!line of )sight": "observation",

@@ -28,7 +28,6 @@ _FIRST = (
     "mission won",
     "settling time",
     "impulse of the episode",
-    "thrust-time of the episode",
 )
 """Beginnings of the names of scores that are printed without ``--full``, besides errors."""
 

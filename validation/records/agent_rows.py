@@ -48,7 +48,7 @@ class Row:
 LEAST_TIME = 5.33
 """Mean certified least time to arrive at rest, s (docs/certificate.md): of another event than settling."""
 LEAST_IMPULSE = 2.03
-"""Mean certified least thrust-time for 20 s, N s (docs/certificate.md): episodes last 25 s."""
+"""Mean certified least impulse for 20 s, N s (docs/certificate.md): episodes last 25 s."""
 CHATTER = 2.5
 """More than this is chatter, %: one of eight valves, one control period in five."""
 

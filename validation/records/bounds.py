@@ -2,7 +2,7 @@
 
 Run ``python -m validation.records.bounds --craft 2000`` for a table and a verdict (65 s of one core, 240 MB). Every
 flight of random on/off commands, by the equations that all engines share, is held against the least time and
-the least thrust-time to where it ended: the hull bound, rounded up to whole periods and pulses, and for every
+the least impulse to where it ended: the hull bound, rounded up to whole periods and pulses, and for every
 planar spacecraft with a lattice the dual bound of the certificate. A lattice's size is planned before it is
 built; what is too large (9 of these 2,000) is counted and has the hull bound only.
 """
@@ -78,7 +78,7 @@ class Bounds:
             ]
         checks = []
         skipped = []
-        for name in ("least time", "least thrust-time", "dual of the certificate"):
+        for name in ("least time", "least impulse", "dual of the certificate"):
             shares = {k: row[name] for k, row in enumerate(ratios, self.seed) if name in row}
             if not shares:
                 skipped.append(Skipped(name, "None of these flights has one."))
@@ -135,7 +135,7 @@ def beaten(seed: int) -> dict[str, float]:
         wanted = _AIMS[1]
     for name, horizon, took in (
         ("least time", None, steps * _PERIOD),
-        ("least thrust-time", steps * _PERIOD, spent),
+        ("least impulse", steps * _PERIOD, spent),
     ):
         question = Question(craft, wanted, loose, _PERIOD, horizon, _HASTE, Scenario(start, goal))
         found[name] = _share(bound(0, question).best, took)
@@ -188,7 +188,7 @@ def _triple(vector: np.ndarray) -> tuple[float, float, float]:
 
 
 def _flight(craft: Spacecraft, random: np.random.Generator) -> tuple[Any, Any, float, int] | None:
-    """Start, end, thrust-time and periods; None where it spins too fast to be computed exactly.
+    """Start, end, impulse and periods; None where it spins too fast to be computed exactly.
 
     Half the flights hold a random set of thrusters open all the time, which is what saturates a bound.
     """

@@ -62,7 +62,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Question:
-    """Least thrust-time with which on/off commands are in the goal set after some control periods."""
+    """Least impulse with which on/off commands are in the goal set after some control periods."""
 
     craft: Spacecraft
     """Planar, of on/off thrusters that share no thrust."""

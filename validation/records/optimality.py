@@ -39,7 +39,7 @@ from validation.command import ended
 from validation.study.checks import Check, Curve, Study
 
 Quantity = Literal["fuel", "time", "settling"]
-"""Thrust-time to be at rest in the goal set at a time; the first time there; or that of being within the
+"""Impulse to be at rest in the goal set at a time; the first time there; or that of being within the
 tolerances at a speed that allows to stay, before which nobody settles."""
 _HEADINGS = "start    dual   lower   upper    gap   nodes  seconds"
 

@@ -57,20 +57,20 @@ Kind = Literal["arrival", "settling"]
 
 
 class Event(NamedTuple):
-    """Event whose time or thrust-time is measured; numbers of different events are not compared."""
+    """Event whose time or impulse is measured; numbers of different events are not compared."""
 
     kind: Kind | Literal["staying"] = "arrival"
     """arrival: first in the goal set, which asks for rest (see `goal_set`); settling: within the task's tolerances
     for good; staying: in the goal set for good."""
     horizon: float | None = None
-    """None: the time of the event, s, is measured; else the thrust-time, N s, with which it has happened at this
+    """None: the time of the event, s, is measured; else the impulse, N s, with which it has happened at this
     time, s."""
 
     @property
     def text(self) -> str:
         """Heading of the event, without units."""
         if self.horizon is not None:
-            return f"thrust-time by {self.horizon:g} s"
+            return f"impulse by {self.horizon:g} s"
         return "time of arrival for good" if self.kind == "staying" else f"time of {self.kind}"
 
 
@@ -84,7 +84,7 @@ class Question(NamedTuple):
     period: float
     """Control period of on/off commands, s."""
     horizon: float | None
-    """Time at which a controller is in the goal set, s, with the least thrust-time (N s); None: the least time, s,
+    """Time at which a controller is in the goal set, s, with the least impulse (N s); None: the least time, s,
     is bounded."""
     effort: Effort
     scenario: Scenario
@@ -189,7 +189,7 @@ def question(
         wanted = aims(task) - {"spin"} | task.tolerances().keys()
         goals = staying_set(craft, task, period)
     else:
-        raise ConfigError("thrust-time by a horizon is bounded for arrival only, not for settling.")
+        raise ConfigError("impulse by a horizon is bounded for arrival only, not for settling.")
     return Question(
         craft, tuple(sorted(wanted)), goals, period, event.horizon, effort, scenario, event.kind
     )
@@ -241,7 +241,7 @@ def _bound(_: None, start: int, question: Question) -> Bound:
 
 @dataclass(frozen=True)
 class Amounts:
-    """Times or thrust-times of an event, a start each."""
+    """Times or impulses of an event, a start each."""
 
     event: Event
     values: np.ndarray
@@ -279,7 +279,7 @@ def whole_periods(horizon: float, period: float) -> int:
     if 1 <= count <= MOST_STEPS and abs(count * period - horizon) <= 1e-9 * horizon:
         return count
     raise ConfigError(
-        f"a bound of thrust-time needs a horizon of 1 to {MOST_STEPS:,} whole control "
+        f"a bound of impulse needs a horizon of 1 to {MOST_STEPS:,} whole control "
         f"periods of {period:g} s, got {horizon:g} s."
     )
 

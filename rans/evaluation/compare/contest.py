@@ -159,7 +159,7 @@ class Entry:
 
     @cached_property
     def spent(self) -> np.ndarray:
-        """Thrust-time from the start to every instant, (T + 1, N) N s."""
+        """Impulse from the start to every instant, (T + 1, N) N s."""
         total = forces(self.flight)
         return np.vstack([0.0 * total[:1], np.cumsum(total, axis=0)]) * self._period
 
@@ -180,16 +180,16 @@ class Entry:
 
     @cached_property
     def arrival_thrust(self) -> np.ndarray:
-        """Thrust-time until arrival, (N,) N s; infinite without an arrival."""
+        """Impulse until arrival, (N,) N s; infinite without an arrival."""
         spent = np.take_along_axis(self.spent, self.at_goal.argmax(axis=0)[None], axis=0)[0]
         return np.where(np.isfinite(self.arrival), spent, np.inf)
 
     def thrust_by(self, horizon: float) -> np.ndarray:
-        """Thrust-time until a horizon (s) of flights in the goal set by then, (N,) N s; else infinite.
+        """Impulse until a horizon (s) of flights in the goal set by then, (N,) N s; else infinite.
 
         A flight that begins at rest counts if it was in the goal set at any instant up to the horizon: with a wait
         before its first command it would be there at the horizon with the same thrust, so that no bound of being
-        there at the horizon is above its thrust-time. A flight that begins moving cannot wait; it must be in the
+        there at the horizon is above its impulse. A flight that begins moving cannot wait; it must be in the
         goal set at the horizon itself.
         """
         k = whole_periods(horizon, self._period)
@@ -203,7 +203,7 @@ class Entry:
         return np.all([rate[0] == 0.0 for rate in rates], axis=0)
 
     def amounts(self, event: Event) -> Amounts:
-        """Times or thrust-times of an event, which are compared with its bound."""
+        """Times or impulses of an event, which are compared with its bound."""
         if event == Event():
             return Amounts(event, self.arrival)
         if event == Event("staying"):
@@ -212,7 +212,7 @@ class Entry:
             return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
         if event.kind != "arrival" or event.horizon is None:
             raise ConfigError(
-                f"thrust-time by a horizon is scored for arrival only, not for {event.kind}."
+                f"impulse by a horizon is scored for arrival only, not for {event.kind}."
             )
         return Amounts(event, self.thrust_by(event.horizon))
 
@@ -227,7 +227,7 @@ class Entry:
 
     @cached_property
     def thrust(self) -> np.ndarray:
-        """Thrust-time of the whole episode, (N,) N s."""
+        """Impulse of the whole episode, (N,) N s."""
         return self.spent[-1]
 
     @cached_property

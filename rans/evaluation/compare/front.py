@@ -32,7 +32,7 @@ class Point(NamedTuple):
     time: float
     """Time of the first rest in the goal set, s; without one the whole episode counts."""
     impulse: float
-    """Thrust-time of the episode, N s."""
+    """Impulse of the episode, N s."""
     error: float
     """Mean error of the position, or of the task's first quantity, over the last fifth, SI units."""
     there: float

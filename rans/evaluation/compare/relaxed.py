@@ -40,7 +40,7 @@ class Relaxed:
     settling: float = math.nan
     """Time from which all errors are within their tolerances, in Drake, s."""
     thrust: float = math.nan
-    """Thrust-time, N s."""
+    """Impulse, N s."""
     total: float = math.nan
     """Sum of the task's rewards over the episode, in Drake; NaN if its control period is not the task's."""
     replay_error: float = math.nan
@@ -48,7 +48,7 @@ class Relaxed:
 
 
 def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
-    """Least time, least thrust-time for each horizon (s), and largest return of the task."""
+    """Least time, least impulse for each horizon (s), and largest return of the task."""
     period = contest.timing.control_period
     greatest: Any = MaximumReward(contest.duration, period)
     return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]

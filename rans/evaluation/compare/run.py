@@ -34,7 +34,7 @@ from rans.progress import Stages, unseen_stages
 from rans.tasks.goal_set import aims, asks_rest
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
-"""Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
+"""Shares of an episode at which the least impulse is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
 """Shares of an episode at which the front is computed, so close that gaps hardly count (`Front.behind`)."""
@@ -70,7 +70,7 @@ class Comparison(NotebookRepr):
         return {entry.name for entry in self.entries}
 
     def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
-        """Times at which thrust-times are compared, s, in whole control periods."""
+        """Times at which impulses are compared, s, in whole control periods."""
         timing = self.contest.timing
         steps = {max(1, round(share * timing.episode_steps)) for share in shares}
         return tuple(k * timing.control_period for k in sorted(steps))

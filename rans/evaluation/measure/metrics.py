@@ -293,7 +293,7 @@ def _effort(flight: Flight) -> Iterator[Sample]:
     for name, meaning, unit, values in (
         (
             "duty",
-            "mean share of thrusters open (AAC)",
+            "mean duty cycle of the thrusters (AAC)",
             "%",
             100.0 * flight.openings.mean(axis=(0, 2)),
         ),

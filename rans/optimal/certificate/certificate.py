@@ -136,7 +136,7 @@ class Bounder(Protocol):
         ...
 
     def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
-        """Bounds the thrust-time, N s, of controllers that are in the goal set after so many periods.
+        """Bounds the impulse, N s, of controllers that are in the goal set after so many periods.
 
         Raises:
             Unreachable: none is.
@@ -155,7 +155,7 @@ class Bounder(Protocol):
 def least_fuel(
     bounder: Bounder, problem: Problem, steps: int, effort: Effort = _DEFAULT_EFFORT
 ) -> Certificate:
-    """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
+    """Least impulse of any on/off controller that is in the goal set after so many control periods.
 
     Raises:
         Unreachable: no on/off controller can be in the goal set at that time.

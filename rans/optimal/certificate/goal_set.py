@@ -63,7 +63,7 @@ def check_period(period: float) -> None:
 
 
 def pulse(craft: Spacecraft, period: float) -> float | None:
-    """Unit of thrust-time in on/off periods, shared or not, N s; None where there is none.
+    """Unit of impulse in on/off periods, shared or not, N s; None where there is none.
 
     Thrusters differ in strength there, or may be open for a part of a period.
     """

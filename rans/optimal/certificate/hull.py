@@ -240,13 +240,13 @@ def least_fuel(
     horizon: float,
     goal_set: GoalSet,
 ) -> float:
-    """Thrust-time below which nothing is in the goal set at the horizon (s), N s; infinite if nothing can.
+    """Impulse below which nothing is in the goal set at the horizon (s), N s; infinite if nothing can.
 
     Raises:
         ConfigError: the horizon is not positive, or the start or the goal not finite.
     """
     if not (math.isfinite(horizon) and horizon > 0):
-        raise ConfigError(f"a bound of thrust-time needs a finite horizon > 0 s, got {horizon}.")
+        raise ConfigError(f"a bound of impulse needs a finite horizon > 0 s, got {horizon}.")
     (way, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
     reach = Reach.of(craft)
     swing = max(2.0 * way / horizon - before - after, change) - _ROUNDING * before
@@ -277,7 +277,7 @@ def _rotation(
 
 
 class _Dual:
-    """The dual function of the translation: every costate gives a bound of the thrust-time."""
+    """The dual function of the translation: every costate gives a bound of the impulse."""
 
     def __init__(
         self,

@@ -230,7 +230,7 @@ def objective_of(
     """The objective of this name.
 
     Args:
-        name: least thrust-time, time or squared thrust, least squared distance, or greatest reward.
+        name: least impulse, time or squared thrust, least squared distance, or greatest reward.
         horizon: length of the trajectory, s; None: 20, for reward 25; for time it follows.
         control_period: time a command is held, s; for time it follows.
         ending: arrive exactly, or within the task's tolerances; for fuel, time and energy.

@@ -204,7 +204,7 @@ def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
     breaking = result.breaking
     text = (
         f"The cross-entropy method over starts and over {result.world}, all of whose ranges were shrunk "
-        f"towards a perfect world, or widened to at most {result.largest:.3g} times their size. "
+        f"towards nominal conditions, or widened to at most {result.largest:.3g} times their size. "
         f"{result.failed:,} of {result.flights:,} flights failed; {result.summary}."
     )
     if breaking is None:

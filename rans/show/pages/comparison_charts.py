@@ -38,7 +38,7 @@ def plane_chart(comparison: Comparison) -> Chart:
         series = [*_certified(comparison), *series]
     return Chart(
         "time of first arrival, s",
-        "thrust-time until then, N s",
+        "impulse until then, N s",
         series,
         f"First arrival in the goal set, medians over {counted(len(starts), 'start')} with 95 % intervals"
         f"{'; the shaded times are provably impossible' if shaded else ''}.",
@@ -48,7 +48,7 @@ def plane_chart(comparison: Comparison) -> Chart:
 
 
 def _certified(comparison: Comparison) -> Iterator[Series]:
-    """Least thrust-time at each horizon, and the best controls that were found."""
+    """Least impulse at each horizon, and the best controls that were found."""
     horizons = comparison.horizons()
     lower, upper = np.transpose(
         [
@@ -57,9 +57,9 @@ def _certified(comparison: Comparison) -> Iterator[Series]:
         ]
     )
     yield Series(
-        "certified least thrust-time at these times",
+        "certified least impulse at these times",
         [
-            Mark(h, y, f"certified least thrust-time by {h:.3g} s: {y:.3g} N s")
+            Mark(h, y, f"certified least impulse by {h:.3g} s: {y:.3g} N s")
             for h, y in zip(horizons, lower, strict=True)
         ],
         INK,

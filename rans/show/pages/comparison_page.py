@@ -26,7 +26,7 @@ TEXT = (
     "All fly the same craft from the same starts at the same rate. Arrival is the first instant in the goal "
     "set: within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s). Nothing is "
     "said of later instants: a flight is at rest for good if it is in the goal set at all of them too. "
-    "Settling is when the errors enter their tolerances for good. Thrust-time is force times open time, summed "
+    "Settling is when the errors enter their tolerances for good. Impulse is force times open time, summed "
     "over the thrusters. A flight that never gets there counts as infinitely late. Medians and means stand with "
     "95 % bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
     "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
@@ -36,7 +36,7 @@ TEXT = (
 
 _FRONT = (
     "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "
-    "whole episode), impulse the mean thrust-time of the whole episode. Positions of a trade-off are joined by "
+    "whole episode), impulse the mean over whole episodes. Positions of a trade-off are joined by "
     "straight lines. A trade-off dominates whoever spends more than the line at the same time and takes longer "
     "than the line with the same impulse, if at both places the line is as accurate and as often there."
 )
@@ -78,7 +78,7 @@ def page(comparison: Comparison, command: str = "") -> Page:
             "solved",
             "arrival, s",
             "settling, s",
-            "thrust-time, N s",
+            "impulse, N s",
             "return",
             "largest replay error, m",
             "solve time, s",
@@ -114,7 +114,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     own = board[first.name]
     settled = own["settled, %"]
     settling = own["settling time, s"]
-    thrust = own["thrust-time of the episode, N s"]
+    thrust = own["impulse of the episode, N s"]
     rival = min(
         (entry.name for entry in others),
         key=lambda name: board[name]["settling time, s"].value,
@@ -133,7 +133,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
             hero += (
                 f"; the quickest of the others, {rival}, takes "
                 f"{_amount(theirs['settling time, s'], 's')} with "
-                f"{theirs['thrust-time of the episode, N s'].value:.3g} N s"
+                f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
     measured = tables.gaps(comparison)
@@ -149,8 +149,8 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
 _TILES = {
     "settled, %": "settled",
     "settling time, s": "settling time",
-    "thrust-time of the episode, N s": "impulse of the episode",
-    "duty, %": "duty cycle",
+    "impulse of the episode, N s": "impulse of the episode",
+    "duty cycle, %": "duty cycle",
     "position error, cm": "position error",
     "attitude error, deg": "attitude error",
     "velocity error, cm/s": "velocity error",
@@ -290,7 +290,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     text = (
         f"From {counted(len(starts), 'start')}, times the certified lower bound of the same event: 1 "
         "cannot be beaten. Who settles must first be slow enough to stay, and the bound of settling is "
-        "of that moment; that of arrival for good is the greater one of arrival and settling. Thrust-time by "
+        "of that moment; that of arrival for good is the greater one of arrival and settling. Impulse by "
         "a time is all that is spent until then by flights that have been in the goal set by then, in brackets "
         "how many; it is infinite for the others."
     )

@@ -231,7 +231,7 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
     text = (
         "All episodes fly to their full length and count. Steps are the states after each command. "
-        "Intervals are 95 % percentile bootstraps over episodes."
+        "Intervals are 95 %: Wilson's of shares, and percentile bootstraps over episodes of the rest."
     )
     shares = [(m.title(), m["solved"].value) for m in measured]
     findings = [

@@ -35,12 +35,12 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     }
     if asks_rest(task):
         result["first at rest, s"] = lambda entry: entry.arrival
-        result["thrust-time until first at rest, N s"] = lambda entry: entry.arrival_thrust
+        result["impulse until first at rest, N s"] = lambda entry: entry.arrival_thrust
         result["at rest for good from, s"] = lambda entry: entry.staying
     else:
         result["first within tolerances, s"] = lambda entry: entry.arrival
-        result["thrust-time until then, N s"] = lambda entry: entry.arrival_thrust
-    result["thrust-time of the episode, N s"] = lambda entry: entry.thrust
+        result["impulse until then, N s"] = lambda entry: entry.arrival_thrust
+    result["impulse of the episode, N s"] = lambda entry: entry.thrust
     result["return"] = lambda entry: entry.returns
     return result
 
@@ -51,11 +51,11 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
     if asks_rest(entry.flight.task):
         result["at rest for good, %"] = share(entry.stays).scaled(100.0)
     for name, of in measures(entry.flight.task).items():
-        if name not in ("thrust-time of the episode, N s", "return"):
+        if name not in ("impulse of the episode, N s", "return"):
             result[name] = bootstrap.median(of(entry))
-    result["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
+    result["impulse of the episode, N s"] = bootstrap.mean(entry.thrust)
     result["failed, %"] = share(entry.flight.failed()).scaled(100.0)
-    result["duty, %"] = bootstrap.mean(100.0 * entry.duty)
+    result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
         factor, unit = QUANTITIES[name].display
         result[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
@@ -226,7 +226,7 @@ def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[
             "flown": count,
             "settled": int(np.isfinite(entry.settling).sum()),
             "median_settling_time": row["settling time, s"].value,
-            "mean_impulse": row["thrust-time of the episode, N s"].value,
+            "mean_impulse": row["impulse of the episode, N s"].value,
             "return_percent": row[RETURN].value if RETURN in row else None,
         }
 

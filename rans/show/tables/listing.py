@@ -178,7 +178,7 @@ def conditions_listing(conditions: Conditions) -> Listing:
     return Listing(
         conditions.description or "Conditions",
         ("what", "range"),
-        list(_changed(conditions)) or [("nothing", "a perfect world")],
+        list(_changed(conditions)) or [("nothing", "nominal conditions")],
     )
 
 

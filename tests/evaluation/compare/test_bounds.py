@@ -311,7 +311,7 @@ def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_is_looked_for_is_what_was_asked() -> None:
-    """Least time in s, least thrust-time in N s; by which the commands found are judged."""
+    """Least time in s, least impulse in N s; by which the commands found are judged."""
     [(_, timed)] = bounds([one_start()], [3], 1)
     [(_, fuelled)] = bounds([one_start(horizon=6.0)], [4], 1)
     assert (timed.start, timed.horizon, fuelled.start, fuelled.horizon) == (3, None, 4, 6.0)

@@ -87,8 +87,8 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     ratios = gaps(gap)
     assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
     assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
-    assert ratios["thrust-time by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
-    assert np.isinf(ratios["thrust-time by 1.4 s"]["x"]).all()
+    assert ratios["impulse by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
+    assert np.isinf(ratios["impulse by 1.4 s"]["x"]).all()
 
 
 def test_arrival_for_good_is_bounded_by_arrival_and_by_settling() -> None:

@@ -153,7 +153,7 @@ def test_amounts_are_of_their_event() -> None:
     assert [event.text for event in (Event(), Event("settling"), Event(horizon=2.4))] == [
         "time of arrival",
         "time of settling",
-        "thrust-time by 2.4 s",
+        "impulse by 2.4 s",
     ]
 
 

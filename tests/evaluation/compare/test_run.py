@@ -110,7 +110,7 @@ def test_who_never_arrives_counts(comparison: Comparison) -> None:
     idle = scoreboard(comparison)[IDLE]
     lqr = scoreboard(comparison)["LQR"]
     assert idle["first at rest, s"].value == idle["settling time, s"].value == math.inf
-    assert (idle["settled, %"].value, idle["duty, %"].value) == (0.0, 0.0)
+    assert (idle["settled, %"].value, idle["duty cycle, %"].value) == (0.0, 0.0)
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
     assert lqr["settled, %"].value == 100.0
     assert differences(comparison)[IDLE]["first at rest, s"].value == math.inf
@@ -124,7 +124,7 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
         "time of arrival",
         "time of arrival for good",
         "time of settling",
-        *(f"thrust-time by {t:g} s" for t in comparison.horizons()),
+        *(f"impulse by {t:g} s" for t in comparison.horizons()),
     ]
     every = np.concatenate([r for question in ratios.values() for r in question.values()])
     assert (every >= 1.0 - 1e-9).all()

@@ -42,7 +42,7 @@ attitude | attitude error | 0.25 deg | 0 to 0.5 | mean over the last fifth
 motion | speed | 0.25 m/s | 0 to 0.5 | mean linear speed (ALV)
 motion | spin | 0.1 rad/s | 0 to 0.2 | mean angular speed (AAV)
 motion | spin at rest | 0.1 rad/s | 0 to 0.2 | the same over the last fifth
-effort | duty | 2.5 % | 0 to 5 | mean share of thrusters open (AAC)
+effort | duty | 2.5 % | 0 to 5 | mean duty cycle of the thrusters (AAC)
 effort | duty at rest | 0 % | 0 to 0 | the same over the last fifth
 effort | openings | 0.5 | 0 to 1 | times a thruster opens, an episode
 effort | on-time | 1 s | 0 to 2 | thruster-seconds an episode

@@ -22,7 +22,7 @@ HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 
 
 def bounded(**changes: Any) -> Comparison:
-    """Starts 0 and 1: times of 0.4 and 0.6 s, thrust-times of 3 and 5 over the horizon, and 2 more found."""
+    """Starts 0 and 1: times of 0.4 and 0.6 s, impulses of 3 and 5 over the horizon, and 2 more found."""
     bounds = [Bound(k, None, time, time, 2.0) for k, time in ((0, 0.4), (1, 0.6))]
     bounds += [Bound(k, None, 0.1, kind="settling") for k in (0, 1)]
     bounds += [
@@ -42,7 +42,7 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert found.horizons() == HORIZONS
     chart = plane_chart(found)
     marks = drawn(chart)
-    assert marks["certified least thrust-time at these times"] == [
+    assert marks["certified least impulse at these times"] == [
         pytest.approx((h, 4.0 / h)) for h in HORIZONS
     ]
     assert marks["best on/off controls found, replayed"] == [

@@ -35,9 +35,9 @@ def certified(best: float) -> list[Bound]:
         ("at rest for good, %", 200 / 3),
         ("at rest for good from, s", 2.0),
         ("failed, %", 100 / 3),
-        ("thrust-time until first at rest, N s", 1.0),  # 1, 1 and never: the middle one
-        ("thrust-time of the episode, N s", 1.0),  # of 2, 1 and 0
-        ("duty, %", 100 * 6 / 240),
+        ("impulse until first at rest, N s", 1.0),  # 1, 1 and never: the middle one
+        ("impulse of the episode, N s", 1.0),  # of 2, 1 and 0
+        ("duty cycle, %", 100 * 6 / 240),
         ("position error, cm", 902 / 3),
         ("latency, ms", 50.0),
     ],
@@ -50,7 +50,7 @@ def test_the_mean_of_thrust_is_no_median() -> None:
     found = comparison()
     found.entries[0].flight.commands[:, 2, 0] = 1.0  # 5 N s: 2, 1 and 5 have a mean of 2.67
     board = scoreboard(found)["agent"]
-    assert board["thrust-time of the episode, N s"].value == pytest.approx(8 / 3)
+    assert board["impulse of the episode, N s"].value == pytest.approx(8 / 3)
 
 
 def test_latency_is_with_the_middle_90_percent() -> None:
@@ -153,7 +153,7 @@ def test_what_the_optimiser_found_by_hand() -> None:
         "solved",
         "arrival, s",
         "settling, s",
-        "thrust-time, N s",
+        "impulse, N s",
         "return",
         "largest replay error, m",
         "solve time, s",

@@ -94,11 +94,11 @@ def test_flights_that_need_nothing() -> None:
 
 def test_what_no_flight_has_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a certificate there is no check of certificates, and a study of nothing is refused."""
-    monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 0.5, "least thrust-time": 1.0})
+    monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 0.5, "least impulse": 1.0})
     report = Bounds(3).run()
     assert [check.name for check in report.checks] == [
         "least time: flights below",
-        "least thrust-time: flights below",
+        "least impulse: flights below",
     ]
     assert [(s.name, s.reason) for s in report.skipped] == [
         ("dual of the certificate", "None of these flights has one.")

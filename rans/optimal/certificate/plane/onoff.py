@@ -36,11 +36,11 @@ def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray 
     miss = relaxation.miss
     goal_set = relaxation.goal_set
     lattice = relaxation.lattice
-    thrust_time = float(lattice.patterns.thrust[path].sum()) * lattice.period
+    impulse = float(lattice.patterns.thrust[path].sum()) * lattice.period
     if (
         abs(complex(*miss[:2]) + gained) > goal_set.velocity
         or abs(complex(*miss[2:]) + moved) > goal_set.position
-        or relaxation.fuel * thrust_time > limit + 1e-9
+        or relaxation.fuel * impulse > limit + 1e-9
     ):
         return None
     commands = lattice.patterns.commands[path]

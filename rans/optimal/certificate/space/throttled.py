@@ -1,6 +1,6 @@
 """Where the search for on/off controls in space begins: what thrusters would do that can be throttled.
 
-Their thrust-time is least where nearly all shares are 0 or 1, and little above what the bound says. On/off
+Their impulse is least where nearly all shares are 0 or 1, and little above what the bound says. On/off
 commands near it turn as it does, which searches that change one command at a time would have to find.
 """
 
@@ -46,7 +46,7 @@ class _Arriving(GoToPose):
 def throttled(
     lattice: SpinLattice, start: SpatialState, goal: SpatialState, goal_set: GoalSet, steps: int
 ) -> list[Shares]:
-    """Least thrust-time that rests in the goal set after so many periods, the cheapest first.
+    """Least impulse that rests in the goal set after so many periods, the cheapest first.
 
     Local optima from two guesses; none where the optimiser finds none.
     """
