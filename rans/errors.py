@@ -34,11 +34,16 @@ _LONGEST_NAME = 1000
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Suggestion " (did you mean ...?)" of a similar known name, or an empty text."""
+    """Suggestion " (did you mean ...?)" of a similar known name, or an empty text.
+
+    Of names that begin with the given one, such as those of agents of a task, the three shortest are suggested.
+    """
     if len(name) > _LONGEST_NAME:  # the comparison would take too long
         return ""
-    near = difflib.get_close_matches(name, list(known), 1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    names = list(known)
+    longer = sorted((one for one in names if one.startswith(f"{name}-")), key=len)[:3]
+    near = longer or difflib.get_close_matches(name, names, 1)
+    return f" (did you mean {' or '.join(near)}?)" if near else ""
 
 
 def checked(what: str, value: object, kind: type[T]) -> T:

@@ -49,7 +49,7 @@ def pretrained_folder(name: str) -> Path:
     if name not in pretrained_names():
         raise ConfigError(
             f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "
-            f"known are {', '.join(pretrained_names()) or 'none'}."
+            "`rans list AGENTS` prints all."
         )
     return FOLDER / name
 

@@ -293,6 +293,10 @@ def test_names_do_where_objects_do() -> None:
         (lambda: rans.train("go-to-poze"), r"named 'go-to-poze' \(did you mean go-to-pose\?\)"),
         (lambda: rans.compare(), "name at least one contestant"),
         (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
+        (
+            lambda: rans.optimal_trajectory(start=[1, 2]),  # type: ignore[arg-type]
+            r"number of a scenario, or a state such as rans\.state\(.* got \[1, 2\]",
+        ),
         (lambda: rans.certify(kind="settling", horizon=4.0), "bounded for arrival only"),
     ],
 )

@@ -13,7 +13,7 @@ from typing import Any, cast
 import gymnasium
 import pytest
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.randomization.conditions_file import CONDITIONS
@@ -327,3 +327,11 @@ def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: P
         check=True,
         cwd=Path(__file__).parents[1],
     )
+
+
+def test_names_that_begin_with_the_given_one_are_suggested_first() -> None:
+    known = ["go-to-pose-3d-robust", "go-to-pose-2d", "go-to-pose-3d", "go-to-posed"]
+    assert meant("go-to-pose", known) == (
+        " (did you mean go-to-pose-2d or go-to-pose-3d or go-to-pose-3d-robust?)"
+    )
+    assert meant("go-to-pose-2", known) == " (did you mean go-to-pose-2d?)"

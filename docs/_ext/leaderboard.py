@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +36,8 @@ class Table(NamedTuple):
     source: str
     grouped: bool = False
     """Whether ranks begin anew where the first column changes."""
+    ranked: bool = True
+    """Whether rows have ranks: not where contestants are columns."""
 
 
 def leaderboard_page() -> str:
@@ -79,16 +81,16 @@ def task_tables() -> Iterable[Table]:
                 _interval(solved),
                 f"{settling[0]:.3g}",
                 f"{impulse[0]:.4g}",
-                str(card.get("date", "")),
-                str(card.get("evaluation_environment", {}).get("revision", "")),
+                _judged(card),
             ]
             title = f"{task}, {'plane' if '-2d' in name else 'space'}"
             rows.setdefault(title, []).append((key, row))
-    columns = ("solved, %", "settling time, s", "impulse, N s", "date", "judged at revision")
+    columns = ("solved, %", "settling, s", "impulse, N s", "judged")
     for title, found in sorted(rows.items()):
         yield Table(
             title,
-            "1,024 starts of seed 2023, under the conditions of each agent's training. Ranks are by spacecraft.",
+            "1,024 starts of seed 2023, under the conditions of each agent's training. Ranks are by spacecraft. "
+            "Judged: day, and revision of the code.",
             ("spacecraft", "agent", *columns),
             [row for _, row in sorted(found)],
             "cards of the agents, which `rans list NAME` prints",
@@ -126,13 +128,16 @@ def faults() -> Table:
                 for wanted in FAULTS.values()
             ]
             cells = ["-" if math.isnan(x) else f"{x:.1f}" for x in found]
-            rows.append((-sum(x for x in found if not math.isnan(x)), [name, *cells]))
+            agent = f"`{name.removeprefix('pretrained:')}`"
+            rows.append((-sum(x for x in found if not math.isnan(x)), [agent, *cells]))
+    agents, *columns = zip(*(row for _, row in sorted(rows)), strict=True)
     return Table(
         "Thruster faults",
-        "Share of episodes that hold the goal with failed thrusters from the start, %.",
-        ("agent", *FAULTS),
-        [row for _, row in sorted(rows)],
+        "Share of episodes that hold the goal with failed thrusters from the start, %; best agent first.",
+        ("failed thrusters", *agents),
+        [[kind, *cells] for kind, cells in zip(FAULTS, columns, strict=True)],
         f"{_source('faults.json')}; {_source('faults-space.json')}",
+        ranked=False,
     )
 
 
@@ -257,9 +262,15 @@ def _like(wanted: str, kinds: Iterable[str]) -> str:
     )
 
 
+def _judged(card: Mapping[str, Any]) -> str:
+    """The day and the revision at which a card's figures were flown."""
+    revision = card.get("evaluation_environment", {}).get("revision")
+    return f"{card.get('date', '')}{f' `{revision}`' if revision else ''}"
+
+
 def _interval(metric: Sequence[Any]) -> str:
     value, low, high = (float(x) for x in metric[:3])
-    return f"{value:.4g} ({low:.4g}-{high:.4g})"
+    return f"{value:.4g} ({low:.3g}-{high:.3g})"
 
 
 def _number(value: Any) -> float:
@@ -273,6 +284,9 @@ def _plain(value: Any) -> str:
 
 
 def _markdown(table: Table) -> str:
+    if not table.ranked:
+        lines = [table.columns, ["---"] * len(table.columns), *table.rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
     lines = [["rank", *table.columns], ["---"] * (len(table.columns) + 1)]
     rank = 0
     before = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -218,6 +219,11 @@ def _scenario(
     Raises:
         ConfigError: a state is none, or of another dimension than the craft.
     """
+    if not isinstance(start, State | Integral):
+        raise ConfigError(
+            "start must be the number of a scenario, or a state such as rans.state((2.0, 1.0), attitude=1.0), got "
+            f"{brief(start)}."
+        )
     number = 0 if isinstance(start, State) else whole("start", start, least=0)
     drawn = scenarios(task, craft, seed, 1, first=number)
     begun = _placed("start", start, drawn.start) if isinstance(start, State) else drawn.start

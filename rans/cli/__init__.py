@@ -146,6 +146,10 @@ def _warn_of_repeated_options(arguments: list[str]) -> None:
             seen.add(name)
 
 
+_TASK_FIRST = ("train", "sweep", "optimal")
+"""Commands that take the task without an option."""
+
+
 def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
@@ -156,6 +160,11 @@ def _parse(arguments: list[str]) -> Any:
         raise ConfigError(
             f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
             f"commands are {', '.join(COMMANDS)}."
+        )
+    if arguments[0] in _TASK_FIRST and any(x.partition("=")[0] == "--task" for x in arguments):
+        raise ConfigError(
+            f"there is no option --task: the task follows the command, as in `rans {arguments[0]} go-to-pose`; "
+            f"`rans {arguments[0]} --help` has all options."
         )
     # Not list(COMMANDS): after its import, `list` is the module of that command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS

@@ -256,6 +256,12 @@ def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) ->
     assert told.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["train", "sweep", "optimal"])
+def test_a_task_needs_no_option(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of([command, "--task", "go-to-pose"]) == 2
+    assert f"as in `rans {command} go-to-pose`" in capsys.readouterr().err
+
+
 def test_on_a_terminal_sentences_break_between_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

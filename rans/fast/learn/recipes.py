@@ -75,8 +75,8 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
     if task not in TASKS and ":" not in task:
         raise ConfigError(
             f"there is no task and no recipe named {brief(task)}"
-            f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
-            f"recipes are {', '.join(RECIPES)}; your own recipe is a file whose name ends in .toml."
+            f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; recipes have the names of agents "
+            "(`rans list AGENTS`), and your own is a file whose name ends in .toml."
         )
     settings = TASKS[task]()
     named: str = spacecraft or settings.spacecraft or USUAL[2]
