@@ -236,7 +236,9 @@ def trace(comparison: Comparison, *arguments: Any, **options: Any) -> None:
 def _nothing_claimed(contest: Contest) -> str:
     """Reason why there are neither optima nor bounds; "" if there are."""
     if contest.conditions is not None:
-        return "Optima and bounds are those of a perfect world; under these conditions none is claimed."
+        return (
+            "Optima and bounds hold for nominal conditions; under these conditions none is claimed."
+        )
     try:
         check_goal(contest.task)
     except ConfigError as reason:
