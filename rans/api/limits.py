@@ -190,7 +190,7 @@ def certify(
     """
     from rans.api.trajectory import CertifiedBound
     from rans.evaluation.compare.bounds import Event, Kind, bound, question
-    from rans.optimal.certificate.certificate import Effort
+    from rans.optimal.certificate.problem import Effort
     from rans.scenario import each
 
     one_of("kind", kind, get_args(Kind))

@@ -302,7 +302,7 @@ class Optimal:
         An interrupt leaves those that are finished.
         """
         from rans.evaluation.compare import bounds
-        from rans.optimal.certificate.certificate import Effort
+        from rans.optimal.certificate.problem import Effort
         from rans.scenario import each
         from rans.tasks.goal_set import aims
 

@@ -11,7 +11,7 @@ import pytest
 
 from rans.cli import main
 from rans.evaluation.compare.bounds import Bound
-from rans.optimal.certificate.certificate import Effort
+from rans.optimal.certificate.problem import Effort
 
 
 def run(*arguments: str) -> int:

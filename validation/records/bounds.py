@@ -23,11 +23,11 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.certificate import Effort
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.problem import Effort
 from rans.scenario import Scenario
 from rans.terminal import Terminal, progress, verdict
 from validation.command import ended

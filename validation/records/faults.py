@@ -21,10 +21,11 @@ from rans.evaluation.compare.bounds import Amounts, Event
 from rans.files import read_json
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.certificate import Effort, Problem, least_time
+from rans.optimal.certificate.certificate import least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.problem import Effort, Problem
 from rans.policy.network import Network
 from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind

@@ -31,9 +31,10 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.certificate import Effort, Problem, Unreachable, bounder, least_fuel
+from rans.optimal.certificate.certificate import bounder, least_fuel
 from rans.optimal.certificate.flight import replay
 from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.problem import Effort, Problem, Unreachable
 from rans.terminal import Terminal
 from validation.command import ended
 from validation.study.checks import Check, Study

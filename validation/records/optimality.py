@@ -21,16 +21,10 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate.certificate import (
-    Certificate,
-    Effort,
-    Problem,
-    bounder,
-    least_fuel,
-    least_time,
-)
+from rans.optimal.certificate.certificate import Certificate, bounder, least_fuel, least_time
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import settling_set
+from rans.optimal.certificate.problem import Effort, Problem
 from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose

@@ -20,17 +20,9 @@ from rans.model.drift import FREE
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import (
-    Certificate,
-    Effort,
-    Problem,
-    TooManyPoints,
-    Unreachable,
-    bounder,
-    least_fuel,
-    least_time,
-)
+from rans.optimal.certificate.certificate import Certificate, bounder, least_fuel, least_time
 from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
+from rans.optimal.certificate.problem import Effort, Problem, TooManyPoints, Unreachable
 from rans.processes import Workers, nothing
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario

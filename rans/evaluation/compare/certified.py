@@ -14,7 +14,7 @@ from rans.evaluation.compare.bounds import Bound, Event, Question, bounds, quest
 from rans.evaluation.compare.contest import Contest
 from rans.files import number, one_at_a_time, read_json, write_json
 from rans.model.spacecraft_file import to_toml
-from rans.optimal.certificate.certificate import Effort
+from rans.optimal.certificate.problem import Effort
 from rans.progress import Progress, unseen
 from rans.scenario import each
 

@@ -17,7 +17,7 @@ from rans.evaluation.compare.certified import certify_each
 from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.pareto import epsilon_indicator, hypervolume
 from rans.evaluation.measure.statistics import Bootstrap
-from rans.optimal.certificate.certificate import Effort
+from rans.optimal.certificate.problem import Effort
 from rans.progress import Progress, unseen
 
 _EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)

@@ -10,53 +10,14 @@ import math
 import time
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.flight import fuel
-from rans.optimal.certificate.goal_set import GoalSet
-
-POSE = frozenset({"position", "attitude", "velocity", "spin"})
-"""Aims of a craft that is to be at rest in a pose."""
-_DEFAULT_SET = GoalSet()
-
-
-class Unreachable(ConfigError):
-    """Proven: no on/off controller is in the goal set at that time."""
-
-    @classmethod
-    def after(cls, steps: int, period: float) -> Unreachable:
-        """None is there after so many control periods, s."""
-        return cls(
-            f"no on/off controller can reach the goal set in {steps} control periods of "
-            f"{period:g} s; the usual cause is too short a time."
-        )
-
-
-class TooManyPoints(ConfigError):
-    """The lattice of a problem is too large to search."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """When to stop looking; less of it gives wider gaps, never wrong bounds."""
-
-    seconds: float = 20.0
-    """Processor time for each level of fuel or number of periods."""
-    nozzle_seconds: float = 1.0
-    """Processor time for each attempt to find thrusters for a known attitude."""
-    levels: int = 4
-    """Amounts of fuel, or numbers of periods, tried from the first that could not be excluded."""
-
-    def __post_init__(self) -> None:
-        if not (self.seconds > 0 and self.nozzle_seconds > 0 and self.levels > 0):
-            raise ConfigError(
-                f"effort: seconds, nozzle_seconds and levels must be > 0, got {self}."
-            )
-
+from rans.optimal.certificate.problem import Effort, Found, Problem
 
 _DEFAULT_EFFORT = Effort()
 
@@ -84,31 +45,6 @@ class Certificate:
         if self.lower > 0:
             return self.upper / self.lower - 1.0
         return 0.0 if self.upper == 0.0 else math.inf
-
-
-class Problem(NamedTuple):
-    """From where to where a craft is to get."""
-
-    start: Any
-    """`State` of floats, with any position, velocity and spin."""
-    goal: Any
-    goal_set: GoalSet = _DEFAULT_SET
-    """Balls around the goal in which the craft must be at the end."""
-    aims: Collection[str] = POSE
-    """Quantities that the set asks for; in the plane the spin always is one of them."""
-
-
-class Found(NamedTuple):
-    """Bound and commands that a `Bounder` found for one problem."""
-
-    lower: float
-    """No on/off controller does with less, N s or s."""
-    commands: np.ndarray | None
-    """(T, thrusters) zeros and ones that end in the goal set, if any were found."""
-    dual: float
-    """See `Certificate`."""
-    nodes: int
-    """See `Certificate`."""
 
 
 class Bounder(Protocol):

@@ -27,9 +27,9 @@ from rans.evaluation.compare.bounds import (
 from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.certificate import Effort, Unreachable
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import staying_time
+from rans.optimal.certificate.problem import Effort, Unreachable
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims

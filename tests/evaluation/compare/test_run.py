@@ -22,7 +22,7 @@ from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves
 from rans.model.timing import Timing
-from rans.optimal.certificate.certificate import Effort
+from rans.optimal.certificate.problem import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.randomization.conditions_file import load_conditions
 from rans.show.pages.comparison_page import TEXT, page

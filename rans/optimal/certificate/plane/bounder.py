@@ -19,12 +19,12 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, Found, Problem, TooManyPoints, Unreachable
 from rans.optimal.certificate.goal_set import rounded_up
 from rans.optimal.certificate.plane.ascent import Ascent, Cut, ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Branch, Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.plane.onoff import flown, nozzles
+from rans.optimal.certificate.problem import Effort, Found, Problem, TooManyPoints, Unreachable
 
 
 @dataclass

@@ -17,9 +17,9 @@ import numpy as np
 from rans.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
-from rans.optimal.certificate.certificate import TooManyPoints
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.problem import TooManyPoints
 
 _EPSILON = float(np.finfo(np.float64).eps)
 _MERGED = 3e-12

@@ -15,8 +15,8 @@ import numpy as np
 
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, Found, Problem, Unreachable
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
+from rans.optimal.certificate.problem import Effort, Found, Problem, Unreachable
 from rans.optimal.certificate.space.halves import HalfTrajectories
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import Wanted, arrived, in_time, with_pulses

@@ -19,13 +19,7 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import (
-    Certificate,
-    Effort,
-    Problem,
-    least_fuel,
-    least_time,
-)
+from rans.optimal.certificate.certificate import Certificate, least_fuel, least_time
 from rans.optimal.certificate.flight import fuel, replay
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane import bounder
@@ -33,6 +27,7 @@ from rans.optimal.certificate.plane.ascent import Ascent, Cut
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.problem import Effort, Problem
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios

@@ -20,15 +20,10 @@ from rans.model.fields import Quat, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import (
-    Effort,
-    Problem,
-    Unreachable,
-    least_fuel,
-    least_time,
-)
+from rans.optimal.certificate.certificate import least_fuel, least_time
 from rans.optimal.certificate.flight import fuel, replay
 from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.problem import Effort, Problem, Unreachable
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import arrived

@@ -13,9 +13,10 @@ import pytest
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, Problem, least_time
+from rans.optimal.certificate.certificate import least_time
 from rans.optimal.certificate.flight import replay
 from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.problem import Effort, Problem
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.impulses_kernel import _off, _projected, _slopes, refined
 from rans.optimal.certificate.space.pulses_kernel import ended
