@@ -44,7 +44,14 @@ def train(steps: int) -> Act:
     state = env.reset()
     critic(policy(state.clone()))  # makes their weights
     advantage = GAE(gamma=0.98, lmbda=0.95, value_network=critic)
-    loss = ClipPPOLoss(policy, critic)
+    loss = ClipPPOLoss(
+        policy,
+        critic,
+        normalize_advantage=True,
+        entropy_bonus=False,
+        loss_critic_type="l2",
+        critic_coeff=0.5,
+    )
     adam = torch.optim.Adam(loss.parameters(), 1e-3)
     for _ in range(max(1, steps // (N_ENVS * N_STEPS))):
         with torch.no_grad():
@@ -59,6 +66,7 @@ def train(steps: int) -> Act:
                 found = loss(flat[some])
                 adam.zero_grad()
                 (found["loss_objective"] + found["loss_critic"]).backward()
+                torch.nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
                 adam.step()
     return lambda rows: policy[0](rows) > 0
 
