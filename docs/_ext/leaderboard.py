@@ -90,7 +90,7 @@ def task_tables() -> Iterable[Table]:
         yield Table(
             title,
             "1,024 starts of seed 2023, under the conditions of each agent's training. Ranks are by spacecraft. "
-            "Judged: day, and revision of the code.",
+            "Judged: day, and revision of the code (+: with uncommitted changes).",
             ("spacecraft", "agent", *columns),
             [row for _, row in sorted(found)],
             "cards of the agents, which `rans list NAME` prints",
@@ -263,8 +263,8 @@ def _like(wanted: str, kinds: Iterable[str]) -> str:
 
 
 def _judged(card: Mapping[str, Any]) -> str:
-    """The day and the revision at which a card's figures were flown."""
-    revision = card.get("evaluation_environment", {}).get("revision")
+    """The day and the revision at which a card's figures were flown; + for one with uncommitted changes."""
+    revision = card.get("evaluation_environment", {}).get("revision", "").replace("-dirty", "+")
     return f"{card.get('date', '')}{f' `{revision}`' if revision else ''}"
 
 
