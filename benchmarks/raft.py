@@ -70,6 +70,8 @@ class Contestant(NamedTuple):
     """What it flies."""
     spec: str
     """Folder of a trained agent below `Raft.agents`, name of a controller, or "oracle..."."""
+    most: int | None = None
+    """Episodes of each cell, of the first seed, of who takes long; None: all episodes of all seeds."""
 
 
 CONTESTANTS = (
@@ -80,6 +82,7 @@ CONTESTANTS = (
     Contestant("oracle", PLATFORM, "oracle"),
     Contestant("LQR", PLATFORM, "lqr"),
     Contestant("switching", PLATFORM, "switching"),
+    Contestant("MPC (128 episodes a cell)", PLATFORM, "mpc", 128),
     Contestant("PPO, no memory", WHEELED, "plain-wheel"),
     Contestant("PPO, recurrent", WHEELED, "recurrent-wheel"),
     Contestant("PPO, history", WHEELED, "history-wheel"),
@@ -321,32 +324,37 @@ class Raft:
     def run(self) -> int:
         """Fly, and write counts and tables."""
         file = self.docs / _FILE
-        found: dict[str, Any] = {"episodes": self.episodes, "seeds": list(self.seeds), "rows": {}}
-        if file.exists() and not self.quick:
-            found["rows"] = read_json(file)["rows"]
+        found: dict[str, Any] = {"episodes": self.episodes, "seeds": list(self.seeds)}
+        before = read_json(file) if file.exists() and not self.quick else {}
+        found["environments"] = before.get("environments", {})
+        found["rows"] = before.get("rows", {})
         console = Terminal()
-        episodes = 32 if self.quick else self.episodes
-        every = cells(episodes, self.seeds[:1] if self.quick else self.seeds)
         flying = [who for who in CONTESTANTS if not self.only or who.spec in self.only]
         workers = Workers(nothing, count=self.workers, work="flew episodes")
-        classes = {
-            spacecraft: _classes(spacecraft, every, workers)
-            for spacecraft in {who.spacecraft for who in flying}
-        }
+        flown_cells: dict[int | None, list[Cell]] = {}
+        classes: dict[tuple[str, int | None], list[np.ndarray]] = {}
+        for who in flying:
+            every = flown_cells.setdefault(who.most, self._cells(who.most))
+            if (who.spacecraft, who.most) not in classes:
+                classes[who.spacecraft, who.most] = _classes(who.spacecraft, every, workers)
         jobs = [
             (who, self.agents, cell, able)
             for who in flying
-            for cell, able in zip(every, classes[who.spacecraft], strict=True)
+            for cell, able in zip(
+                flown_cells[who.most], classes[who.spacecraft, who.most], strict=True
+            )
         ]
         results = workers.ordered(counts, jobs)
         for who in flying:
             row: dict[str, Any] = {}
-            for cell in every:
+            for cell in flown_cells[who.most]:
                 row[cell.name] = _added(row.get(cell.name), next(results))
-            found["rows"][f"{who.spacecraft}: {who.name}"] = row
+            name = f"{who.spacecraft}: {who.name}"
+            found["rows"][name] = row
+            found["environments"][name] = environment()
             console.say(f"{who.spacecraft}, {who.name}: flown")
             if not self.quick:
-                write_json(file, {"environment": environment(), **found})
+                write_json(file, found)
         for spacecraft in (PLATFORM, WHEELED):
             console.print(
                 table(f"RAFT's protocol: held, %, {spacecraft}", _HEADINGS, rows(found, spacecraft))
@@ -355,6 +363,14 @@ class Raft:
             for spacecraft in (PLATFORM, WHEELED):
                 in_document(self.docs, spacecraft).write(self.docs)
         return 0
+
+    def _cells(self, most: int | None) -> list[Cell]:
+        """What a contestant flies that flies at most so many episodes of a cell."""
+        episodes = 32 if self.quick else self.episodes
+        seeds = self.seeds[:1] if self.quick else self.seeds
+        if most is None:
+            return cells(episodes, seeds)
+        return cells(min(most, episodes), seeds[:1])
 
 
 def _added(
