@@ -93,6 +93,12 @@ def is_finite(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def positive(what: str, value: object) -> None:
+    """Reject (`ConfigError`) a value that is no finite number above 0."""
+    if not (is_finite(value) and fits(value, lambda x: x > 0)):
+        raise ConfigError(f"{what} must be a finite number above 0, got {brief(value)}.")
+
+
 def fits(value: object, condition: Callable[[Any], bool]) -> bool:
     """Whether a condition is true for a value; False if it raises a TypeError."""
     try:

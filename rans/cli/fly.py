@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, positive
 
 Bus = Literal["dds", "zenoh", "udp"]
 Robot = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
@@ -65,8 +65,8 @@ class Fly:
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault."""
         from rans.deploy.robot.bus import open_bus
-        from rans.deploy.robot.node import fly_over
-        from rans.deploy.robot.pilot import AGENT_FILES, Plan, export_for_flight
+        from rans.deploy.robot.node import fly_over, planned_task
+        from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
         from rans.evaluation.fly.contestants import agent_folder, picked_task
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
@@ -79,8 +79,11 @@ class Fly:
         output = self.output or Path("runs/flights") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
         if output.exists():
             raise ConfigError(f"{output} exists already: flights are never overwritten.")
+        if self.seconds is not None:
+            positive("--seconds", self.seconds)
         part = picked_task(self.agent)
         source = Path(self.agent.partition("#")[0])
+        run = None
         if all((source / file).exists() for file in AGENT_FILES):
             if not self.trust:
                 raise ConfigError(
@@ -91,14 +94,10 @@ class Fly:
             known = read_json(source / "contract.json")
             task = {"name": known["task"], "settings": known["settings"]}
         else:
-            run = agent_folder(self.agent)
+            run = RunFolder(agent_folder(self.agent))
             folder = output / "agent"
-            config = RunFolder(run).config()
+            config = run.config()
             task = {"name": config.task, "settings": to_table(config)["settings"]}
-            bus = open_bus(self.bus, self.domain, self.address)
-            bus.close()
-            say(f"Writing the agent of this flight into {folder}.")
-            export_for_flight(run, folder)
         if part and part in task["settings"].get("tasks", ()):
             settings = task["settings"][part.replace("-", "_")]
             task = {"name": part, "settings": settings}
@@ -120,6 +119,14 @@ class Fly:
             lost_after=self.lost_after,
             wait=self.wait,
         )
+        if run is not None:
+            # Nothing is written for a flight that cannot begin.
+            period = run.config().timing.control_period
+            check_plan(plan, run.spacecraft(), planned_task(plan), period)
+            bus = open_bus(self.bus, self.domain, self.address)
+            bus.close()
+            say(f"Writing the agent of this flight into {folder}.")
+            export_for_flight(run.path, folder)
         stop = stop_on_signals()
         bus = open_bus(self.bus, self.domain, self.address)
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from rans.cli.fly import Fly
 from rans.deploy.robot.bag import entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
 from rans.deploy.robot.frames import Motion, quaternion_of, rotated, swapped
@@ -506,6 +508,52 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
 def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
     with pytest.raises(ConfigError, match=sentence):
         Pilot(avoiding(avoider, **changes), Avoid())
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"goal": (math.nan, 0.0, 0.0)}, "numbers of a goal must be finite"),
+        ({"goal_velocity": (0.0, math.inf, 0.0)}, "goal's velocity must be finite"),
+        ({"zones": (1.0, math.nan, 1.0)}, "numbers of a zone must be finite"),
+        ({"lost_after": math.nan}, "--lost-after must be a finite number above 0, got nan"),
+        ({"wait": 0.0}, "--wait must be a finite number above 0, got 0.0"),
+    ],
+)
+def test_a_plan_of_wild_numbers_is_refused(
+    changes: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        plan_for(tmp_path, **changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"rate": math.inf}, {"seconds": math.nan}, {"start": (math.nan, 0.0, 0.0)}],
+)
+def test_a_twin_of_wild_numbers_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="finite"):
+        TwinPlan(load_spacecraft(PLATFORM), 0.2, **changes)
+    with pytest.raises(ConfigError, match="--period must be a finite number above 0"):
+        TwinPlan(load_spacecraft(PLATFORM), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"goal": (1.0, 2.0)}, "a goal is 3 numbers"),
+        ({"seconds": math.nan}, "--seconds must be a finite number above 0"),
+        ({"trade_off": 0.3}, "no trade-off input"),
+        ({"guard": True}, "has none"),
+    ],
+)
+def test_nothing_is_written_for_a_flight_that_cannot_begin(
+    options: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    output = tmp_path / "flight"
+    with pytest.raises(ConfigError, match=sentence):
+        Fly("pretrained:go-to-pose-2d", bus="udp", output=output, **options).run()
+    assert not output.exists()
 
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:

@@ -19,7 +19,7 @@ from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import Message
 from rans.deploy.robot.messages import TEXT, make, pack, unpack
 from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Decision, Pilot, Plan, craft_hash
-from rans.errors import ConfigError
+from rans.errors import ConfigError, positive
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -93,8 +93,10 @@ def fly_over(
         stopped: whether somebody wants the flight to end.
 
     Raises:
-        ConfigError: see `Pilot` and `BagWriter`.
+        ConfigError: the length is not above 0, or see `Pilot` and `BagWriter`.
     """
+    if seconds is not None:
+        positive("--seconds", seconds)
     pilot = Pilot(plan, planned_task(plan))
     _warm_up(Pilot(plan, planned_task(plan)))
     writer = None if bag is None else BagWriter(bag)

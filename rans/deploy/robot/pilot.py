@@ -23,7 +23,7 @@ from rans.deploy.robot.interfaces import vector_in as _vector
 from rans.deploy.robot.messages import POSE, TEXT, make, pack, unpack
 from rans.deploy.robot.velocity import VelocityFilter
 from rans.episode import Setup, World
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite, positive
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
@@ -122,6 +122,15 @@ class Plan:
     wait: float = 10.0
     """s until the first state has to come."""
 
+    def __post_init__(self) -> None:
+        """Reject (`ConfigError`) numbers that are not finite, and times that are not above 0."""
+        numbers = {"goal": self.goal, "goal's velocity": self.goal_velocity, "zone": self.zones}
+        for what, several in numbers.items():
+            if not all(map(is_finite, several)):
+                raise ConfigError(f"the numbers of a {what} must be finite, got {several}.")
+        positive("--lost-after", self.lost_after)
+        positive("--wait", self.wait)
+
 
 class Decision(NamedTuple):
     """One command, and why it is none of the agent's."""
@@ -134,6 +143,25 @@ class Decision(NamedTuple):
     """Whether the flight ends with this command, which shuts the valves."""
     guarded: bool = False
     """Whether the safety filter gave another command than the agent's."""
+
+
+def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None:
+    """Check that a plan fits a spacecraft and its task, before an agent is written for it.
+
+    Args:
+        plan: its folder is not looked at.
+        craft: the agent's spacecraft.
+        task: the agent's task.
+        period: the agent's control period, s.
+
+    Raises:
+        ConfigError: it does not, as `Pilot` says.
+    """
+    interface(plan.robot, len(craft.commands), len(craft.thrusters))
+    task = _with_trade_off(task, plan.trade_off)
+    _goal(craft, task, plan)
+    if plan.guard:
+        safety_filter(Setup(craft, task, replace(task.timing, control_period=period)))
 
 
 class Pilot:

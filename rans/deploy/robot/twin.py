@@ -20,7 +20,7 @@ from rans.deploy.robot.messages import FLOATS, TEXT, array, make, pack
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 from rans.effectors.commands import bounds
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite, positive
 from rans.evaluation.fly.episodes import EngineName
 from rans.model.fields import finite, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -60,6 +60,14 @@ class TwinPlan:
     """Its number."""
     seconds: float = 600.0
     """Length of the episode, over which sudden pushes are spread."""
+
+    def __post_init__(self) -> None:
+        """Reject (`ConfigError`) times and rates that are not above 0, and a start that is not finite."""
+        positive("--period", self.control_period)
+        positive("--rate", self.rate)
+        positive("--seconds", self.seconds)
+        if not all(map(is_finite, self.start)):
+            raise ConfigError(f"the numbers of a start must be finite, got {self.start}.")
 
 
 class Craft:
