@@ -66,6 +66,17 @@ _VARIED: dict[str, dict[str, dict[str, Any]]] = {
 }
 """Settings of the task by what the table calls them."""
 
+_LANDED: dict[str, dict[str, Any]] = {
+    "": {},
+    "moon": {
+        "gravity": 1.62,
+        "start_distance": (100.0, 300.0),
+        "start_away": (0.0, 5.0),
+        "start_across": (0.0, 5.0),
+        "start_descent": (40.0, 60.0),
+    },
+}
+"""Settings of landings that guidance flies, by what the table calls them."""
 
 _NUMBERS = ("won", "violated", "ratio", "worst", "spent")
 """Fields of a row that a file may not know: "nan" there."""
@@ -226,11 +237,11 @@ class Missions:
                     flight = fly_in_drake(craft, varied, controller, few, timing)
                     yield _row(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
         if self.mission == "land":
-            yield from self._guided(known)
+            for condition, settings in _LANDED.items():
+                yield from self._guided(condition, Land(**settings), None if settings else known)
 
-    def _guided(self, known: np.ndarray | None) -> Iterator[Row]:
+    def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
         """Landing guidance from the first starts, whose bounds may be known."""
-        task = Land()
         assert task.spacecraft is not None
         craft = load_spacecraft(task.spacecraft)
         lower = self._least_propellant(craft, task) if known is None else known
@@ -242,7 +253,7 @@ class Missions:
                 starts = scenarios(task, craft, self.seed, count)
                 guidance = LandingGuidance(craft, task, task.timing)
                 flight = flying(craft, task, guidance, starts, task.timing)
-                yield _row("", who, flight, _spent(flight), lower)
+                yield _row(condition, who, flight, _spent(flight), lower)
 
     def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
         """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""
