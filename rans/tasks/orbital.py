@@ -155,7 +155,10 @@ class OrbitalMission(SingleTask):
 
     def planned(self, random: Random, start: State, goal: State) -> State:
         """Goal with a drawn deadline and the plan for a start in its notes."""
-        deadline = random.uniform(*self.deadline)
+        return self.plan(start, goal, random.uniform(*self.deadline))
+
+    def plan(self, start: State, goal: State, deadline: Field) -> State:
+        """Goal with a deadline, s, and the plan for a start in its notes."""
         goal = replace(goal, notes=(deadline, deadline, deadline * 0.0))
         latest = self._whole(deadline - self.braking_time if self.brakes else deadline)
         arrival = latest
