@@ -1,11 +1,11 @@
-"""RANS's guidance on the hold-point approach of V-BAR, scored by V-BAR: ``python -m validation.vbar_hold``.
+"""RANS's guidance on the hold-point approach of V-BAR, scored by V-BAR: ``python -m validation.records.vbar_hold``.
 
 V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
 dependency of RANS. In an environment of its own::
 
     python3.12 -m venv vbar
     vbar/bin/pip install vbar==0.3.1 cattrs tyro
-    vbar/bin/python -m validation.vbar_hold
+    vbar/bin/python -m validation.records.vbar_hold
 """
 
 from __future__ import annotations
