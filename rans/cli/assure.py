@@ -101,8 +101,8 @@ class Assure:
         if not self.restart:
             assurance.check_replaces_nothing(file)
         first = self._fly(assurance, file)
-        shown = self.failure_below is None or assurance.campaign.decision == "below"
-        return 0 if shown or not first else 1
+        is_shown = self.failure_below is None or assurance.campaign.decision == "below"
+        return 0 if is_shown or not first else 1
 
     def _fly(self, assurance: Assurance, file: Path) -> bool:
         """Fly until the plan ends; the results so far are written and printed even after an error.

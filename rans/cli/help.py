@@ -227,9 +227,9 @@ def _tyro_options(name: str, hint: Any) -> list[Any]:
     return results
 
 
-def _default(shown: str) -> str:
+def _default(value: str) -> str:
     """Text of a default value; empty if there is no default."""
-    return "" if shown in ("", "None", "False") else f"(default: {shown})"
+    return "" if value in ("", "None", "False") else f"(default: {value})"
 
 
 def _metavar(name: str, hint: Any) -> str | None:

@@ -208,11 +208,11 @@ def optimum(
     for k, answer in enumerate(answers):
         if answer.transfer is not None:
             commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
-    ours, drakes = (
+    fast, drake = (
         row_of("optimum", flying(craft, task, Script(commands), starts, task.timing))
         for flying in (fly, fly_in_drake)
     )
-    return replace(ours, docked=ours.docked & drakes.docked)
+    return replace(fast, docked=fast.docked & drake.docked)
 
 
 def row_of(name: str, flight: Flight) -> Row:

@@ -77,7 +77,7 @@ class _Policy(Protocol):
         ...
 
     def commands(
-        self, state: Any, goal: Any, seen: np.ndarray, memory: Any, change: np.ndarray
+        self, state: Any, goal: Any, observations: np.ndarray, memory: Any, change: np.ndarray
     ) -> tuple[np.ndarray, Any]:
         """Commands (M, thrusters), inverted where the change (M, thrusters) is 1, and the memory after them."""
         ...
@@ -103,10 +103,15 @@ class _AgentPolicy:
 
     @torch.no_grad()
     def commands(
-        self, state: Any, goal: Any, seen: np.ndarray, memory: Tensor | None, change: np.ndarray
+        self,
+        state: Any,
+        goal: Any,
+        observations: np.ndarray,
+        memory: Tensor | None,
+        change: np.ndarray,
     ) -> tuple[np.ndarray, Tensor | None]:
         """See `_Policy`."""
-        output, columns = self._network.forward(torch.from_numpy(seen), memory)
+        output, columns = self._network.forward(torch.from_numpy(observations), memory)
         command = (output.policy.mode() - torch.from_numpy(change)).abs()
         after = self._network.next_state(columns, memory, command, output)
         return command.double().numpy(), after
@@ -132,11 +137,16 @@ class _ControllerPolicy:
         return memory[rows]
 
     def commands(
-        self, state: Any, goal: Any, seen: np.ndarray, memory: np.ndarray, change: np.ndarray
+        self,
+        state: Any,
+        goal: Any,
+        observations: np.ndarray,
+        memory: np.ndarray,
+        change: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """See `_Policy`."""
         self._controller.recall(memory)
-        command = np.abs(self._controller.act(state, goal, seen) - change)
+        command = np.abs(self._controller.act(state, goal, observations) - change)
         return command, self._controller.memory()
 
 
@@ -269,8 +279,8 @@ class Lookahead:
         # Every episode is repeated for each choice, of which the first is no change.
         memory = self._policy.repeated(self._memory, choices)
         here, there = (map_leaves(lambda x: np.repeat(x, choices), s) for s in (state, goal))
-        seen = np.repeat(observation, choices, axis=0)
-        command, after = self._changed(here, there, seen, memory, 0)
+        observations = np.repeat(observation, choices, axis=0)
+        command, after = self._changed(here, there, observations, memory, 0)
         worth = self._earned if self.arrival is None else self._spared
         best = worth(here, there, command, after).reshape(count, choices).argmax(axis=1)
         best += np.arange(count) * choices

@@ -31,9 +31,9 @@ class Pair:
     @property
     def difference(self) -> float:
         """Value of Drake minus that of the fast engine; 0 if both are infinite."""
-        ours = self.fast.value
-        theirs = self.drake.value
-        return 0.0 if ours == theirs else theirs - ours
+        fast = self.fast.value
+        drake = self.drake.value
+        return 0.0 if fast == drake else drake - fast
 
     @property
     def passed(self) -> bool | None:
@@ -99,18 +99,21 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     """
     episodes = fast.commands.shape[1]
     median = Bootstrap(episodes).median
-    ours, drakes = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
+    fast_share, drake_share = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
     pairs = [
         Pair(
             "solved",
             "within all tolerances at every step of the last fifth",
             "%",
-            ours,
-            drakes,
-            (min(0.0, ours.low - ours.value), max(0.0, ours.high - ours.value)),
+            fast_share,
+            drake_share,
+            (
+                min(0.0, fast_share.low - fast_share.value),
+                max(0.0, fast_share.high - fast_share.value),
+            ),
         )
     ]
-    theirs = final_errors(drake)
+    drake_errors = final_errors(drake)
     for name, error in final_errors(fast).items():
         factor, unit = QUANTITIES[name].display
         bound = factor * QUANTITIES[name].engine_difference
@@ -120,7 +123,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
                 "median of the mean over the last fifth",
                 unit,
                 median(factor * error),
-                median(factor * theirs[name]),
+                median(factor * drake_errors[name]),
                 None if math.isinf(bound) else (-bound, bound),
             )
         )

@@ -48,8 +48,8 @@ def figure(value: float, digits: str = ".3g") -> str:
         return "-"
     if math.isinf(value):
         return "never" if value > 0 else "-never"
-    shown = format(value, digits)
-    return f"{value:,.0f}" if "e+" in shown and abs(value) < 1e6 else shown
+    text = format(value, digits)
+    return f"{value:,.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 class Bootstrap:

@@ -296,7 +296,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     )
     first, *_, last = events = comparison.events()
     middle = [event for event in events if event.kind != "arrival"]
-    shown = [event.text for event in (first, *middle, last)]
+    headings = [event.text for event in (first, *middle, last)]
     yield Section(
         "Gaps to the certified bounds",
         text,
@@ -314,7 +314,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         ],
         [
             Picture.of(
-                figures.gap_histograms(gaps, shown), "Flights from each start over the bound."
+                figures.gap_histograms(gaps, headings), "Flights from each start over the bound."
             )
         ],
     )

@@ -191,8 +191,10 @@ class InteractiveFlight:
         # The controller's inputs, and its command.
         measured = self._measured(episode.state)
         columns = world.observe(replace(episode, state=measured, reading=None))
-        seen = np.stack([np.broadcast_to(x, 1) for x in columns], axis=1).astype(np.float32)
-        answer = np.asarray(self.controller.act(measured, episode.goal, seen), dtype=np.float64)
+        observation = np.stack([np.broadcast_to(x, 1) for x in columns], axis=1).astype(np.float32)
+        answer = np.asarray(
+            self.controller.act(measured, episode.goal, observation), dtype=np.float64
+        )
 
         # The command that reaches the thrusters now.
         self._waiting.append(tuple(float(x) for x in answer[0]))

@@ -114,9 +114,9 @@ class _Panel:
         self.motion = Motion.of(flight, episode)
         dimension = self.motion.craft.dimension
         count = len(self.motion.times)
-        seen = height - round(_HEAD * height)
-        self._renderer = Renderer(self.motion, width, seen)
-        self._camera = fit(self.motion.points(), DIRECTION[dimension], FIELD_OF_VIEW, width / seen)
+        below = height - round(_HEAD * height)
+        self._renderer = Renderer(self.motion, width, below)
+        self._camera = fit(self.motion.points(), DIRECTION[dimension], FIELD_OF_VIEW, width / below)
         self._ground = Image.new(
             "RGB", (width, height), tuple(round(255.0 * x) for x in SKY[dimension])
         )
@@ -131,8 +131,8 @@ class _Panel:
         motion = self.motion
         k = instant(self.motion, time)
         frame = self._ground.copy()
-        seen = self._renderer.picture(time, self._camera)
-        frame.paste(seen, (0, frame.height - seen.height))
+        picture = self._renderer.picture(time, self._camera)
+        frame.paste(picture, (0, frame.height - picture.height))
         draw = ImageDraw.Draw(frame)
         font = ImageFont.load_default(self._size)
         line = 1.35 * self._size
