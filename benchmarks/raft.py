@@ -82,7 +82,7 @@ CONTESTANTS = (
     Contestant("oracle", PLATFORM, "oracle"),
     Contestant("LQR", PLATFORM, "lqr"),
     Contestant("switching", PLATFORM, "switching"),
-    Contestant("MPC (128 episodes a cell)", PLATFORM, "mpc", 128),
+    Contestant("MPC (16 episodes a cell)", PLATFORM, "mpc", 16),
     Contestant("PPO, no memory", WHEELED, "plain-wheel"),
     Contestant("PPO, recurrent", WHEELED, "recurrent-wheel"),
     Contestant("PPO, history", WHEELED, "history-wheel"),

@@ -53,6 +53,8 @@ def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Chec
         starts = scenarios(GoToPose(), craft, seed, count)
         # Open for the whole period or not at all: then a step's length is its share of the period.
         commands = np.ceil(fly(craft, GoToPose(), Restless(craft, seed), starts, timing).commands)
+        # Wheels rest: a full one gives no torque, which `wrench` does not know.
+        commands[..., len(craft.thrusters) :] = 0.0
         drake = drake_states(craft, starts.start, commands, timing, 0.01)
         end = map_leaves(lambda x: x[-1], drake)
 
