@@ -10,6 +10,7 @@ neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
@@ -137,7 +138,7 @@ FREE = FreeFlight()
 
 def _sine(angle: Field) -> Field:
     """Sine that is a Python float for a Python float; NumPy's scalar would turn float32 arrays into float64."""
-    return float(sin(angle)) if isinstance(angle, float) else sin(angle)
+    return math.sin(angle) if isinstance(angle, float) else sin(angle)
 
 
 def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field) -> AnyVector:

@@ -222,6 +222,7 @@ sys.exit(main(sys.argv[1:]))
 """A second process that dies once there is a checkpoint."""
 
 
+@pytest.mark.slow
 def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -71,6 +71,7 @@ def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype, tolerance:
     reason="torch.compile needs a C++ compiler",
 )
 # torch.compile itself uses a part of torch that torch has deprecated.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")
 def test_numpy_and_compiled_agree() -> None:
     compare(PLATFORM, torch.float64, 1e-12, torch_engine)  # tolerance as above
@@ -89,6 +90,30 @@ def test_a_step_in_space_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """What torch's compiler is given, without the 20 s it would then take for the machine's code."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     compare(FLYER, torch.float64, 1e-12, torch_engine)  # tolerance as above
+
+
+@dataclasses.dataclass(frozen=True)
+class Untraceable(GoToPose):
+    """A task whose reward torch's compiler does not follow."""
+
+    def reward(self, transition: Any) -> dict[str, Any]:
+        terms = dict(super().reward(transition))
+        name = type(self.fail_spin).__module__.partition(".")[0]  # which the compiler does not know
+        return terms if name else {}
+
+
+def test_what_torch_cannot_compile_runs_eagerly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
+    ours = Engine(PLATFORM, Untraceable(), 4, SHORT, seed=2)
+    theirs = torch_engine(PLATFORM, Untraceable(), 4, SHORT, seed=2)
+    first, second = actions(PLATFORM, 4, 2)
+    with pytest.warns(UserWarning, match="torch cannot compile what its task does"):
+        got = theirs.step(first)
+    # Single precision, in another order.
+    torch.testing.assert_close(got.reward, ours.step(first).reward, rtol=0, atol=1e-5)
+    torch.testing.assert_close(
+        theirs.step(second).reward, ours.step(second).reward, rtol=0, atol=1e-5
+    )
 
 
 @both_crafts

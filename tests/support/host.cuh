@@ -21,3 +21,4 @@ template <class T> T min(T a, T b) { return a < b ? a : b; }
 #define __expf std::exp
 #define __logf std::log
 static int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, 4); return bits; }
+static float __int_as_float(int bits) { float x; std::memcpy(&x, &bits, 4); return x; }

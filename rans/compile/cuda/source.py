@@ -110,8 +110,19 @@ class Lines:
         """A symbol that has a name, or a number, in an expression."""
         if symbol.operation != "constant":
             return self.names[symbol]
+        if symbol.kind == "real":
+            return f"real({_literal(symbol.value)})"
         number = repr(symbol.value)
-        return {"real": f"real({number})", "bool": number.lower()}.get(symbol.kind, number)
+        return number.lower() if symbol.kind == "bool" else number
+
+
+def _literal(value: float) -> str:
+    """A number in CUDA C++, which has no header with names for those that are not finite."""
+    if math.isnan(value):
+        return "__int_as_float(0x7fffffff)"
+    if math.isinf(value):
+        return f"{'-' if value < 0 else ''}__int_as_float(0x7f800000)"
+    return repr(value)
 
 
 class _Writer(Lines):

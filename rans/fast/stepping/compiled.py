@@ -155,16 +155,39 @@ class ArrayStep:
         )
 
 
+class TorchCompiledStep:
+    """A step on tensors that torch compiles; where it cannot, the step runs eagerly, with a warning."""
+
+    def __init__(self) -> None:
+        # The compiler cannot trace linear programs, whose result is the same in every step.
+        torch.compiler.assume_constant_result(sets_among)
+        self._step = torch.compile(step_tensors, fullgraph=True, dynamic=False)
+
+    def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
+        """Step as `rans.fast.stepping.step.step_tensors` does."""
+        from torch._dynamo.exc import Unsupported  # the import takes seconds
+
+        try:
+            return self._step(world, episode, action, draws)
+        except Unsupported as error:  # while it is traced, before anything has changed
+            reason = str(error).partition("\n")[0]
+            warnings.warn(
+                "this engine steps slower, as torch cannot compile what its task does: "
+                f"{reason.lower()}. Use functions of rans.model.fields, or do not compile.",
+                stacklevel=2,
+            )
+            self._step = step_tensors
+            return step_tensors(world, episode, action, draws)
+
+
 def stepping(
     backend: Backend, compiled: bool, plain: bool = False
 ) -> Callable[[World, Episode, Tensor, Draws], Step]:
     """Function that steps the episodes of one engine."""
     if plain:
         return partial(step_tensors, plain=True)
-    if compiled:  # The import of torch's compilers takes seconds.
-        # The compiler cannot trace linear programs, whose result is the same in every step.
-        torch.compiler.assume_constant_result(sets_among)
-        return torch.compile(step_tensors, fullgraph=True, dynamic=False)
+    if compiled:
+        return TorchCompiledStep()
     return ArrayStep() if backend.on_numpy else step_tensors
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, UniformGravity, step_goal
+from rans.model.fields import where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
@@ -267,6 +269,25 @@ def test_a_drift(on_host: Any) -> None:
     going = ~(still.terminated | still.truncated).numpy()
     # 0.2 m/s^2 for 0.2 s, in float64.
     np.testing.assert_allclose((ours.state.v.y - before)[going], -0.04, rtol=1e-12)
+
+
+class Unbounded(GoToPose):
+    """A reward with numbers that are not finite in its formula."""
+
+    def reward(self, transition: Any) -> dict[str, Any]:
+        terms = dict(super().reward(transition))
+        distance, _ = self.errors(transition.state, transition.goal).values()
+        cheapest = where(distance < 1.0, distance, distance * 0.0 + math.inf)
+        terms["near"] = where(cheapest < math.inf, 1.0 - cheapest, distance * 0.0)
+        terms["far"] = where(distance * 0.0 - math.inf < -distance, distance * 0.0, distance)
+        return terms
+
+
+@pytest.mark.usefixtures("together")
+def test_numbers_that_are_not_finite(on_host: Any) -> None:
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    made: Any = (PLATFORM, like_near(Unbounded), 16, SHORT)
+    assert compare(Engine(*made, **how), on_host(*made, **how)) > 16
 
 
 @both_crafts

@@ -271,7 +271,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     assert [row["contestant"] for row in read["summary"]][:2] == ["LQR", IDLE]
     assert read["per_start"]["contestants"][IDLE][2]["arrival"] == "inf"
     assert read["per_start"]["relaxed"]["minimum fuel in 2.4 s"][0]["thrust"] == "nan"  # not solved
-    assert read["contestants"]["LQR"]["tuning"] == "tuned: 400 settings on 256 starts"
+    assert read["contestants"]["LQR"]["tuning"].startswith("tuned: ")
     section = comparison_section(read)
     assert section.summary[1][1].startswith("settles from 0 of 3 starts")
     html = page(comparison).html()

@@ -97,6 +97,7 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
     torch.testing.assert_close(other.learner.network.tensors["features_extractor.mean"], mean)
 
 
+@pytest.mark.slow
 def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
     short = config(imitation=ImitationSettings(updates=10, roll_in=0.05))
     whole = trained(tmp_path / "whole", short)

@@ -92,6 +92,7 @@ def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
     assert [row["steps"] for row in again.run.metrics()] == list(range(256, 2049, 256))
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment(tmp_path: Path) -> None:
     """SIGKILL; this process ends it as if nothing was."""
     config = replace(CONFIG, total_timesteps=60 * 128, report_interval=2)

@@ -77,6 +77,7 @@ if other:
 """
 
 
+@pytest.mark.slow
 def test_of_two_that_begin_at_once_one_writes_everything(tmp_path: Path) -> None:
     """The other is refused; what each of the folders holds is of one training."""
     folders = [str(tmp_path / str(number)) for number in range(6)]

@@ -20,6 +20,7 @@ from rans.tasks import Dock
 DEPUTY = load_spacecraft("afrl-deputy")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* does not know the constraints")
 def test_it_docks_below_the_speed_limit_where_other_guidance_breaks_it() -> None:
     task = Dock(deadline=(700.0, 700.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import pytest
 
 from rans.evaluation.measure.metrics import solved
 from rans.flight import fly
@@ -21,6 +22,7 @@ def test_near_starts_keep_the_weights() -> None:
     assert distance_scale(GoToPose(), load_spacecraft("free-flyer")) == 1.0
 
 
+@pytest.mark.slow
 def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
     """A dash along each axis speeds up half of the way and brakes the other: 2 m sqrt(a d)."""
     task = Hold()
@@ -36,6 +38,7 @@ def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
     assert (spent < 1.5 * dash).all()
 
 
+@pytest.mark.slow
 def test_the_mpc_docks_below_the_speed_limit() -> None:
     task = Dock()
     craft = load_spacecraft("afrl-deputy")

@@ -60,6 +60,7 @@ class Kicked(LandingGuidance):
         return commands
 
 
+@pytest.mark.slow
 def test_it_plans_again_when_it_is_off_its_way() -> None:
     guidance = Kicked(LANDER, TASK)
     flight = fly(LANDER, TASK, guidance, starts(8), TASK.timing)

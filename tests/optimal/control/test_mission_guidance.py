@@ -33,6 +33,7 @@ def test_it_docks_in_a_hurry_below_the_speed_limit() -> None:
     assert not row.violated.any()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* does not know the constraints")
 def test_later_burns_save_impulse() -> None:
     """By 2,000 s there is time for burns where they do most; whoever burns all at once spends more."""
@@ -86,6 +87,7 @@ def test_a_mission_with_a_cone_is_refused() -> None:
         MissionGuidance("arpod-chaser", Rendezvous())
 
 
+@pytest.mark.slow
 def test_it_holds_around_the_ball_and_brakes_into_the_tolerance() -> None:
     """From all sides by the shortest deadline; some of the starts are behind the ball."""
     task = Hold(deadline=(600.0, 600.0))

@@ -71,6 +71,7 @@ def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadl
         np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:guidance does not know the constraints")
 def test_no_guidance_beats_the_bound() -> None:
     """Whoever docks spends at least the bound, whenever that is; some dock before the deadline."""

@@ -98,6 +98,7 @@ def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
     assert 20 < sum(answers) < 52  # of 72
 
 
+@pytest.mark.slow
 def test_a_start_that_moves(flown: Any) -> None:
     """Seen from a frame that moves, all is as it was: start and goal drift by 0.1 m/s, and 16 cm in 1.6 s."""
     for angle, along in itertools.product((0.0, 0.24), ((0.1, 0.0, 0.0), (-0.05, 0.07, 0.02))):

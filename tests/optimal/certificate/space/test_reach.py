@@ -235,6 +235,7 @@ def test_what_is_found_flies_there() -> None:
     assert fuel(FLYER, found.commands, PERIOD) == pytest.approx(found.upper)
 
 
+@pytest.mark.slow
 def test_there_already_and_never() -> None:
     lattice = SpinLattice(FLYER, PERIOD)
     here = SpatialState(
