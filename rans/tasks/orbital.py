@@ -216,7 +216,7 @@ class OrbitalMission(SingleTask):
                 else:
                     price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _PENALTY
         late = at_least(time + delay - latest, 0.0)
-        return price + braked + late * (_PENALTY / latest)
+        return price + braked + late * (_PENALTY / at_least(latest, self.shortest_aim))
 
     def _allowed(self, limit: SpeedLimit, p: Any, v: Any) -> Field:
         """Speed that is recommended at most at a position, m/s."""
