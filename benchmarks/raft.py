@@ -236,10 +236,10 @@ def ready(who: Contestant, agents: Path, faults: Faults, after: float) -> Contro
 
 
 class Cell(NamedTuple):
-    """Episodes of one seed in a column of the table."""
+    """Episodes of one seed in a row of the table."""
 
     name: str
-    """By which the column is called."""
+    """By which the row is called."""
     seed: int
     """Of the starts."""
     faults: Faults
@@ -356,9 +356,8 @@ class Raft:
             if not self.quick:
                 write_json(file, found)
         for spacecraft in (PLATFORM, WHEELED):
-            console.print(
-                table(f"RAFT's protocol: held, %, {spacecraft}", _HEADINGS, rows(found, spacecraft))
-            )
+            headings, *lines = rows(found, spacecraft)
+            console.print(table(f"RAFT's protocol: held, %, {spacecraft}", headings, lines))
         if not self.quick:
             for spacecraft in (PLATFORM, WHEELED):
                 in_document(self.docs, spacecraft).write(self.docs)
@@ -386,12 +385,12 @@ _FILE = "validation/raft.json"
 _CELLS = [
     f"{k} {moment}" for k in range(5) for moment in ("start", "flight") if k or moment == "start"
 ]
-_HEADINGS = (
-    "contestant",
+_LINES = (
     "none",
     *(name.replace(" start", ", start").replace(" flight", ", flight") for name in _CELLS[1:]),
     *(f"2 at {left:g}" for left in SEVERITIES),
     "recoverable",
+    "at least",
     "others held",
     "others near",
 )
@@ -400,12 +399,17 @@ _HEADINGS = (
 def in_document(docs: Path, spacecraft: str) -> Table:
     """The table of a spacecraft in docs/raft.md, of the evidence in docs/validation."""
     evidence = read_json(docs / _FILE)
-    return Table("raft.md", f"{COMMAND}, {spacecraft}", _HEADINGS, rows(evidence, spacecraft), "")
+    headings, *lines = rows(evidence, spacecraft)
+    return Table("raft.md", f"{COMMAND}, {spacecraft}", headings, lines, "")
 
 
 def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:
-    """Share of recoverable episodes that are held, by cell and of all; of the others those held, and those near."""
-    result = []
+    """Headings, which are the contestants, and a row of each cell and of each summary.
+
+    A cell has the share of recoverable episodes that are held. The summaries are this share of all cells before
+    the sweep, the lower end of its 95 % interval, and of all other episodes the shares held, and held or near.
+    """
+    columns: list[tuple[str, ...]] = [("faults", *_LINES)]
     for name, by_cell in found["rows"].items():
         flies, _, who = name.partition(": ")
         if flies != spacecraft:
@@ -415,10 +419,12 @@ def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:
         total = np.sum([cell["still"] for cell in failed], axis=0)
         others = np.sum([np.add(cell["spinning"], cell["neither"]) for cell in failed], axis=0)
         low = share(np.arange(total[2]) < total[0]).low
-        all_of_them = f"{_share(total[0], total[2])} (≥ {100.0 * low:.2f})"
+        all_of_them = _share(total[0], total[2])
         near = _share(others[0] + others[1], others[2])
-        result.append((who, *texts, all_of_them, _share(others[0], others[2]), near))
-    return result
+        columns.append(
+            (who, *texts, all_of_them, f"{100.0 * low:.2f}", _share(others[0], others[2]), near)
+        )
+    return list(zip(*columns, strict=True))
 
 
 def _share(part: int, whole: int) -> str:

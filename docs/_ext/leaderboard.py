@@ -104,7 +104,8 @@ def robustness() -> Table:
     rows = []
     for name, about in data["contestants"].items():
         shares = [
-            100.0 * data["worlds"][one]["contestants"][name]["held"]["value"] for one in SCENARIOS
+            100.0 * data["conditions"][one]["contestants"][name]["held"]["value"]
+            for one in SCENARIOS
         ]
         row = [name, about["knows"], *(f"{x:.1f}" for x in shares)]
         rows.append((-sum(shares), row))

@@ -37,7 +37,7 @@ figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 found = report.to_json()
 levels = [
     one
-    for one in found["worlds"].values()
+    for one in found["conditions"].values()
     if one["effect"] in ("latency", "perfect")
 ]
 for name in found["contestants"]:

@@ -65,8 +65,8 @@ class Evaluate:
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
     plain: bool = False
-    """Fly more than 65,536 episodes one torch operation after the other too, without compiled programs, so
-    that a breakpoint stops (docs/plain.md). Fewer episodes always fly so."""
+    """Do not compile, so that a breakpoint stops: fly more than 65,536 episodes by plain torch operations too, as
+    fewer always do (docs/plain.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: bool = False

@@ -30,7 +30,6 @@ from rans.show.tables.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.tables.listing import (
     Listing,
     settings_listing,
-    space,
     spacecraft_listing,
     task_listings,
     thruster_listing,
@@ -155,13 +154,17 @@ def _everything(_: str) -> Iterable[str | Listing]:
 def _all_spacecraft() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         c = SPACECRAFT[name].craft
-        return space(c), f"{c.mass:g} kg", c.thrust, c.thrust_sharing
+        return _PLACES[c.dimension], f"{c.mass:g} kg", c.thrust, c.thrust_sharing
 
     return Listing(
         "Spacecraft",
-        ("name", "moves in", "mass", "thrusters", "thrust sharing"),
+        ("name", "in", "mass", "thrusters", "sharing"),
         [_filled((_named(SPACECRAFT, name), *_or_why_not(row, name)), 5) for name in SPACECRAFT],
     )
+
+
+_PLACES = {2: "plane", 3: "space"}
+"""Where a spacecraft of a dimension moves."""
 
 
 def _all_tasks() -> Listing:
@@ -321,7 +324,8 @@ _PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
 
 
 def _flag(task: object) -> str:
-    return str(getattr(task, "flag", "drawn"))
+    flag = getattr(task, "flag", None)
+    return "sampled" if flag is None else f"{flag:g}"
 
 
 def _environments(task: str) -> tuple[str, ...]:

@@ -107,8 +107,8 @@ def _show(report: StressReport) -> None:
                 report.effect_columns(),
                 report.effect_rows(),
             )
-        for world, contestant, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
-            console.say(f"{contestant}, {world}, episode {episode} ({errors}):")
+        for conditions, contestant, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
+            console.say(f"{contestant}, {conditions}, episode {episode} ({errors}):")
             console.command(command)
     for sentence in (*report.notes(), *stress.failures):
         console.say(sentence)

@@ -34,7 +34,7 @@ MEASURED = (
 def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
     """Size of each effect up to which an agent holds its goal, everything else as designed.
 
-    All worlds fly in one batch, each with about as many flights as asked for: an episode draws which it meets.
+    All conditions fly in one batch, each with about as many flights as asked for: every episode samples its own.
 
     Args:
         controller: agent.
@@ -48,9 +48,9 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     """
     known = [one for one in effects(setup.craft, setup.timing) if one.name in MEASURED]
     levels = [level for one in known for level in one.levels()]
-    worlds = [Conditions(), *(level.conditions for level in levels)]
-    mixed = replace(worlds[0], others=tuple(worlds[1:]))
-    count = flights * len(worlds)
+    every = [Conditions(), *(level.conditions for level in levels)]
+    mixed = replace(every[0], others=tuple(every[1:]))
+    count = flights * len(every)
     flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
     held = np.asarray(flown.flight.verdict.held)
     numbers = draws(SEED, count)
@@ -59,8 +59,8 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     )
     met = _signatures(drawn, setup, count)
     shares: list[float] = []
-    for world in worlds:
-        here = np.isclose(met, _signature(world), rtol=0.0, atol=1e-6).all(axis=1)
+    for conditions in every:
+        here = np.isclose(met, _signature(conditions), rtol=0.0, atol=1e-6).all(axis=1)
         shares.append(float(held[here].mean()) if here.any() else float("nan"))
     by_level = dict(zip(((one.effect, one.size) for one in levels), shares[1:], strict=True))
     result: dict[str, Any] = {

@@ -36,7 +36,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     read = json.loads((folder / "stress.json").read_text("utf-8"))
     assert read["effects"]["latency"]["holds_to"]["LQR"] >= 0.1
     assert read["effects"]["latency"]["break_even_of_first"].keys() == {"LQR"}
-    lost = read["worlds"]["latency-0.3"]["contestants"]["go-to-pose-2d"]
+    lost = read["conditions"]["latency-0.3"]["contestants"]["go-to-pose-2d"]
     assert lost["held"]["value"] == 0.0
     assert lost["episodes"] == 2
     page = (folder / "stress.html").read_text("utf-8")
@@ -58,8 +58,8 @@ def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[st
     assert main([*command, "--output", "here"]) == 1
     assert "no such layer" in capsys.readouterr().out
     assert "no such layer" in Path("here/stress.html").read_text("utf-8")
-    worlds = json.loads(Path("here/stress.json").read_text("utf-8"))["worlds"]
-    assert list(worlds["perfect"]["contestants"]) == ["LQR"]
+    conditions = json.loads(Path("here/stress.json").read_text("utf-8"))["conditions"]
+    assert list(conditions["perfect"]["contestants"]) == ["LQR"]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -77,8 +77,8 @@ def test_interrupted_it_writes_what_was_flown(
 
     monkeypatch.setattr(run._Flyer, "flown", interrupted)
     assert main(["stress", "lqr:go-to-pose-2d", *QUICK, "--output", "here"]) == 130
-    worlds = json.loads(Path("here/stress.json").read_text())["worlds"]
-    assert [name for name, world in worlds.items() if world["contestants"]] == ["perfect"]
+    conditions = json.loads(Path("here/stress.json").read_text())["conditions"]
+    assert [name for name, one in conditions.items() if one["contestants"]] == ["perfect"]
     assert "what was written is kept" in capsys.readouterr().err
 
 

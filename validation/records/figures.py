@@ -18,13 +18,13 @@ from validation.records import agents, assurances, craft, faults, missions, rest
 
 
 def stress(docs: Path) -> Table:
-    """The README's table of robustness: what each holds in worlds without a size, in %."""
+    """The README's table of robustness: what each holds under conditions without a size, in %."""
     found = read_json(docs / "validation" / "stress.json")
     names = [one["spec"].removeprefix("pretrained:") for one in found["contestants"].values()]
     rows = [
-        (world["effect"], *map(_held, world["contestants"].values()))
-        for world in found["worlds"].values()
-        if world["size"] is None
+        (one["effect"], *map(_held, one["contestants"].values()))
+        for one in found["conditions"].values()
+        if one["size"] is None
     ]
     return Table("../README.md", "rans stress", ("held, %", *names), rows, "")
 

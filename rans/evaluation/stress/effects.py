@@ -75,11 +75,11 @@ def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
 def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
     """Conditions of a size, in which one setting is the size times its unit and all else is nominal."""
 
-    def world(size: float) -> Conditions:
+    def conditions(size: float) -> Conditions:
         perfect = Conditions()
         return replace(perfect, **{part: replace(getattr(perfect, part), **{name: size * unit})})
 
-    return world
+    return conditions
 
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:

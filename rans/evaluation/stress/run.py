@@ -85,10 +85,10 @@ class Stress:
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
         """Sizes at which a contestant was flown, the nominal one first, and its shares of held episodes."""
         sizes = (effect.nominal, *effect.sizes)
-        worlds = (_PERFECT, *effect.levels())
+        levels = (_PERFECT, *effect.levels())
         flown = [
             (size, self.outcomes[level.name, name].share)
-            for size, level in zip(sizes, worlds, strict=True)
+            for size, level in zip(sizes, levels, strict=True)
             if (level.name, name) in self.outcomes
         ]
         return [size for size, _ in flown], [share for _, share in flown]
@@ -231,7 +231,7 @@ class _Flyer(NamedTuple):
     contest: Contest
     controllers: Sequence[Sequence[Controller]]
     """Of each contestant, one for each level."""
-    worlds: Sequence[Conditions | None]
+    conditions: Sequence[Conditions | None]
 
     def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
         """Outcomes of consecutive episodes of one contestant at one level, or a sentence about its failure."""
@@ -248,6 +248,6 @@ class _Flyer(NamedTuple):
     def flown(self, level: int, contestant: int, first: int, count: int) -> _Part:
         """Outcomes of consecutive episodes of one contestant at one level."""
         flying = self.controllers[contestant][level]
-        setup = self.contest.setup._replace(conditions=self.worlds[level])
+        setup = self.contest.setup._replace(conditions=self.conditions[level])
         flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
         return _Part(Outcome.of(flight), getattr(flying, "failures", 0))

@@ -269,12 +269,12 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
 
 
 def stress_section(stress: Mapping[str, Any]) -> Section:
-    """Shares held in worlds without a size (`rans.show.pages.stress_page`); stress.html has the rest."""
+    """Shares held under conditions without a size (`rans.show.pages.stress_page`); stress.html has the rest."""
     rows = [
         (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))
-        for name, world in stress["worlds"].items()
-        if world["size"] is None
-        for who, result in world["contestants"].items()
+        for name, one in stress["conditions"].items()
+        if one["size"] is None
+        for who, result in one["contestants"].items()
     ]
     findings = [Finding(text, False) for text in stress["failures"]]
     return Section(

@@ -83,11 +83,11 @@ class StressReport(NotebookRepr):
                 f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
             )
         for spec, one in self.stress.contestants.items():
-            worlds = [
+            tuned = [
                 level.effect for level in self.stress.named if self.stress.tuned_for(spec, level)
             ]
-            if worlds:
-                yield f"{one.name} flies {', '.join(worlds)} with settings that were tuned for it."
+            if tuned:
+                yield f"{one.name} flies {', '.join(tuned)} with settings that were tuned for it."
             count = self.stress.episodes(one)
             stopped = self.stress.stopped.get(one.name, 0)
             if count < self.stress.contest.episodes:
@@ -181,7 +181,7 @@ class StressReport(NotebookRepr):
                 }
                 for spec, one in stress.contestants.items()
             },
-            "worlds": {level.name: self._world(level) for level in stress.levels},
+            "conditions": {level.name: self._level(level) for level in stress.levels},
             "effects": {effect.name: self._effect(effect) for effect in stress.effects},
             "notes": [*self.notes()],
             "failures": stress.failures,
@@ -322,7 +322,7 @@ class StressReport(NotebookRepr):
             f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in shown
         )
 
-    def _world(self, level: Level) -> dict[str, Any]:
+    def _level(self, level: Level) -> dict[str, Any]:
         return {
             "effect": level.effect,
             "size": level.size,

@@ -66,7 +66,7 @@ def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
     assert all(level.conditions.or_none for level in effect.levels())
 
 
-def test_names_of_worlds_are_files_apart() -> None:
+def test_names_of_conditions_are_files_apart() -> None:
     """Also of users' files in folders."""
     names = [level.name for effect in FOUND.values() for level in effect.levels()]
     given = "lab", "lab.toml", "a/lab.toml", "a-lab.toml"

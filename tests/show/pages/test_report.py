@@ -100,7 +100,7 @@ def run(tmp_path: Path) -> Path:
         "stress.json": {
             "title": "agent, 4 episodes",
             "failures": [],
-            "worlds": {
+            "conditions": {
                 "lab": {
                     "size": None,
                     "contestants": {"agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}},
