@@ -159,7 +159,7 @@ def test_spacecraft_are_listed_with_their_values(
     assert main(["list"]) == 0
     lines = split(capsys.readouterr().out)
     assert ["floating-platform", "plane", "5.32 kg", "8 x 1 N", "none"] in lines
-    assert ["free-flyer", "space, 6DoF", "5.32 kg", "16 x 1 N", "none"] in lines
+    assert ["free-flyer", "space", "5.32 kg", "16 x 1 N", "none"] in lines
     assert main(["list", "floating-platform"]) == 0
     lines = split(capsys.readouterr().out)
     craft = load_spacecraft("floating-platform")
