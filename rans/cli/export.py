@@ -34,7 +34,7 @@ class Export:
     """Format of the agent."""
     episodes: int = 1024
     """Number of evaluation flights for the model card."""
-    margins: int = 64
+    margins: int = 256
     """Number of flights at each latency, mass and sensor noise, from which the contract states what the agent
     tolerates. 0: it does not state it."""
     guard: bool = False

@@ -27,7 +27,8 @@ MARGIN = 0.1
 def meanings(task: Task, state: State, goal: State) -> list[str]:
     """What each column of the observation is of a spacecraft's state and its goal; "" where that is not known.
 
-    It is not read from names but tried: a column has a meaning if it equals it on all of the states.
+    It is not read from names but tried: a column has a meaning if it equals it on all of the states. Columns
+    that equal none of the known ones have the meaning that the task declares (`ObservationTerm.meaning`).
 
     Args:
         task: whose observation it is.
@@ -53,7 +54,8 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
         if isinstance(entry, TradeOff):
             results += ["trade-off input, 0 to 1"]
         else:
-            results += _named(columns, known)
+            found = _named(columns, known)
+            results += [meaning or entry.meaning for meaning in found]
     dimension = 3 if isinstance(state.w, Vec3) else 2
     missing = observation_width(task, dimension) - len(results)
     return [*results, *["unused"] * missing]

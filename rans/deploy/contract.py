@@ -100,19 +100,32 @@ class Recorder:
 
 
 def flown(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS) -> Flights:
-    """Flights of a network from the starts of training, under the setup's conditions."""
-    recorder = Recorder(Agent(network, "agent", setup.craft))
-    timing = setup.timing
-    short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
-    fly_episodes(recorder, setup._replace(timing=short), seed, count)
-    return recorder.flights
+    """Flights of a network from the starts of training, under the setup's conditions, without those that failed.
+
+    An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
+    failed, all of them are returned.
+    """
+    flights, failed = _recorded(network, setup, seed, count)
+    if failed.all():
+        return flights
+    return Flights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
 
 
 def observed(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = PAIRED
 ) -> np.ndarray:
     """What the network observes when it flies from the starts of training: (T, N, width) float32."""
-    return flown(network, setup, seed, count).observations
+    flights, _ = _recorded(network, setup, seed, count)
+    return flights.observations
+
+
+def _recorded(network: Network, setup: Setup, seed: int, count: int) -> tuple[Flights, np.ndarray]:
+    """N flights of a network, and whether each failed, (N,)."""
+    recorder = Recorder(Agent(network, "agent", setup.craft))
+    timing = setup.timing
+    short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
+    flown = fly_episodes(recorder, setup._replace(timing=short), seed, count)
+    return recorder.flights, flown.flight.failed()
 
 
 def contract(
@@ -165,7 +178,9 @@ def contract(
         )
     ]
     conditions = config.conditions
-    late = largest(conditions.sensors.delay) * period
+    sensors = [one.sensors for one in (conditions, *conditions.others)]
+    late = max(largest(one.delay) for one in sensors) * period
+    outage = max(largest(one.outage) for one in sensors)
     return {
         "format": 2,
         "agent": name,
@@ -189,6 +204,10 @@ def contract(
             "thruster_direction": "unit vector of the force on the spacecraft, axes of B: the exhaust "
             "leaves the other way",
             "wheels": [asdict(wheel) for wheel in craft.wheels],
+            "wheel_command": "share of max_torque, -1 to 1: the motor turns its wheel about +axis (axes of B) "
+            "where it is positive, and the spacecraft about -axis; a wheel at max_momentum gives no more torque"
+            if craft.wheels
+            else None,
             "ranges": [one._asdict() for one in craft.commands],
             "shut": [0.0] * len(craft.commands),
         },
@@ -208,16 +227,31 @@ def contract(
         },
         "readings": {
             "age_of_training": late,
-            "oldest": late + period + largest(conditions.sensors.outage),
-            "meaning": "age of a reading when a command is decided, s. Those of training were so old; one "
-            "that is older than oldest is stale: shut the valves.",
+            "outage_of_training": outage,
+            "oldest": late + period + outage,
+            "meaning": "age of a reading when a command is decided, s. In training readings came so late, and "
+            "for the time of an outage the last ones were repeated; both are the longest of any of its "
+            "conditions. A reading that is older than oldest, which is their sum and a control period, is "
+            "stale: shut the valves.",
         },
         "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "
-        "under its conditions, and a tenth more on either side; directions are known all around. The agent "
-        "was not tried beyond.",
+        "under its conditions, which did not fail, and a tenth more on either side; directions are known all "
+        "around. The agent was not tried beyond.",
         "refused": "a number beyond is an error of measurement, no reading: hold the last one, and shut the "
         "valves once that is older than readings.oldest",
-        "units": {"control_period": "s", "position": "m", "force": "N"},
+        "golden": "golden.json: observation and command of flights, row after row, with the state and the "
+        "goal that the observation is of; wiring has states and goals that differ in everything. Of both: "
+        "position (m) and velocity (m/s) of the centre of mass in W; attitude, the heading in rad or in space "
+        "the unit quaternion w, x, y, z of R_WB; spin, the angular velocity in B, rad/s; notes, further "
+        "numbers of a goal; stores, such as the momentum of each wheel, N m s.",
+        "units": {
+            "control_period": "s",
+            "position": "m",
+            "force": "N",
+            "max_torque": "N m",
+            "max_momentum": "N m s",
+            "inertia": "kg m^2",
+        },
         "revision": git_revision(),
         "rans": package_version("rans"),
     }

@@ -57,7 +57,7 @@ def export(
     form: Form = "sb3",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
-    margins: int = 64,
+    margins: int = 256,
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 

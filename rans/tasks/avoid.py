@@ -117,7 +117,11 @@ class Avoid(GoToPose):
             close = nearness(_outside(zone.gap(state.p)), self.zone_scale)
             towards = way.scale(close / at_least(way.norm(), 1e-6))
             entries += zone.entries(f"zone {k}", state)
-            entries.append(InformationInW(f"zone {k} near ", "-", towards))
+            meaning = (
+                f"direction from the spacecraft to the centre of zone {k}, of length 1 at its surface and "
+                f"decreasing as exp(-gap / {self.zone_scale:g} m)"
+            )
+            entries.append(InformationInW(f"zone {k} near ", "-", towards, meaning=meaning))
         return tuple(entries)
 
     def reward(self, transition: Transition) -> dict[str, Field]:

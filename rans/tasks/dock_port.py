@@ -145,8 +145,18 @@ class DockPort(SingleTask):
             VectorInW("d", "m", goal.p - state.p),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
             VectorInW("dv_", "m/s", goal.v - state.v),
-            AngularVelocity("dw", "rad/s", _spin_to_gain(state, goal)),
-            InformationInW("axis ", "-", cone.axis),
+            AngularVelocity(
+                "dw",
+                "rad/s",
+                _spin_to_gain(state, goal),
+                meaning="angular velocity of the docked state minus own, axes of the spacecraft",
+            ),
+            InformationInW(
+                "axis ",
+                "-",
+                cone.axis,
+                meaning="unit vector from the port along the axis of the approach cone, outwards",
+            ),
             *cone.entries("cone", state),
         )
 

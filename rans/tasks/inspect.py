@@ -231,11 +231,34 @@ class Inspect(SingleTask):
         unlit, lit = self.directions(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),
-            InformationInW("sun ", "-", sun),
-            Scalar("unseen", "-", self.unseen(goal)),
-            InformationInW("unseen ", "-", unlit),
-            InformationInW("unseen lit ", "-", lit),
-            *(Information("keep-out gap", "m", shape.gap(state.p)) for shape in self.scenery(goal)),
+            InformationInW("sun ", "-", sun, meaning="unit vector towards the sun"),
+            Scalar(
+                "unseen",
+                "-",
+                self.unseen(goal),
+                meaning="share of the points that have not been seen",
+            ),
+            InformationInW(
+                "unseen ",
+                "-",
+                unlit,
+                meaning="sum of the outward normals of unseen points, over the number of points",
+            ),
+            InformationInW(
+                "unseen lit ",
+                "-",
+                lit,
+                meaning="sum of the outward normals of unseen points in sunlight, over the number of points",
+            ),
+            *(
+                Information(
+                    "keep-out gap",
+                    "m",
+                    shape.gap(state.p),
+                    meaning="distance from the surface of the keep-out zone, negative inside",
+                )
+                for shape in self.scenery(goal)
+            ),
         )
 
     def directions(self, goal: State) -> tuple[Vec3, Vec3]:

@@ -133,10 +133,19 @@ class Land(SingleTask):
         zero = state.p.x * 0.0
         return (
             VectorInW("d", "m", goal.p - state.p),
-            InformationInW("up_", "-", Vec3(zero, zero, zero + 1.0)),
-            InformationInW("a_", "m/s^2", law.thrust),
-            Information("time to go", "s", law.time),
-            Information("propellant", "kg", zero + _propellant(state)),
+            InformationInW(
+                "up_", "-", Vec3(zero, zero, zero + 1.0), meaning="unit vector opposite to gravity"
+            ),
+            InformationInW(
+                "a_",
+                "m/s^2",
+                law.thrust,
+                meaning="acceleration by thrust that the guidance law of rans.tasks.descent commands",
+            ),
+            Information("time to go", "s", law.time, meaning="time to go of the guidance law"),
+            Information(
+                "propellant", "kg", zero + _propellant(state), meaning="propellant that is left"
+            ),
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

@@ -7,7 +7,7 @@ of task data in the plane and nine in space. Tasks may have more columns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple
 
 from rans.errors import ConfigError
@@ -35,6 +35,10 @@ class ObservationTerm:
     """First part of the names of its columns."""
     unit: str
     value: Field | tuple[Field, ...] | Vector | Attitude
+    meaning: str = field(default="", kw_only=True)
+    """What its columns are, for the contract of exported agents: reference point, and sign of a difference. Not
+    needed for own motion, and differences of position, attitude and velocity between goal and spacecraft, which
+    `rans.deploy.columns` recognizes by their values."""
 
     frame: ClassVar[str] = "-"
     bound: ClassVar[float] = float("inf")

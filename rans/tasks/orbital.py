@@ -445,12 +445,39 @@ class OrbitalMission(SingleTask):
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
             VectorInW("d", "m", goal.p - state.p),
-            VectorInW("gain_", "m/s", gain.scale(scale)),
-            InformationInW("arrival_v_", "m/s", at_goal.scale(scale)),
-            InformationInW("miss_", "m", missed.scale(1.0 / (1.0 + missed.norm() * nearby))),
-            Information("time left", "s", deadline),
-            Information("time to arrival", "s", arrival),
-            AdvisedVelocityChange("advised_dv_", "m/s", advised),
+            VectorInW(
+                "gain_",
+                "m/s",
+                gain.scale(scale),
+                meaning="velocity with which the craft coasts to the goal in the time to arrival, minus own, "
+                f"divided by 1 or, if more, its length over {self.most_gain:g} m/s",
+            ),
+            InformationInW(
+                "arrival_v_",
+                "m/s",
+                at_goal.scale(scale),
+                meaning="velocity with which that coast arrives, divided by the same number",
+            ),
+            InformationInW(
+                "miss_",
+                "m",
+                missed.scale(1.0 / (1.0 + missed.norm() * nearby)),
+                meaning="position of the goal minus that of the craft after a coast of the time to arrival, "
+                f"divided by 1 plus its length times {nearby:g} 1/m",
+            ),
+            Information("time left", "s", deadline, meaning="time until the mission must be over"),
+            Information(
+                "time to arrival",
+                "s",
+                arrival,
+                meaning="time until the arrival that guidance plans",
+            ),
+            AdvisedVelocityChange(
+                "advised_dv_",
+                "m/s",
+                advised,
+                meaning="velocity that guidance recommends, minus own",
+            ),
             *(
                 entry
                 for name, shape in self.limits(goal).items()

@@ -41,7 +41,8 @@ class Shape(ABC):
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """Observation terms of the shape; by default its margin."""
-        return (Information(f"{name} gap", "m", self.gap(state.p, state.v)),)
+        meaning = f"distance from the surface of the {name}, positive where it is allowed to be"
+        return (Information(f"{name} gap", "m", self.gap(state.p, state.v), meaning=meaning),)
 
 
 AnyShape = TypeVar("AnyShape", bound=Shape)
@@ -69,8 +70,18 @@ class Ball(Shape):
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """Vector to the centre and relative velocity, both in W, and distance from the surface."""
         return (
-            InformationInW(f"{name} d", "m", self.centre - state.p),
-            InformationInW(f"{name} dv_", "m/s", self.v - state.v),
+            InformationInW(
+                f"{name} d",
+                "m",
+                self.centre - state.p,
+                meaning=f"position of the centre of {name} minus own",
+            ),
+            InformationInW(
+                f"{name} dv_",
+                "m/s",
+                self.v - state.v,
+                meaning=f"velocity of {name} minus own",
+            ),
             *super().entries(name, state),
         )
 
@@ -119,7 +130,8 @@ class SpeedLimit(Shape):
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
         """The margin of the limit, m/s."""
-        return (Information(f"{name} gap", "m/s", self.gap(state.p, state.v)),)
+        meaning = "allowed speed minus own: positive where the speed is allowed"
+        return (Information(f"{name} gap", "m/s", self.gap(state.p, state.v), meaning=meaning),)
 
 
 @dataclass(frozen=True)

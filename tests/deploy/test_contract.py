@@ -6,6 +6,7 @@ import json
 import re
 import types
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,18 @@ import numpy as np
 import pytest
 
 from rans.cli.export import Export
-from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, observed
+from rans.deploy.contract import (
+    FLIGHTS,
+    PAIRED,
+    Flights,
+    contract,
+    flown,
+    golden,
+    observed,
+    wiring,
+)
 from rans.deploy.margins import SEED, measure_margins
+from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
@@ -25,7 +36,14 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder
-from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.tasks import GoToPose
+from rans.tasks.derived import observation_width
 from tests.support.exports import exported, written
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -264,6 +282,81 @@ def test_a_contract_names_the_filter_that_its_files_lack() -> None:
     assert known["avoid-2d"]["in_these_files"] is False
     assert known["land-3d"]["name"] is None  # its engine cannot be shut
     assert known["go-to-pose-2d"] is None
+
+
+def test_columns_of_missions_are_what_their_meaning_says() -> None:
+    """Every column of the shipped missions has one; those of the nearest zone are worked out from the notes."""
+    for name in ("avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"):
+        run = RunFolder(pretrained_folder(name))
+        config = run.config()
+        craft = run.spacecraft()
+        seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
+        about = contract(name, config, craft, "", 0, seen)
+        assert all(column["meaning"] for column in about["observation"])
+        if name == "avoid-2d":
+            columns = {column["name"]: column for column in about["observation"]}
+            pairs = wiring(config.settings, craft)
+    assert columns["zone 1 dx"]["meaning"] == "position of the centre of zone 1 minus own"
+    assert columns["zone 1 dv_y"]["meaning"] == "velocity of zone 1 minus own"
+    assert "of length 1 at its surface" in columns["zone 1 near x"]["meaning"]
+    for state, goal, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
+        own = np.array(state["position"])
+        zones = np.reshape(goal["notes"], (-1, 5))  # centre, velocity and radius of each
+        gaps = np.linalg.norm(zones[:, :2] - own, axis=1) - zones[:, 4]
+        x, y, _, vy, radius = zones[np.argmin(gaps)]
+        way = [x, y] - own
+        known = {
+            "zone 1 dx": way[0],
+            "zone 1 dv_y": vy - state["velocity"][1],
+            "zone 1 gap": np.linalg.norm(way) - radius,
+        }
+        for column, value in known.items():
+            assert row[columns[column]["column"]] == pytest.approx(value, abs=1e-4)
+
+
+def test_valid_ranges_leave_out_flights_that_failed() -> None:
+    """A task in space that fails above 1 rad/s: of 32 flights some are faster, and none of them is kept."""
+    folder = pretrained_folder("go-to-pose-3d")
+    run = load_agent(folder)
+    network = read_policy(folder / "agent.safetensors").network
+    setup = Setup(run.craft, GoToPose(fail_spin=1.0), run.timing)
+    spin = np.linalg.norm(observed(network, setup, count=32)[..., 9:12], axis=-1).max(axis=0)
+    kept = np.linalg.norm(flown(network, setup, count=32).observations[..., 9:12], axis=-1)
+    assert spin.max() > 1.0
+    assert kept.max() <= 1.0
+    assert 0 < kept.shape[1] == (spin <= 1.0).sum() < 32
+
+
+def test_readings_may_be_as_old_as_in_any_condition_of_the_training() -> None:
+    """The training of `go-to-pose-2d-robust` has outages of up to 1 s in two of its further conditions."""
+    run = RunFolder(pretrained_folder("go-to-pose-2d-robust"))
+    config = run.config()
+    seen = np.zeros((1, 1, 10), np.float32)
+    readings = contract("", config, run.spacecraft(), "", 0, seen)["readings"]
+    assert readings["oldest"] == pytest.approx(0.2 + 1.0)
+    late = Conditions(sensors=SensorsConditions(delay=(0.0, 2.0)))
+    config = replace(config, conditions=Conditions(others=(late,)))
+    readings = contract("", config, run.spacecraft(), "", 0, seen)["readings"]
+    assert readings["age_of_training"] == pytest.approx(0.4)
+    assert readings["oldest"] == pytest.approx(0.6)
+
+
+def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
+    """Its sentence, beside the motion of the craft over one period of the command 1."""
+    run = RunFolder(pretrained_folder("go-to-pose-2d-pingu"))
+    config = run.config()
+    craft = run.spacecraft()
+    about = contract("", config, craft, "", 0, np.zeros((1, 1, 10), np.float32))
+    assert "the motor turns its wheel about +axis" in about["command"]["wheel_command"]
+    assert "and the spacecraft about -axis" in about["command"]["wheel_command"]
+    twin = Craft(TwinPlan(craft, 0.1, start=(1.0, 0.0, 0.0)))
+    twin.hold(np.array([*[0.0] * 8, 1.0]))
+    twin.advance()
+    (wheel,) = about["command"]["wheels"]
+    # Torque over inertia, for the 0.01 s between two states of the twin.
+    assert twin.motion.spin[2] == pytest.approx(
+        -wheel["max_torque"] * wheel["axis"][2] / craft.inertia[2][2] * 0.01, rel=1e-6
+    )
 
 
 def test_a_filter_is_not_exported(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from rans.cli import main
 from rans.cli.fly import Fly
 from rans.deploy.robot.bag import entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
@@ -536,6 +537,22 @@ def test_a_twin_of_wild_numbers_is_refused(changes: dict[str, Any]) -> None:
         TwinPlan(load_spacecraft(PLATFORM), 0.2, **changes)
     with pytest.raises(ConfigError, match="--period must be a finite number above 0"):
         TwinPlan(load_spacecraft(PLATFORM), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "sentence"),
+    [
+        ("--episode", "-1", "--episode must be a whole number >= 0 and < 2^31, got -1."),
+        ("--episode", str(2**31), "--episode must be a whole number >= 0 and < 2^31"),
+        ("--seed", str(2**64), "the seed must be a whole number of at most 64 bits"),
+    ],
+)
+def test_a_twin_of_no_episode_is_refused(
+    option: str, value: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before a bus is opened: such an episode would be flown as another one, or end in a traceback."""
+    assert main(["twin", "floating-platform", "--bus", "udp", option, value]) != 0
+    assert sentence in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,10 @@ from rans.deploy.robot.messages import FLOATS, TEXT, array, make, pack
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 from rans.effectors.commands import bounds
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError, is_finite, positive
+from rans.errors import ConfigError, is_finite, positive, whole
 from rans.evaluation.fly.episodes import EngineName
 from rans.model.fields import finite, leaves, map_leaves
+from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS, Timing
 from rans.randomization.conditions import Conditions
@@ -62,10 +63,12 @@ class TwinPlan:
     """Length of the episode, over which sudden pushes are spread."""
 
     def __post_init__(self) -> None:
-        """Reject (`ConfigError`) times and rates that are not above 0, and a start that is not finite."""
+        """Reject (`ConfigError`) wrong times, rates, numbers of an episode, seeds and starts."""
         positive("--period", self.control_period)
         positive("--rate", self.rate)
         positive("--seconds", self.seconds)
+        whole("--episode", self.episode, least=0)
+        seed_words(self.seed)
         if not all(map(is_finite, self.start)):
             raise ConfigError(f"the numbers of a start must be finite, got {self.start}.")
 
