@@ -284,18 +284,28 @@ def test_a_contract_names_the_filter_that_its_files_lack() -> None:
     assert known["go-to-pose-2d"] is None
 
 
-def test_columns_of_missions_are_what_their_meaning_says() -> None:
-    """Every column of the shipped missions has one; those of the nearest zone are worked out from the notes."""
-    for name in ("avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"):
-        run = RunFolder(pretrained_folder(name))
-        config = run.config()
-        craft = run.spacecraft()
-        seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
-        about = contract(name, config, craft, "", 0, seen)
-        assert all(column["meaning"] for column in about["observation"])
-        if name == "avoid-2d":
-            columns = {column["name"]: column for column in about["observation"]}
-            pairs = wiring(config.settings, craft)
+def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Columns of a shipped agent's contract by name, and its states and goals with their observations."""
+    run = RunFolder(pretrained_folder(name))
+    config = run.config()
+    craft = run.spacecraft()
+    seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
+    about = contract(name, config, craft, "", 0, seen)
+    columns = {column["name"]: column for column in about["observation"]}
+    return columns, wiring(config.settings, craft)
+
+
+@pytest.mark.parametrize(
+    "name", ["avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"]
+)
+def test_every_column_of_a_mission_has_a_meaning(name: str) -> None:
+    columns, _ = columns_and_wiring(name)
+    assert all(column["meaning"] for column in columns.values())
+
+
+def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
+    """Worked out from the zones in the notes of the goal."""
+    columns, pairs = columns_and_wiring("avoid-2d")
     assert columns["zone 1 dx"]["meaning"] == "position of the centre of zone 1 minus own"
     assert columns["zone 1 dv_y"]["meaning"] == "velocity of zone 1 minus own"
     assert "of length 1 at its surface" in columns["zone 1 near x"]["meaning"]
