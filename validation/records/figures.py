@@ -14,7 +14,16 @@ from benchmarks import raft, settled_gate_entry
 from rans.files import read_json
 from rans.model.spacecraft_file import spacecraft_names
 from validation.markdown import Table
-from validation.records import agents, assurances, craft, faults, missions, rest, robustness
+from validation.records import (
+    agents,
+    assurances,
+    craft,
+    dock_errors,
+    faults,
+    missions,
+    rest,
+    robustness,
+)
 
 
 def stress(docs: Path) -> Table:
@@ -96,6 +105,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "avoid": partial(missions.in_document, mission="avoid"),
     "dock port": partial(missions.in_document, mission="dock-port"),
     "dock": partial(missions.in_document, mission="dock"),
+    "dock with errors": dock_errors.in_document,
     "hold": partial(missions.in_document, mission="hold"),
     "land": partial(missions.in_document, mission="land"),
     "rendezvous": partial(missions.in_document, mission="rendezvous"),

@@ -196,7 +196,7 @@ class Missions:
                     del makers["mission guidance"]
                 for who, (made, flown) in makers.items():
                     flight = fly(craft, task, made(), flown, task.timing)
-                    yield _row(condition, who, flight, impulses(flight), lower)
+                    yield row_of(condition, who, flight, impulses(flight), lower)
 
     def _flown(
         self,
@@ -210,11 +210,11 @@ class Missions:
     ) -> Iterator[Row]:
         """An agent in our engine, and in Drake where that is asked for."""
         flight = fly(craft, task, agent, starts, task.timing)
-        yield _row(condition, who, flight, _spent(flight), lower)
+        yield row_of(condition, who, flight, _spent(flight), lower)
         if self.drake:
             few = scenarios(task, craft, self.seed, self.drake)
             flight = fly_in_drake(craft, task, agent, few, task.timing)
-            yield _row(condition, f"{who}, in Drake", flight, _spent(flight), lower)
+            yield row_of(condition, f"{who}, in Drake", flight, _spent(flight), lower)
 
     def _others(self) -> Iterator[Row]:
         """Missions without a deadline: every variant of the task, every agent."""
@@ -231,11 +231,11 @@ class Missions:
                 varied: Any = replace(cast(Any, task), **settings)
                 starts = scenarios(varied, craft, self.seed, self.episodes)
                 flight = fly(craft, varied, controller, starts, timing)
-                yield _row(condition, spec, flight, _spent(flight), lower)
+                yield row_of(condition, spec, flight, _spent(flight), lower)
                 if self.drake:
                     few = scenarios(varied, craft, self.seed, self.drake)
                     flight = fly_in_drake(craft, varied, controller, few, timing)
-                    yield _row(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+                    yield row_of(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
         if self.mission == "land":
             for condition, settings in _LANDED.items():
                 yield from self._guided(condition, Land(**settings), None if settings else known)
@@ -253,7 +253,7 @@ class Missions:
                 starts = scenarios(task, craft, self.seed, count)
                 guidance = LandingGuidance(craft, task, task.timing)
                 flight = flying(craft, task, guidance, starts, task.timing)
-                yield _row(condition, who, flight, _spent(flight), lower)
+                yield row_of(condition, who, flight, _spent(flight), lower)
 
     def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
         """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""
@@ -323,7 +323,7 @@ def _spent(flight: Flight) -> np.ndarray:
     return left[0] - left[lengths, np.arange(left.shape[1])]
 
 
-def _row(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray) -> Row:
+def row_of(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray) -> Row:
     """A flight's row, beside the bounds that are known of its starts."""
     violated = flight.violated()
     won = solved(flight) & ~violated

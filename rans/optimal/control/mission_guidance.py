@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,14 +11,28 @@ import numpy as np
 
 from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
-from rans.model.fields import Heading, Quat
+from rans.model.actuators import Pulsed
+from rans.model.fields import Heading, Quat, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.navigation_filter import NavigationFilter
 from rans.optimal.control.regulator import ModelBased
+from rans.randomization.conditions import Conditions, bounds, largest
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Ball, SpeedLimit
+
+_DOUBT = 2.0
+"""Standard deviations of a correction below which it is not given: it would mostly correct errors of navigation."""
+_SPEED_DOUBT = 3.0
+"""Standard deviations of a measured velocity that recommendations stay farther below speed limits."""
+_MOST_RESERVE = 0.5
+"""Largest share of a speed limit that recommendations stay below it."""
+_UNIFORM = math.sqrt(12.0)
+"""Width of a uniform distribution over its standard deviation."""
+_PULSES = 1.25
+"""Shortest pulses of a thruster that they stay farther below: burns are rounded down along every axis."""
 
 
 class MissionGuidance(ModelBased):
@@ -29,10 +45,17 @@ class MissionGuidance(ModelBased):
     keep-out balls and makes burns later where that is cheaper. Agents with the head "guided" observe it, and
     begin their training as this controller.
 
+    With known errors it estimates position and velocity by a Kalman filter, gives no correction below two standard
+    deviations, expects the mean command delay, and stays farther below speed limits. Burns of pulsed thrusters are
+    rounded down to whole pulses, except by missions that brake at the arrival. What is missing is given once it
+    has grown to a pulse.
+
     Args:
         craft: by name, TOML file or as such; it has one throttled or pulsed thruster either way along each axis.
         task: a mission on an orbit, by name or as such.
         timing: control period, and length of the episode.
+        conditions: what it knows about errors of its sensors and thrusters: noise of position and velocity, and the
+            ranges of thrust and command delay. The default is a perfect world.
 
     Raises:
         ConfigError: the task is no mission on an orbit or has other limits, such as a cone, or the craft has
@@ -43,7 +66,11 @@ class MissionGuidance(ModelBased):
     heeds_constraints: ClassVar[bool] = True
 
     def __init__(
-        self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        conditions: Conditions | None = None,
     ) -> None:
         super().__init__(craft, task, timing)
         self._mission = OrbitalMission.expected(
@@ -55,7 +82,40 @@ class MissionGuidance(ModelBased):
                 f"{type(self._mission).__name__} has other limits; fly it with convex."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
-        self._levers = np.array(per_velocity(self._craft, self._timing.control_period))
+        self._period = self._timing.control_period
+        self._levers = np.array(per_velocity(self._craft, self._period))
+        self._changes = self._levers / (self._levers**2).sum(axis=1, keepdims=True)
+        """Change of velocity in B that each full command gives, m/s, (thrusters, d)."""
+        actuators = self._craft.actuators
+        self._counts: int | None = None
+        """Counts to which burns are rounded down; brakes at an arrival must not be too small."""
+        if isinstance(actuators, Pulsed) and not self._mission.brakes:
+            self._counts = actuators.counts
+        self._expect(Conditions() if conditions is None else conditions)
+        self._past: np.ndarray | None = None
+        """Burn of the last period in W, m/s, (N, d)."""
+
+    def _expect(self, conditions: Conditions) -> None:
+        """Set the filter and the reserve below speed limits for known errors."""
+        sensors = conditions.sensors
+        noise = largest(sensors.velocity.noise)
+        least, most = bounds(conditions.thrusters.thrust)
+        soonest, latest = bounds(conditions.thrusters.command_delay)
+        self._late = 0.5 * (soonest + latest) / self._period
+        """Mean share of a burn that comes in the next period."""
+        self._lateness = (latest - soonest) / (_UNIFORM * self._period)
+        """Standard deviation of this share."""
+        inexact = math.hypot((most - least) / _UNIFORM, self._lateness)
+        position = largest(sensors.position.noise)
+        self._filter: NavigationFilter | None = None
+        if max(position, noise, inexact, self._late) > 0.0:
+            self._filter = NavigationFilter(
+                self._mission.drift, self._craft.dimension, self._period, position, noise, inexact
+            )
+        pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
+        slower = (_SPEED_DOUBT * noise + _PULSES * pulse) / self._mission.velocity_tolerance
+        reserve = min(self._mission.speed_reserve + slower, _MOST_RESERVE)
+        self._mission = replace(self._mission, speed_reserve=reserve)
 
     @staticmethod
     def keeps_limits(task: OrbitalMission) -> bool:
@@ -64,13 +124,58 @@ class MissionGuidance(ModelBased):
         return all(isinstance(limit, Ball | SpeedLimit) for limit in task.limits(goal).values())
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; nothing is remembered."""
+        """See `rans.flight.Controller`; forgets estimates."""
+        self._past = None
+        if self._filter is not None:
+            self._filter.reset()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
-        arrival = self._mission.arrival(goal)
-        change = self._mission.recommended(state, goal, arrival) - state.v
+        left = self._mission.arrival(goal)
+        small: Any = 0.0
+        if self._filter is not None:
+            state, small = self._estimated(self._filter, state, left)
+        change = self._mission.recommended(state, goal, left) - state.v
+        given = change.norm() > small
+        change = map_leaves(lambda x: np.where(given, x, 0.0), change)
         in_body = state.attitude.to(self._identity).rotate(change)
-        shape = np.shape(state.p.x)
-        columns = [np.broadcast_to(np.asarray(x, float), shape) for x in in_body.columns()]
-        return np.clip(np.stack(columns, axis=1) @ self._levers.T, 0.0, 1.0)
+        command = np.clip(_rows(in_body, state) @ self._levers.T, 0.0, 1.0)
+        if self._counts is not None:
+            command = np.floor(command * self._counts) / self._counts
+        if self._filter is not None:
+            burn_in_body = type(state.p)(*(command @ self._changes).T)
+            burn = _rows(self._identity.to(state.attitude).rotate(burn_in_body), state)
+            past = 0.0 if self._past is None else self._past
+            self._filter.burn((1.0 - self._late) * burn + self._late * past)
+            self._past = burn
+        return command
+
+    def _estimated(
+        self, navigation: NavigationFilter, state: Any, left: Any
+    ) -> tuple[Any, np.ndarray]:
+        """Estimated state after a reading, and the size of corrections (N,) that are not given, m/s.
+
+        What is still to come of the last burn is part of the estimated velocity.
+        """
+        d = self._craft.dimension
+        reading = np.concatenate([_rows(state.p, state), _rows(state.v, state)], axis=1)
+        mean, covariance = navigation.read(reading)
+        past = np.zeros((len(mean), d)) if self._past is None else self._past
+        vector = type(state.p)
+        p = vector(*mean[:, :d].T)
+        v = vector(*(mean[:, d:] + self._late * past).T)
+        # A correction is the miss of a coast over its time.
+        time = np.broadcast_to(np.maximum(left, self._period), len(mean))
+        of_p = np.trace(covariance[:, :d, :d], axis1=1, axis2=2)
+        of_v = np.trace(covariance[:, d:, d:], axis1=1, axis2=2)
+        mixed = np.trace(covariance[:, :d, d:], axis1=1, axis2=2)
+        coming = ((self._lateness * past) ** 2).sum(axis=1)
+        variance = of_p / time**2 + 2.0 * mixed / time + of_v + coming
+        return replace(state, p=p, v=v), _DOUBT * np.sqrt(variance)
+
+
+def _rows(vector: Any, state: Any) -> np.ndarray:
+    """Components of a vector side by side, (N, d), for the N episodes of a state."""
+    shape = np.shape(state.p.x)
+    columns = [np.broadcast_to(np.asarray(x, float), shape) for x in vector.columns()]
+    return np.stack(columns, axis=1)

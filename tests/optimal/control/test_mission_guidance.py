@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -10,13 +12,20 @@ from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
 from rans.evaluation.compare.transfers import row_of
 from rans.flight import fly
+from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
+from rans.scenario import draws, scenarios
 from rans.tasks import Dock, Hold, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
@@ -74,6 +83,45 @@ def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
     rows = np.stack([np.broadcast_to(np.asarray(x, float), 20) for x in columns], axis=1)
     command, _ = network.deterministic_action(torch.from_numpy(rows), network.initial_state(20))
     np.testing.assert_allclose(command.numpy(), wanted, atol=1e-12)
+
+
+def test_known_noise_costs_little_impulse() -> None:
+    """Whoever believes every reading burns its noise."""
+    task = Dock(deadline=(600.0, 600.0))
+    starts = scenarios(task, DEPUTY, 7, 32)
+    noisy = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        ),
+    )
+    blind = MissionGuidance(DEPUTY, task)
+    knowing = MissionGuidance(DEPUTY, task, conditions=noisy)
+    perfect = row_of("", fly(DEPUTY, task, blind, starts, task.timing))
+    believing, ours = (
+        row_of(
+            "",
+            fly(DEPUTY, task, one, starts, task.timing, conditions=noisy, draws=draws(7, 32)),
+        )
+        for one in (blind, knowing)
+    )
+    assert ours.docked.all()
+    assert not ours.violated.any()
+    assert ours.impulse.mean() < 1.1 * perfect.impulse.mean()
+    assert believing.impulse.mean() > 1.2 * perfect.impulse.mean()
+
+
+def test_whole_pulses_dock_below_the_speed_limit() -> None:
+    """By 600 s most flights are at the limit."""
+    craft = replace(DEPUTY, actuators=Pulsed(counts=100))
+    task = Dock(deadline=(600.0, 600.0))
+    starts = scenarios(task, craft, 7, 16)
+    flight = fly(craft, task, MissionGuidance(craft, task), starts, task.timing)
+    row = row_of("", flight)
+    assert row.docked.all()
+    assert not row.violated.any()
+    counts = flight.commands * 100.0
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
 
 
 def test_craft_with_other_thrusters_are_refused() -> None:

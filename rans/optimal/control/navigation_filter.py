@@ -1,0 +1,86 @@
+"""Kalman filter of position and velocity under a drift, with noisy readings and inexact burns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rans.model.drift import Drift
+from rans.model.fields import Vec2, Vec3
+
+
+class NavigationFilter:
+    """Estimates positions and velocities of N craft from noisy readings of both, one reading a control period.
+
+    Estimate and covariance are carried along the drift, which must be linear in position and velocity, as the
+    Clohessy-Wiltshire equations are. A burn that a craft gives is known up to a share of its size. Source: R. E.
+    Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82, 1960.
+
+    Args:
+        drift: equations of motion between burns.
+        dimension: number of axes d, 2 or 3.
+        period: time between readings, s.
+        position: standard deviation of the noise of every component of a measured position, m.
+        velocity: the same of a measured velocity, m/s.
+        burns: standard deviation of the change of velocity of a burn, as a share of it.
+    """
+
+    def __init__(
+        self,
+        drift: Drift,
+        dimension: int,
+        period: float,
+        position: float,
+        velocity: float,
+        burns: float,
+    ) -> None:
+        vector: Any = Vec2 if dimension == 2 else Vec3
+        basis = np.eye(2 * dimension)
+        p, v = drift.carry(vector(*basis[:dimension]), vector(*basis[dimension:]), 0.5 * period)
+        self._half = np.array(
+            [np.broadcast_to(x, 2 * dimension) for x in (*p.columns(), *v.columns())]
+        )
+        """Transition over half a period, (2 d, 2 d)."""
+        self._whole = self._half @ self._half
+        # Exact readings have a little noise too, so that no matrix is singular.
+        of_p, of_v = max(position, 1e-6) ** 2, max(velocity, 1e-9) ** 2
+        self._noise = np.diag([of_p] * dimension + [of_v] * dimension)
+        self._burns = burns
+        self._dimension = dimension
+        self._mean: np.ndarray | None = None
+        self._covariance = self._noise[None]
+
+    def reset(self) -> None:
+        """Forget everything: the next reading is the first."""
+        self._mean = None
+
+    def read(self, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Estimate (N, 2 d) and covariance (N, 2 d, 2 d) after a reading (N, 2 d): positions, then velocities."""
+        if self._mean is None:
+            self._mean = reading
+            self._covariance = np.repeat(self._noise[None], len(reading), axis=0)
+        else:
+            before = self._covariance
+            # Both are symmetric, so that the transposed gain solves this system.
+            gain = np.linalg.solve(before + self._noise, before).transpose(0, 2, 1)
+            self._mean = self._mean + (gain @ (reading - self._mean)[:, :, None])[:, :, 0]
+            kept = np.eye(len(self._noise)) - gain
+            of_before = kept @ before @ kept.transpose(0, 2, 1)
+            of_reading = gain @ self._noise @ gain.transpose(0, 2, 1)
+            self._covariance = of_before + of_reading
+        return self._mean, self._covariance
+
+    def burn(self, change: np.ndarray) -> None:
+        """Carry the estimate to the next reading, with a burn (N, d) in m/s spread evenly over the period."""
+        assert self._mean is not None
+        d = self._dimension
+        halfway = self._mean @ self._half.T
+        halfway[:, d:] += change
+        self._mean = halfway @ self._half.T
+        spread = np.zeros((len(change), 2 * d, 2 * d))
+        axes = np.arange(d, 2 * d)
+        spread[:, axes, axes] = (self._burns * change) ** 2
+        self._covariance = (
+            self._whole @ self._covariance @ self._whole.T + self._half @ spread @ self._half.T
+        )
