@@ -33,7 +33,7 @@ from validation.command import ended
 from validation.markdown import Table
 from validation.records.missions import Row, row_of
 
-_DEADLINES = (1000.0, 2000.0)
+_DEADLINES = (1000.0,)
 """s"""
 _NOISE = SensorsConditions(
     position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
@@ -62,7 +62,7 @@ class DockErrors:
 
     episodes: int = 1024
     """Held-out starts."""
-    bounded: int = 64
+    bounded: int = 32
     """The first of them, whose bounds are found."""
     seed: int = EVALUATION_SEED
     """Of the starts and of the errors."""

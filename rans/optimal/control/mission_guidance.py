@@ -113,7 +113,9 @@ class MissionGuidance(ModelBased):
                 self._mission.drift, self._craft.dimension, self._period, position, noise, inexact
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
-        slower = (_SPEED_DOUBT * noise + _PULSES * pulse) / self._mission.velocity_tolerance
+        # Independent errors of the speed, as shares of the lowest limit.
+        base = self._mission.velocity_tolerance
+        slower = math.hypot(_SPEED_DOUBT * noise / base, _PULSES * pulse / base, inexact)
         reserve = min(self._mission.speed_reserve + slower, _MOST_RESERVE)
         self._mission = replace(self._mission, speed_reserve=reserve)
 
