@@ -11,7 +11,6 @@ import numpy as np
 
 from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
-from rans.model.actuators import Pulsed
 from rans.model.fields import Heading, Quat, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -86,11 +85,11 @@ class MissionGuidance(ModelBased):
         self._levers = np.array(per_velocity(self._craft, self._period))
         self._changes = self._levers / (self._levers**2).sum(axis=1, keepdims=True)
         """Change of velocity in B that each full command gives, m/s, (thrusters, d)."""
-        actuators = self._craft.actuators
         self._counts: int | None = None
         """Counts to which burns are rounded down; brakes at an arrival must not be too small."""
-        if isinstance(actuators, Pulsed) and not self._mission.brakes:
-            self._counts = actuators.counts
+        if not self._mission.brakes:
+            # Throttles have none.
+            self._counts = getattr(self._craft.actuators, "counts", None)
         self._expect(Conditions() if conditions is None else conditions)
         self._past: np.ndarray | None = None
         """Burn of the last period in W, m/s, (N, d)."""
