@@ -54,8 +54,19 @@ _UNGATED = {"track-velocity-3d-robust", "track-velocity-heading-3d-robust"}
 """Agents trained before filters had a gate."""
 
 
+def _without_descriptions(value: object) -> object:
+    """A table without the sentences that tell a reader what its conditions are."""
+    if isinstance(value, dict):
+        return {
+            key: _without_descriptions(item) for key, item in value.items() if key != "description"
+        }
+    if isinstance(value, list | tuple):
+        return [_without_descriptions(item) for item in value]
+    return value
+
+
 def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
-    """The very config, but for seed and device."""
+    """The very config, but for seed, device and descriptions."""
     from rans.fast.learn.run_folder import read_config
 
     for name in pretrained_names():
@@ -65,7 +76,7 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
             again["timing"]["substeps"] = 1
         if name in _UNGATED:
             again["ppo"]["filtered_gate"] = 0.0
-        assert config == again, name
+        assert _without_descriptions(config) == _without_descriptions(again), name
 
 
 OWN = """
