@@ -69,7 +69,7 @@ def contestant(
     if is_user_policy(spec):
         policy, tail = split_policy(spec)
         if tail:
-            setup = under_protocol(protocol, _named_setup(policy, tail, spec))
+            setup = under_protocol(protocol, _named_setup(tail, spec))
         elif default_setup is not None:
             setup = default_setup
         else:
@@ -83,7 +83,7 @@ def contestant(
         run = contestant(f"{name}#{part}" if part else name, protocol)
         return run._replace(controller=looking_ahead(run))
     if kind not in ("", "pretrained"):
-        setup = under_protocol(protocol, _picked(_named_setup(kind, name, spec), part, spec))
+        setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup[:4])
     folder = agent_folder(spec)
     run = load_exported(folder) if is_exported(folder) else load_agent(folder)
@@ -242,21 +242,19 @@ def _parse(spec: str) -> tuple[str, str, str]:
     return "", spec, part
 
 
-def _named_setup(kind: str, name: str, spec: str) -> Setup:
-    """Setup of a controller that "TASK-2d@SPACECRAFT" names."""
+def _named_setup(name: str, spec: str) -> Setup:
+    """Setup of a controller that "TASK@SPACECRAFT" names, with "-2d" or "-3d" after TASK if both exist.
+
+    Without a spacecraft and a number of dimensions it is the task's own spacecraft, or the floating platform.
+    """
     name, _, spacecraft = name.partition("@")
-    task, _, dimension = name.rpartition("-")
-    if dimension not in ("2d", "3d"):
+    asked = name[-2:] if name.endswith(("-2d", "-3d")) else ""
+    result = TASKS[name.removesuffix(f"-{asked}") if asked else name]()
+    usual = result.spacecraft or USUAL[int(asked[0]) if asked else 2]
+    craft = load_spacecraft(spacecraft or usual)
+    if asked and craft.dimension != int(asked[0]):
         raise ConfigError(
-            f"{brief(spec)} must name the number of dimensions, as in {kind}:go-to-pose-2d or -3d."
-        )
-    axes = int(dimension[0])
-    result = TASKS[task]()
-    craft = load_spacecraft(spacecraft or result.spacecraft or USUAL[axes])
-    if craft.dimension != axes:
-        raise ConfigError(
-            f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
-            "dimensions."
+            f"{brief(spec)} asks for {asked}, but {craft.name} moves in {craft.dimension} dimensions."
         )
     return Setup(craft, result, result.timing)
 

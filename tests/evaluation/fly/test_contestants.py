@@ -121,10 +121,23 @@ def test_results_stay_inside_their_folder() -> None:
 
 
 @pytest.mark.parametrize(
+    ("spec", "spacecraft"),
+    [
+        ("lqr:go-to-pose", "floating-platform"),
+        ("lqr:go-to-pose@free-flyer", "free-flyer"),
+        ("mission:dock", "afrl-deputy"),
+        ("mission:dock-3d", "afrl-deputy"),
+        ("rans.optimal.control.lqr:LQR:go-to-pose", "floating-platform"),
+    ],
+)
+def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) -> None:
+    assert contestant(spec).craft.name == spacecraft
+
+
+@pytest.mark.parametrize(
     ("spec", "said"),
     [
         ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
-        ("lqr:go-to-pose", "number of dimensions"),
         ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
         ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
         ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
@@ -138,10 +151,8 @@ def test_results_stay_inside_their_folder() -> None:
             r"LQR has no task; add one, as in rans.*LQR:go-to-pose-2d\.$",
         ),
         ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
-        (
-            "rans.optimal.control.lqr:LQR:go-to-pose",
-            "as in rans.optimal.control.lqr:LQR:go-to-pose-2d or -3d",
-        ),
+        ("lqr:-2d", "no task named ''"),
+        ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
         ("nowhere", "nowhere is not a run folder"),
         (
             "go-to-pose-2",
