@@ -247,6 +247,20 @@ def _as_html(value: Any) -> str:
 display.html_renderer = _as_html
 
 
+_REWARD_THRESHOLDS = {
+    "rans/GoToXY-v0": 175.0,
+    "rans/GoToXYZ-v0": 205.0,
+    "rans/GoToPose2D-v0": 310.0,
+    "rans/GoToPose3D-v0": 300.0,
+    "rans/TrackXYVelocity-v0": 275.0,
+    "rans/TrackXYZVelocity-v0": 265.0,
+    "rans/TrackXYVelocityHeading-v0": 325.0,
+    "rans/TrackXYZVelocityAttitude-v0": 310.0,
+}
+"""95 % of the mean return of the agent that comes with RANS, over 256 starts, rounded down to a multiple of 5.
+Missions have none: `info["is_success"]` says whether an episode succeeded."""
+
+
 def _enrol(task_name: str) -> None:
     """Register the Gymnasium environments of a task; Gymnasium has had no plug-in mechanism since 1.0."""
     possible = TASKS[task_name].dimensions if task_name in TASKS.built_in else (2, 3)
@@ -257,14 +271,19 @@ def _enrol(task_name: str) -> None:
         known = gymnasium.registry.get(gymnasium_id)
         if known is not None and known.kwargs == kwargs:
             continue  # a notebook cell was run again
+        threshold = _REWARD_THRESHOLDS.get(gymnasium_id)
         gymnasium.register(
             gymnasium_id,
             "rans.fast.envs.single:SpacecraftEnv",
+            reward_threshold=threshold,
             kwargs=kwargs,
             vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv",
         )
         gymnasium.register(
-            gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.flight:DrakeEnv", kwargs=kwargs
+            gymnasium_id.replace("-v", "-Drake-v"),
+            "rans.reference.flight:DrakeEnv",
+            reward_threshold=threshold,
+            kwargs=kwargs,
         )
 
 

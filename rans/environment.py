@@ -97,8 +97,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
-        steps = self.timing.episode_steps
-        self._spec = None if spec is None else replace(spec, max_episode_steps=steps)
+        self._spec = None if spec is None else own_spec(spec, self.task, self.timing)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -320,6 +319,19 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     if render_mode not in (None, "human", "rgb_array"):
         raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
     return render_mode
+
+
+def own_spec(spec: EnvSpec, task: Task, timing: Timing) -> EnvSpec:
+    """Specification of an environment with this task and timing.
+
+    The registered reward threshold is that of the default settings and timing of a task. Others have none.
+    """
+    usual = task == type(task)() and timing == task.timing
+    return replace(
+        spec,
+        max_episode_steps=timing.episode_steps,
+        reward_threshold=spec.reward_threshold if usual else None,
+    )
 
 
 def choose(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.effectors.commands import action_space
-from rans.environment import checked_render_mode, choose, dense, observation_space
+from rans.environment import checked_render_mode, choose, dense, observation_space, own_spec
 from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
@@ -143,8 +142,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
-        steps = self.engine.timing.episode_steps
-        self._spec = None if spec is None else replace(spec, max_episode_steps=steps)
+        engine = self.engine
+        self._spec = None if spec is None else own_spec(spec, engine.task, engine.timing)
 
     def reset(
         self,

@@ -362,5 +362,6 @@ def test_the_spec_knows_the_length_of_an_episode() -> None:
     env = gymnasium.make("rans/GoToPose2D-v0", timing=rans.Timing(episode_steps=7))
     assert env.spec is not None
     assert env.spec.max_episode_steps == 7
+    assert env.spec.reward_threshold is None  # 25 s have one
     timed = gymnasium.wrappers.TimeAwareObservation(env)
     assert timed.observation_space.contains(timed.reset(seed=0)[0])

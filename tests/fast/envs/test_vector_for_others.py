@@ -123,6 +123,27 @@ def test_observations_are_contiguous_and_the_length_of_episodes_is_told() -> Non
     assert env.spec.max_episode_steps == SHORT.episode_steps
 
 
+def _mean_return(action: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float]:
+    """Mean return of 64 episodes of go-to-pose in the plane, and the threshold of the environment."""
+    env = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=64)
+    assert env.spec is not None
+    assert env.spec.max_episode_steps is not None
+    assert env.spec.reward_threshold is not None
+    observation, _ = env.reset(seed=7)
+    total = 0.0
+    for _ in range(env.spec.max_episode_steps):
+        observation, reward, *_ = env.step(action(np.asarray(observation)))
+        total += float(np.asarray(reward).mean())
+    return total, env.spec.reward_threshold
+
+
+def test_the_reward_threshold_tells_good_agents_from_idle_ones() -> None:
+    agent = rans.load_agent("go-to-pose-2d")
+    good, threshold = _mean_return(lambda observation: agent.predict(observation)[0])
+    idle, _ = _mean_return(lambda observation: np.zeros((len(observation), 8), np.int8))
+    assert idle < 0.5 * threshold < threshold < good
+
+
 @pytest.mark.parametrize("wrong", [2.0, -1.0, 255.0, 0.5, float("nan"), float("inf")])
 @pytest.mark.parametrize("kind", ["vector", "sb3"])
 def test_actions_that_valves_cannot_follow(wrong: float, kind: str) -> None:
