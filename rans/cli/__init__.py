@@ -9,6 +9,7 @@ import sys
 import time
 import unicodedata
 import warnings
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from functools import partial
 from typing import Any
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _warnings_once()
             code = _run(arguments)
             sys.stdout.flush()
             return code
@@ -141,7 +142,7 @@ def _warn_of_repeated_options(arguments: list[str]) -> None:
     for word in arguments:
         name = word.partition("=")[0].replace("_", "-")
         if name in seen:
-            _show_warning(f"{brief(name)} is given twice; the last value is used.")
+            _tell(f"rans: warning: {brief(name)} is given twice; the last value is used.")
         if name.startswith("--") and name not in ("--", "--set", "--thruster", "--wheel", "--help"):
             seen.add(name)
 
@@ -221,6 +222,14 @@ def _tell(sentence: str) -> None:
         print(legible(sentence, _LONGEST), file=sys.stderr)
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print the message of a warning without its line of code."""
-    _tell(f"rans: warning: {' '.join(str(message).split())}")
+def _warnings_once() -> Callable[..., None]:
+    """A function that prints the message of a warning without its line of code, each message once."""
+    printed: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        sentence = " ".join(str(message).split())
+        if sentence not in printed:
+            printed.add(sentence)
+            _tell(f"rans: warning: {sentence}")
+
+    return show

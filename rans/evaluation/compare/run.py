@@ -25,6 +25,12 @@ from rans.evaluation.compare.bounds import (
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, certify_front
+from rans.evaluation.compare.mission_bounds import (
+    MissionBounds,
+    bounded,
+    mission_bounds,
+    steps_of,
+)
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
@@ -57,6 +63,8 @@ class Comparison(NotebookRepr):
     certified: list[Bound] = field(default_factory=list)
     front: Front | None = None
     """Front of time and impulse; None: not asked for."""
+    mission: MissionBounds | None = None
+    """Lower bounds of the impulse of an orbital mission; None: it has none."""
     notes: list[str] = field(default_factory=list)
     """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
@@ -171,7 +179,9 @@ class Comparison(NotebookRepr):
                 self.curve += [
                     _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
                 ]
-        if "optimal" in beside and (reason := _nothing_claimed(self.contest)):
+        if "optimal" in beside and bounded(self.contest):
+            _bound_mission(self, certified, stages)
+        elif "optimal" in beside and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
         elif "optimal" in beside:
             _find_relaxed(self, stages, workers)
@@ -276,6 +286,13 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
         comparison.failures.append(str(error))
     except Exception as error:  # Solvers and users' code raise anything.
         comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
+
+
+def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
+    step = stages("certified bounds", steps_of(comparison.contest, count))
+    with _noted(comparison, "certified bounds"):
+        comparison.mission = mission_bounds(comparison.contest, count, step)
+        comparison.notes.append(comparison.mission.sentence(comparison.entries))
 
 
 def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:

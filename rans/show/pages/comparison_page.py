@@ -15,6 +15,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
+from rans.show.figures import mission_figures
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
 from rans.show.pages.race import Race, Track, race
@@ -65,6 +66,7 @@ def page(comparison: Comparison, command: str = "") -> Page:
         if comparison.front:
             sections.append(_front(comparison, comparison.front))
         sections += [
+            *_mission(comparison),
             _plane(comparison),
             *_gaps(comparison),
             _starts(comparison),
@@ -105,6 +107,36 @@ def page(comparison: Comparison, command: str = "") -> Page:
         hero=hero,
         tiles=tiles,
     )
+
+
+def _mission(comparison: Comparison) -> Iterator[Section]:
+    """Margins of missions with constraints; paths and least impulses of those on an orbit."""
+    entries = comparison.entries
+    pictures = []
+    if comparison.contest.task.optimal_problem == "rendezvous":
+        pictures.append(
+            Picture.of(
+                mission_figures.orbital_plane(entries),
+                "Paths in the Hill frame of the target. Markers are the ends.",
+            )
+        )
+    if comparison.mission is not None:
+        pictures.append(
+            Picture.of(
+                mission_figures.impulse_over_time(entries, comparison.mission),
+                "The bound leaves out cones, keep-out balls and speed limits. Contestants without a marker did "
+                "not succeed from this start.",
+            )
+        )
+    if entries[0].flight.margins:
+        pictures.append(
+            Picture.of(
+                mission_figures.margins_over_time(entries),
+                "Least margin of all starts in every control period. Flights that have succeeded do not count.",
+            )
+        )
+    if pictures:
+        yield Section("Mission", pictures=pictures)
 
 
 def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:

@@ -190,6 +190,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                     for name, rows in comparison.relaxed.items()
                 },
                 "certified": [asdict(one) for one in comparison.certified],
+                "mission": None if comparison.mission is None else comparison.mission.to_json(),
             },
             "environment": environment(),
         }

@@ -1,0 +1,145 @@
+"""Figures of missions: paths in the orbital plane, margins over time, and impulse beside its certified least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.mission_bounds import MissionBounds
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import Flight
+from rans.model.fields import map_leaves
+from rans.show.figures.figures import styled
+from rans.show.figures.panels import GREY, INK, RED, label, series_style
+from rans.tasks.shapes import Ball, Cone
+
+
+@styled
+def orbital_plane(entries: Sequence[Entry], start: int = 0) -> Figure:
+    """Paths of all contestants from one start in the Hill frame of the target, which is in the origin.
+
+    Along the track (V-bar) is to the right, radially outwards (R-bar reversed) is up.
+    """
+    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    axes = figure.subplots()
+    corners = [np.zeros((2, 1))]
+    for k, entry in enumerate(entries):
+        flight = entry.flight
+        last = _length(flight, start)
+        radial, along = (
+            np.asarray(x)[: last + 1, start] for x in (flight.states.p.x, flight.states.p.y)
+        )
+        colour, marker = series_style(k)
+        corners.append(np.array([along, radial]))
+        axes.plot(along, radial, color=colour, label=entry.name)
+        axes.plot(along[-1:], radial[-1:], marker, color=colour, markersize=5)
+        if k == 0:
+            axes.plot(along[:1], radial[:1], "o", color=INK, markersize=4, label="start")
+    axes.plot([0.0], [0.0], "+", color=INK, markersize=10, label="target")
+    _scenery(axes, entries[0].flight, start)
+
+    # What is shown are the paths: some cones and balls are far larger.
+    places = np.concatenate(corners, axis=1)
+    low = places.min(axis=1)
+    high = places.max(axis=1)
+    middle = 0.5 * (low + high)
+    half = 0.55 * max((high - low)[0], 1.6 * (high - low)[1], 1.0)
+    axes.set(
+        xlim=(middle[0] - half, middle[0] + half),
+        ylim=(middle[1] - half / 1.6, middle[1] + half / 1.6),
+        aspect="equal",
+    )
+    axes.legend(loc="best")
+    label(axes, f"start {start} in the orbital plane", "along the track, m", "radially outwards, m")
+    return figure
+
+
+def _scenery(axes: Axes, flight: Flight, start: int) -> None:
+    """Keep-out balls as circles, and cones by their two edges in the orbital plane."""
+    goal = map_leaves(lambda x: x[0, start] if np.ndim(x) == 2 else x[start], flight.goals)
+    for shape in flight.task.scenery(goal):
+        if isinstance(shape, Ball):
+            circle = np.linspace(0.0, 2.0 * np.pi, 90)
+            x, y = (
+                float(getattr(shape.centre, axis)) + float(shape.radius) * turned
+                for axis, turned in (("x", np.sin(circle)), ("y", np.cos(circle)))
+            )
+            axes.fill(y, x, color=RED, alpha=0.15, linewidth=0.0, label="keep-out")
+        elif isinstance(shape, Cone):
+            axis = np.arctan2(float(shape.axis.x), float(shape.axis.y))
+            for side in (-1.0, 1.0):
+                angle = axis + side * float(shape.half_angle)
+                reach = float(shape.length) * np.array([0.0, 1.0])
+                axes.plot(
+                    float(shape.apex.y) + reach * np.cos(angle),
+                    float(shape.apex.x) + reach * np.sin(angle),
+                    color=GREY,
+                    linestyle="--",
+                    linewidth=1.0,
+                    label="cone" if side > 0.0 else None,
+                )
+
+
+@styled
+def margins_over_time(entries: Sequence[Entry]) -> Figure:
+    """Least margin of every constraint over all starts, in each control period: below zero it is violated."""
+    names = list(entries[0].flight.margins)
+    figure = Figure(figsize=(4.6 * len(names), 3.4), layout="constrained")
+    grid = figure.subplots(1, len(names), squeeze=False)[0]
+    for axes, name in zip(grid, names, strict=True):
+        for k, entry in enumerate(entries):
+            flight = entry.flight
+            least = flight.margins[name].min(axis=1)
+            least = np.where(np.isfinite(least), least, np.nan)  # after all have succeeded
+            axes.plot(flight.times[1:], least, color=series_style(k)[0], label=entry.name)
+        axes.axhline(0.0, color=RED, linestyle="--", linewidth=1.0, label="violated below")
+        axes.legend(loc="best")
+        label(axes, f"margin of {name}", "time, s", "least margin of all starts, SI units")
+    return figure
+
+
+@styled
+def impulse_over_time(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
+    """When contestants succeed from the first start and what they spend, and what no craft can do."""
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    axes = figure.subplots()
+    possible = np.isfinite(bounds.front)
+    axes.plot(bounds.times[possible], bounds.front[possible], color=INK, label="certified least")
+    top = [*bounds.front[possible]]
+    for k, entry in enumerate(entries):
+        flight = entry.flight
+        assert flight.done is not None
+        if not flight.done[0] or flight.violated()[0]:
+            continue
+        colour, marker = series_style(k)
+        time = _length(flight, 0) * flight.timing.control_period
+        spent = float(impulses(flight)[0])
+        axes.plot([time], [spent], marker, color=colour, markersize=7, label=entry.name)
+        top.append(spent)
+    # Success by a time needs at least what success by any later time needs.
+    edges = np.array([0.0, *bounds.times, max(bounds.times[-1], axes.get_xlim()[1])])
+    height = 1.15 * max(top, default=1.0)
+    least = np.minimum([*bounds.front, bounds.front[-1], bounds.front[-1]], height)
+    axes.fill_between(
+        edges,
+        0.0,
+        least,
+        step="post",
+        color=GREY,
+        alpha=0.2,
+        linewidth=0.0,
+        label="provably impossible",
+    )
+    axes.set(xlim=(0.0, edges[-1]), ylim=(0.0, height))
+    axes.legend(loc="best")
+    label(axes, "impulse over time, start 0", "success after, s", "impulse, N s")
+    return figure
+
+
+def _length(flight: Flight, start: int) -> int:
+    """Control periods of one flight until it succeeded, or all of them."""
+    return int(len(flight.commands) if flight.lengths is None else flight.lengths[start])
