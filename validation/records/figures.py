@@ -24,6 +24,7 @@ from validation.records import (
     missions,
     rest,
     robustness,
+    safe_set,
 )
 
 
@@ -108,6 +109,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "dock": partial(missions.in_document, mission="dock"),
     "dock with errors": dock_errors.in_document,
     "docking with contact": dock_contact.in_document,
+    "safe states": safe_set.in_document,
     "hold": partial(missions.in_document, mission="hold"),
     "land": partial(missions.in_document, mission="land"),
     "rendezvous": partial(missions.in_document, mission="rendezvous"),
