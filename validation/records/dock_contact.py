@@ -121,7 +121,8 @@ class DockContact:
                     for k in range(self.episodes)
                 ]
                 assert free.done is not None
-                yield _row(name, port, free.done, dockings)
+                docked = free.done & ~free.violated()
+                yield _row(name, port, docked, dockings)
 
 
 def _row(agent: str, port: str, docked: np.ndarray, dockings: list[Docking]) -> Row:
