@@ -314,7 +314,8 @@ def save_picture(figure: Figure, file: Path) -> None:
 def draw_layout(craft: Spacecraft) -> Figure:
     """Figure of the thruster layout: thrusters with their forces, outline and centre of mass, in G.
 
-    Arrows show forces on the spacecraft; the longest is that of the strongest thruster.
+    Arrows show forces on the spacecraft; the longest is that of the strongest thruster. Numbers stand at the tips
+    of the arrows, or behind the thrusters where two tips meet.
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
@@ -339,13 +340,22 @@ def draw_layout(craft: Spacecraft) -> Figure:
         axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
         axes.set_zlabel("z, m")
         axes.view_init(elev=25.0, azim=-54.0)
-    for index, tip in enumerate(positions + 1.25 * arrows):
-        axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)
+    numbers = positions + 1.25 * arrows
+    if _closest(numbers) < 0.15 * craft.radius:  # of thrusters that face each other
+        numbers = positions - 0.25 * arrows
+    for index, place in enumerate(numbers):
+        axes.text(*place, str(index), ha="center", va="center", color=_EDGE)
     axes.set(
         title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal"
     )
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
     return figure
+
+
+def _closest(points: np.ndarray) -> float:
+    """Least distance between two of K points (K, d); infinite for one."""
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    return float(apart[~np.eye(len(points), dtype=bool)].min(initial=math.inf))
 
 
 def _outline(axes: Any, craft: Spacecraft) -> None:

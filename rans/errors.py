@@ -42,7 +42,8 @@ def meant(name: str, known: Iterable[str]) -> str:
         return ""
     names = list(known)
     longer = sorted((one for one in names if one.startswith(f"{name}-")), key=len)[:3]
-    near = longer or difflib.get_close_matches(name, names, 1)
+    alike = 0.6 if len(name) <= 3 else 0.7  # of three letters, one slip leaves two thirds
+    near = longer or difflib.get_close_matches(name, names, 1, alike)
     return f" (did you mean {' or '.join(near)}?)" if near else ""
 
 

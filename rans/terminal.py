@@ -243,9 +243,6 @@ def writing_at_end(write: Callable[[], object]) -> Iterator[None]:
     """Context that writes results when it ends, also after an error or Ctrl-C."""
     try:
         yield
-    except KeyboardInterrupt:
-        Terminal(stderr=True).say("Interrupted: results so far are written, if there are any.")
-        raise
     finally:
         write()
 

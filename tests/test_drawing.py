@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, Literal
 
@@ -200,6 +201,25 @@ def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     assert {text.get_text() for text in axes.texts} == {str(i) for i in range(len(craft.thrusters))}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
     assert craft.name in axes.get_title()
+
+
+def test_numbers_of_facing_thrusters_do_not_overlap() -> None:
+    sides = [
+        ((-0.2, 0.12), (1, 0)),
+        ((-0.2, -0.12), (1, 0)),
+        ((0.2, 0.12), (-1, 0)),
+        ((0.2, -0.12), (-1, 0)),
+        ((0.0, -0.2), (0, 1)),
+        ((0.0, 0.2), (0, -1)),
+    ]
+    craft = Spacecraft.planar(
+        "facing", mass=6.0, inertia=0.15, thrusters=[(*side, 1.0) for side in sides]
+    )
+    (axes,) = draw_layout(craft).axes
+    places = [text.get_position() for text in axes.texts]
+    assert len(places) == 6
+    for one, other in itertools.combinations(places, 2):
+        assert math.dist(one, other) > 0.15 * craft.radius
 
 
 def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:

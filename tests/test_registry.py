@@ -335,3 +335,9 @@ def test_names_that_begin_with_the_given_one_are_suggested_first() -> None:
         " (did you mean go-to-pose-2d or go-to-pose-3d or go-to-pose-3d-robust?)"
     )
     assert meant("go-to-pose-2", known) == " (did you mean go-to-pose-2d?)"
+
+
+def test_a_word_that_is_no_slip_of_a_name_suggests_nothing() -> None:
+    known = ["switching", "lqr", "dock"]
+    assert [meant(word, known) for word in ("nothing", "something", "rocket")] == ["", "", ""]
+    assert meant("lrq", known) == " (did you mean lqr?)"

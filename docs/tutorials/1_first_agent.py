@@ -36,9 +36,8 @@ for name in (
     "attitude error",
 ):
     value = metrics[name]
-    print(
-        f"{name:>14}: {value.value:.3g} {value.unit} ({value.low:.3g} to {value.high:.3g})"
-    )
+    interval = f"{value.low:.3g} to {value.high:.3g}"
+    print(f"{name:>14}: {value.value:.3g} {value.unit} ({interval})")
 
 # %%
 # Fly

@@ -65,9 +65,8 @@ agent = rans.train(
 metrics = agent.evaluate(episodes=256)
 for name in ("solved", "settling time", "impulse", "position error"):
     value = metrics[name]
-    print(
-        f"{name:>14}: {value.value:.3g} {value.unit} ({value.low:.3g} to {value.high:.3g})"
-    )
+    interval = f"{value.low:.3g} to {value.high:.3g}"
+    print(f"{name:>14}: {value.value:.3g} {value.unit} ({interval})")
 
 # %%
 # Sixteen flights, from their starts to the goal at the origin:
@@ -81,9 +80,8 @@ plt.show()
 
 # %%
 # Is the delay a problem? The same agent without it:
-print(
-    f"nominal: {agent.under('perfect').evaluate(episodes=256)['solved'].value:.1f} % solved"
-)
+nominal = agent.under("perfect").evaluate(episodes=256)
+print(f"nominal: {nominal['solved'].value:.1f} % solved")
 
 # %%
 # Export

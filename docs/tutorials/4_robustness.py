@@ -17,9 +17,9 @@ robust = rans.load_agent("go-to-pose-2d-robust")
 for agent in (nominal, robust):
     for conditions in ("perfect", "lab"):
         solved = agent.under(conditions).evaluate(episodes=128)["solved"]
-        print(
-            f"{agent.name:>22} under {conditions:>7}: {solved.value:5.1f} % ({solved.low:.1f} to {solved.high:.1f})"
-        )
+        interval = f"{solved.low:.1f} to {solved.high:.1f}"
+        print(f"{agent.name:>22} under {conditions:>7}: ", end="")
+        print(f"{solved.value:5.1f} % ({interval})")
 
 # %%
 # Which disturbance is it?
@@ -76,10 +76,10 @@ for name in ("go-to-pose-2d", "go-to-pose-2d-faults"):
 # -----------------------------
 # Intervals of 128 episodes are wide. ``assure`` flies very many, and gives exact (Clopper-Pearson) bounds.
 assurance = rans.assure("go-to-pose-2d", episodes=20_000, worst=0)
-bound = assurance.campaign.bound()
-print(
-    f"{assurance.campaign.flights:,} flights: probability of failure at most {bound.high:.1e} (99 % confidence)"
-)
+campaign = assurance.campaign
+most = campaign.bound().high
+print(f"{campaign.flights:,} flights, with 99 % confidence:")
+print(f"probability of failure at most {most:.1e}")
 
 # %%
 # Next

@@ -93,7 +93,7 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
     told = capsys.readouterr()
     assert "Interrupted" in told.out
-    assert "results so far are written" in told.err
+    assert "interrupted; what was written is kept" in told.err
     before = Path("here/assurance.json").read_bytes()
     assert (
         main([*command, "--episodes", "48", "--seed", "7"]) == 2

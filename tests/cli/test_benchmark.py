@@ -129,7 +129,7 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     said = capsys.readouterr()
     assert "12.5" in said.out
     assert "0.75" in said.out  # its share of the bound, also on a narrow terminal
-    assert "Interrupted: results so far are written" in said.err
+    assert "interrupted; what was written is kept" in said.err
     assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [12.5, 3.0]
     assert "7 environments" in file.with_suffix(".svg").read_text()
 
