@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import rans
+
 FOLDER = Path(__file__).parents[1] / "examples" / "trainers"
 LIBRARIES = {
     "cleanrl_ppo": "torch",
@@ -29,15 +31,26 @@ def test_every_example_is_run() -> None:
     assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys() | SHARED
 
 
+@pytest.mark.parametrize("name", ["rl-games-ppo", "sb3-ppo"])
+def test_a_saved_agent_flies_without_its_trainer(name: str) -> None:
+    pytest.importorskip("onnxruntime")
+    agent = rans.load_agent(f"onnx:{FOLDER / 'agents' / name}.onnx:go-to-pose-2d@floating-platform")
+    assert agent.evaluate(episodes=64)["solved"].value > 90.0
+
+
 @pytest.mark.slow
 @pytest.mark.trainers
 @pytest.mark.parametrize("name", LIBRARIES)
 def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:
-    """One rollout and its update, in a process of its own; then its agent flies in RANS."""
+    """One rollout and its update, in a process of its own; then its agent flies in RANS, also from its file."""
     if importlib.util.find_spec(LIBRARIES[name]) is None:
         pytest.skip(f"{LIBRARIES[name]} is not installed")
+    command = [sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192", "--episodes", "16"]
+    file = tmp_path / "agent.onnx"
+    if name != "rans_ppo":  # whose run folder is its file
+        command += ["--save", str(file)]
     run = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py"), "--steps", "8192", "--episodes", "16"],
+        command,
         cwd=tmp_path,
         env=os.environ | {"OMP_NUM_THREADS": "1"},
         capture_output=True,
@@ -46,6 +59,10 @@ def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    assert re.search(
-        r"\d+ steps, .* of a core\): solved [\d.]+, settling time \S+, impulse [\d.]+", run.stdout
+    said = re.search(
+        r"\d+ steps, .* of a core\): solved [\d.]+, settling time \S+, impulse ([\d.]+)", run.stdout
     )
+    assert said is not None
+    if name != "rans_ppo":
+        metrics = rans.load_agent(f"onnx:{file}:go-to-pose-2d").evaluate(episodes=16)
+        assert metrics["impulse"].value == pytest.approx(float(said[1]), rel=0.02)

@@ -7,7 +7,7 @@ is ours: tensors throughout, and a Bernoulli choice for each valve.
 from __future__ import annotations
 
 import torch
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 from torch import Tensor, nn
 from torch.distributions import Bernoulli
 
@@ -28,8 +28,8 @@ def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(layers[0], nn.Tanh(), layers[1], nn.Tanh(), layers[2])
 
 
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     envs = Spacecraft()
     width = envs.single_observation_space.shape[0]
     valves = envs.single_action_space.shape[0]
@@ -64,7 +64,7 @@ def train(steps: int) -> Act:
                 follows = value
         flat = [torch.cat(column) for column in zip(*rows, strict=True)]
         learn(actor, critic, adam, flat, torch.cat(advantages))
-    return lambda rows: actor(rows) > 0
+    return Agent(lambda rows: actor(rows) > 0, actor)
 
 
 def learn(

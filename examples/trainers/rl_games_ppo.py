@@ -1,14 +1,21 @@
-"""rl_games' PPO on the batched environment: a choice of two a valve."""
+"""rl_games' PPO on the batched environment: a choice of two a valve.
+
+Its settings are in rl_games_ppo.yaml. After a training, `python rl_games_ppo.py --play FILE.pth` is rl_games' own
+play mode.
+"""
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import torch
+import yaml
 from gymnasium.spaces import Discrete, Tuple
 from rl_games.common import env_configurations, vecenv
 from rl_games.torch_runner import Runner
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 
 
 class Valves(vecenv.IVecEnv):
@@ -35,76 +42,36 @@ class Valves(vecenv.IVecEnv):
         }
 
 
-def config(steps: int) -> dict[str, Any]:
-    """As rl_games reads it from YAML."""
-    return {
-        "params": {
-            "seed": 0,
-            "algo": {"name": "a2c_discrete"},
-            "model": {"name": "multi_discrete_a2c"},
-            "network": {
-                "name": "actor_critic",
-                "separate": False,
-                "space": {"multi_discrete": {}},
-                "mlp": {
-                    "units": [64, 64],
-                    "activation": "tanh",
-                    "initializer": {"name": "default"},
-                },
-            },
-            "config": {
-                "name": "rans",
-                "env_name": "rans",
-                "device": "cpu",
-                "device_name": "cpu",
-                "num_actors": N_ENVS,
-                "horizon_length": N_STEPS,
-                "minibatch_size": 2048,
-                "mini_epochs": 4,
-                "gamma": 0.98,
-                "tau": 0.95,
-                "learning_rate": 1e-3,
-                "lr_schedule": "adaptive",
-                "kl_threshold": 0.016,
-                "e_clip": 0.2,
-                "clip_value": True,
-                "critic_coef": 1.0,
-                "entropy_coef": 0.0,
-                "grad_norm": 1.0,
-                "ppo": True,
-                "truncate_grads": True,
-                "normalize_input": True,
-                "normalize_value": True,
-                "value_bootstrap": True,
-                "normalize_advantage": True,
-                "reward_shaper": {"scale_value": 1.0},
-                "score_to_win": 1e9,
-                "max_epochs": max(1, steps // (N_ENVS * N_STEPS)),
-                "save_best_after": 10**9,
-                "save_frequency": 0,
-                "torch_compile": False,
-            },
-        }
-    }
-
-
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def runner(**changes: Any) -> Runner:
+    """rl_games' runner, with the settings of rl_games_ppo.yaml."""
     vecenv.register("rans", lambda name, actors, **others: Valves(name, actors, **others))
     env_configurations.register("rans", {"vecenv_type": "rans", "env_creator": None})
-    runner = Runner()
-    runner.load(config(steps))
-    torch.set_num_threads(1)  # rl_games asks for more, which crowded cores are slower with
-    agent = runner.algo_factory.create("a2c_discrete", base_name="rans", params=runner.params)
+    settings = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
+    settings["params"]["config"].update(changes)
+    made = Runner()
+    made.load(settings)
+    return made
+
+
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
+    made = runner(max_epochs=max(1, steps // (N_ENVS * N_STEPS)))
+    agent = made.algo_factory.create("a2c_discrete", base_name="rans", params=made.params)
     agent.train()
-    agent.set_eval()
+    actor = agent.model.eval().a2c_network
+    columns = agent.model.running_mean_std
+    mean = columns.running_mean.float()
+    size = (columns.running_var.float() + columns.epsilon).sqrt()
 
     def act(rows: torch.Tensor) -> torch.Tensor:
-        choices = agent.get_action_values({"obs": rows})["logits"]
+        choices, *_ = actor({"obs": ((rows - mean) / size).clamp(-5.0, 5.0)})
         return torch.stack([choice.argmax(1) for choice in choices], dim=1)
 
-    return act
+    return Agent(act, actor)
 
 
 if __name__ == "__main__":
-    main(train)
+    if sys.argv[1:2] == ["--play"]:
+        runner().run({"train": False, "play": True, "checkpoint": sys.argv[2]})
+    else:
+        main(train)

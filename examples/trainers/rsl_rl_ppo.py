@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from rsl_rl.env import VecEnv
 from rsl_rl.runners import OnPolicyRunner
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 from tensordict import TensorDict
 
 CONFIG: dict[str, Any] = {
@@ -60,12 +60,12 @@ class Valves(VecEnv):
         return self.get_observations(), reward, terminated | truncated, {"time_outs": truncated}
 
 
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     runner = OnPolicyRunner(Valves(Spacecraft()), CONFIG)
     runner.learn(max(1, steps // (N_ENVS * N_STEPS)))
-    policy = runner.get_inference_policy()
-    return lambda rows: policy(TensorDict({"policy": rows}, [len(rows)])) > 0
+    policy = runner.alg.get_policy().as_onnx(verbose=False)
+    return Agent(lambda rows: policy(rows) > 0, policy)
 
 
 if __name__ == "__main__":

@@ -13,22 +13,28 @@ import gymnasium
 import numpy as np
 import stable_baselines3
 import torch
-from shared import N_ENVS, N_STEPS, Act, body_frame, main
-from stable_baselines3.common.env_util import make_vec_env
+from shared import N_ENVS, N_STEPS, Agent, body_frame, main
+from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 import rans
-from rans.fast.envs.discrete import DiscreteThrusters
 
 PPO = {"n_steps": N_STEPS, "batch_size": 2048, "n_epochs": 4, "learning_rate": 1e-3}
-OFF_POLICY = {"train_freq": 1, "gradient_steps": 4, "batch_size": 256, "learning_starts": 4096}
+OFF_POLICY = {
+    "learning_rate": 1e-3,
+    "batch_size": 256,
+    "train_freq": 1,
+    "gradient_steps": 4,
+    "learning_starts": 16_384,
+    "policy_kwargs": {"net_arch": [64, 64]},
+}
 SETTINGS: dict[str, dict[str, Any]] = {
     "PPO": {**PPO, "gae_lambda": 0.95, "max_grad_norm": 1.0},
     "A2C": {"n_steps": 16, "learning_rate": 1e-3},
     "TRPO": {"n_steps": N_STEPS, "batch_size": 2048, "target_kl": 0.016},
     "SAC": OFF_POLICY,
-    "TD3": OFF_POLICY,
-    "DQN": {"train_freq": 1, "gradient_steps": 1, "learning_starts": 4096},
+    "TD3": {**OFF_POLICY, "action_noise": NormalActionNoise(np.zeros(8), 0.3 * np.ones(8))},
+    "DQN": {**OFF_POLICY, "target_update_interval": 8192, "exploration_fraction": 0.5},
 }
 ALGORITHM = sys.argv.pop(1) if len(sys.argv) > 1 and sys.argv[1] in SETTINGS else "PPO"
 CRAFT = rans.load_spacecraft("floating-platform")
@@ -36,12 +42,24 @@ if ALGORITHM in ("SAC", "TD3"):
     CRAFT = replace(CRAFT, actuators=rans.Throttle())
 
 
+def valves(choice: torch.Tensor) -> torch.Tensor:
+    """Commands (N, 8) to choices (N,) of 256."""
+    return choice[:, None] // 2 ** torch.arange(8) % 2
+
+
 class BodyFrame(VecEnvWrapper):
     """The glue: what `shared.Spacecraft` does, for arrays."""
 
     def __init__(self, envs: VecEnv) -> None:
         space = gymnasium.spaces.Box(-np.inf, np.inf, (7,), np.float32)
-        super().__init__(envs, observation_space=space)
+        choices = gymnasium.spaces.Discrete(256) if ALGORITHM == "DQN" else envs.action_space
+        super().__init__(envs, observation_space=space, action_space=choices)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Commands; a choice of 256 is a set of open valves."""
+        if ALGORITHM == "DQN":
+            actions = valves(torch.from_numpy(actions)).numpy()
+        self.venv.step_async(actions)
 
     def reset(self) -> Any:
         """Observations."""
@@ -56,34 +74,25 @@ class BodyFrame(VecEnvWrapper):
         return body_frame(torch.from_numpy(rows)).numpy(), 0.1 * reward, done, infos
 
 
-def environment() -> VecEnv:
-    """Valves, throttles, or one choice of 256."""
-    if ALGORITHM == "DQN":
-        return make_vec_env(
-            lambda: DiscreteThrusters(gymnasium.make("rans/GoToPose2D-v0")), n_envs=8
-        )
-    if ALGORITHM in ("SAC", "TD3"):
-        return rans.SB3VecEnv(rans.Engine(CRAFT, "go-to-pose", num_envs=16))
-    return rans.SB3VecEnv(rans.Engine(CRAFT, "go-to-pose", num_envs=N_ENVS))
-
-
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     library: Any = stable_baselines3
     if ALGORITHM == "TRPO":
         import sb3_contrib as library
-    envs = BodyFrame(environment())
+    envs = BodyFrame(rans.SB3VecEnv(rans.Engine(CRAFT, "go-to-pose", num_envs=N_ENVS)))
     algorithm = getattr(library, ALGORITHM)
     model = algorithm("MlpPolicy", envs, gamma=0.98, seed=0, device="cpu", **SETTINGS[ALGORITHM])
     model.learn(steps)
 
-    def act(rows: torch.Tensor) -> np.ndarray:
-        answer, _ = model.predict(rows.numpy(), deterministic=True)
+    def act(rows: torch.Tensor) -> torch.Tensor:
+        answer = model.policy(rows, deterministic=True)
+        if ALGORITHM in ("SAC", "TD3"):
+            return 0.5 * (answer + 1.0)  # throttles are 0 to 1, their outputs -1 to 1
         if ALGORITHM == "DQN":
-            answer = answer[:, None] >> np.arange(8) & 1
-        return answer
+            return valves(answer)
+        return answer[0]
 
-    return act
+    return Agent(act, model.policy)
 
 
 if __name__ == "__main__":

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from gymnasium.spaces import Box
 from gymnasium.vector.utils import batch_space
-from torch import Tensor
+from torch import Tensor, nn
 
 import rans
 
 N_ENVS = 128
 N_STEPS = 64
-Act = Callable[[Tensor], Any]
-"""Commands (N, 8), 0 or 1, to observations (N, 7) in the body frame."""
 
 
 def body_frame(rows: Tensor) -> Tensor:
@@ -53,30 +55,67 @@ class Spacecraft(rans.SpacecraftVectorEnv):
         return body_frame(rows), 0.1 * reward, terminated, truncated, info
 
 
+class Agent(nn.Module):
+    """A trained agent: the commands (N, 8) to the environment's own observations (N, 10).
+
+    Args:
+        act: the likeliest commands to observations (N, 7) of `body_frame`.
+        network: what `act` calls, so that a saved file has its weights.
+    """
+
+    def __init__(self, act: Callable[[Tensor], Tensor], network: nn.Module) -> None:
+        super().__init__()
+        self.act = act
+        self.network = network
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Commands, float32."""
+        return self.act(body_frame(observation)).float()
+
+    def save(self, file: Path, what: str) -> None:
+        """Write an ONNX file of any number of rows, which flies without the trainer, and a text about it."""
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore"
+            )  # of the exporter, about itself and about trainers' checks
+            torch.onnx.export(
+                self.eval(),
+                (torch.zeros(2, 10),),
+                file,
+                input_names=["observation"],
+                output_names=["command"],
+                dynamic_axes={"observation": {0: "N"}, "command": {0: "N"}},
+                opset_version=17,
+                dynamo=False,
+            )
+        model = onnx.load(file)
+        model.doc_string = what
+        onnx.save(model, file)
+
+
 def judged(
-    act: Act, episodes: int = 1024, spacecraft: rans.Spacecraft | None = None
+    agent: Agent, episodes: int = 1024, spacecraft: rans.Spacecraft | None = None
 ) -> dict[str, float]:
     """Success (%), settling time (s) and impulse (N s) of an agent, as `rans evaluate` prints them."""
-
-    def policy(observation: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            return np.asarray(act(body_frame(torch.as_tensor(observation))), dtype=np.float32)
-
-    metrics = rans.load_agent(policy, "go-to-pose", spacecraft).evaluate(episodes=episodes)
+    metrics = rans.load_agent(agent, "go-to-pose", spacecraft).evaluate(episodes=episodes)
     return {name: metrics[name].value for name in ("solved", "settling time", "impulse")}
 
 
-def main(train: Callable[[int], Act], spacecraft: rans.Spacecraft | None = None) -> None:
-    """Train by the command line's number of steps and print one row of the table."""
+def main(train: Callable[[int], Agent], spacecraft: rans.Spacecraft | None = None) -> None:
+    """Train by the command line's number of steps, print one row of the table, and save the agent if asked."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--episodes", type=int, default=1024)
+    parser.add_argument("--save", type=Path, metavar="FILE", help="ONNX file of the agent")
     given = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     begun, used = time.perf_counter(), time.process_time()
-    act = train(given.steps)
+    agent = train(given.steps)
     seconds, processor = time.perf_counter() - begun, time.process_time() - used
-    found = judged(act, given.episodes, spacecraft)
+    found = judged(agent, given.episodes, spacecraft)
     told = ", ".join(f"{name} {value:.4g}" for name, value in found.items())
     print(f"{given.steps} steps, {seconds:.1f} s ({processor:.1f} s of a core): {told}")
+    if given.save is not None:
+        agent.save(given.save, f"{Path(sys.argv[0]).name}, {given.steps} steps: {told}")
+        print(f"Written to {given.save}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 from skrl.agents.torch.ppo import PPO, PPO_CFG
 from skrl.envs.wrappers.torch import wrap_env
 from skrl.memories.torch import RandomMemory
@@ -49,8 +49,8 @@ class Critic(DeterministicMixin, Model):
         return self.net(inputs["observations"]), {}
 
 
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     env = wrap_env(Spacecraft(), wrapper="gymnasium", verbose=False)
     spaces = {
         "observation_space": env.observation_space,
@@ -84,7 +84,7 @@ def train(steps: int) -> Act:
         cfg={"timesteps": timesteps, "headless": True, "disable_progressbar": True},
     ).train()
     actor = models["policy"].net
-    return lambda rows: actor(rows).unflatten(1, (-1, 2)).argmax(2)
+    return Agent(lambda rows: actor(rows).unflatten(1, (-1, 2)).argmax(2), actor)
 
 
 if __name__ == "__main__":

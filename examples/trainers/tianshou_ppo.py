@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 from tianshou.algorithm import PPO
 from tianshou.algorithm.modelfree.reinforce import ProbabilisticActorPolicy
 from tianshou.algorithm.optim import AdamOptimizerFactory
@@ -50,8 +50,8 @@ def valves(logits: torch.Tensor) -> Independent:
     return Independent(Bernoulli(logits=logits), 1)
 
 
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     envs = VectorEnv()
     inputs = envs.get_env_attr("observation_space")[0].shape
     valve_space = envs.get_env_attr("action_space")[0]
@@ -89,7 +89,7 @@ def train(steps: int) -> Act:
             verbose=False,
         )
     )
-    return lambda rows: actor(rows)[0] > 0
+    return Agent(lambda rows: actor(rows)[0] > 0, actor)
 
 
 if __name__ == "__main__":

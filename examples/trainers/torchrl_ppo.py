@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from shared import N_ENVS, N_STEPS, Act, Spacecraft, main
+from shared import N_ENVS, N_STEPS, Agent, Spacecraft, main
 from tensordict.nn import (
     ProbabilisticTensorDictModule,
     ProbabilisticTensorDictSequential,
@@ -24,8 +24,8 @@ def valves(logits: torch.Tensor) -> Independent:
     return Independent(Bernoulli(logits=logits), 1)
 
 
-def train(steps: int) -> Act:
-    """The likeliest commands of an agent that was trained for so many steps."""
+def train(steps: int) -> Agent:
+    """An agent that was trained for so many steps."""
     envs = Spacecraft()
     count = envs.single_action_space.shape[0]
     env = GymWrapper(envs)
@@ -68,7 +68,7 @@ def train(steps: int) -> Act:
                 (found["loss_objective"] + found["loss_critic"]).backward()
                 torch.nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
                 adam.step()
-    return lambda rows: policy[0](rows) > 0
+    return Agent(lambda rows: policy[0](rows) > 0, policy[0])
 
 
 if __name__ == "__main__":
