@@ -32,7 +32,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "PPO": {**PPO, "gae_lambda": 0.95, "max_grad_norm": 1.0},
     "A2C": {"n_steps": 16, "learning_rate": 1e-3},
     "TRPO": {"n_steps": N_STEPS, "batch_size": 2048, "target_kl": 0.016},
-    "SAC": OFF_POLICY,
+    "SAC": {**OFF_POLICY, "ent_coef": "auto_0.02"},
     "TD3": {**OFF_POLICY, "action_noise": NormalActionNoise(np.zeros(8), 0.3 * np.ones(8))},
     "DQN": {**OFF_POLICY, "target_update_interval": 8192, "exploration_fraction": 0.5},
 }
