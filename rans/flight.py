@@ -60,6 +60,19 @@ class Controller(Protocol):
         ...
 
 
+def informed(controller: Controller, conditions: Conditions | None) -> Controller:
+    """The controller that expects the conditions of its flights, if it can: then it has a method ``expecting``.
+
+    Only controllers that RANS makes by name are told; those of users and plug-ins fly as they were made.
+
+    Args:
+        controller: any controller.
+        conditions: conditions of its flights; None: everything is nominal.
+    """
+    expecting = getattr(controller, "expecting", None)
+    return controller if expecting is None else expecting(conditions)
+
+
 @dataclass(frozen=True)
 class Flight:
     """Trajectories of N episodes over T control periods, from `fly`.

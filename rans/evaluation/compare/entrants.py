@@ -170,6 +170,7 @@ def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
     """A contestant from an object with its own setup, which must be the contest's."""
     name = run.controller.name
     _check_same(name, run, contest)
+    run = run.under(contest.conditions or Conditions())
     sees = _OBSERVATION if isinstance(run.controller, (Agent, *OBSERVERS)) else _MODEL
     return Contestant(name, run.controller, sees, _UNKNOWN)
 
@@ -206,6 +207,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     """
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     _check_same(spec, run, contest)
+    run = run.under(contest.conditions or Conditions())
     if name := controller_name(spec.removeprefix(f"{PREFIX}:")):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
     sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION

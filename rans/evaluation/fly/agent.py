@@ -14,7 +14,7 @@ from rans.episode import Guard, Setup
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import Controller
+from rans.flight import Controller, informed
 from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -85,12 +85,14 @@ class LoadedRun(NamedTuple):
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
 
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
-        """The run under other conditions, given by name, file or as an object; None: under its own."""
-        return (
-            self
-            if conditions is None
-            else self._replace(conditions=load_conditions(conditions).or_none)
-        )
+        """The run under other conditions, given by name, file or as an object; None: under its own.
+
+        A controller that can expect them is told (`rans.flight.informed`).
+        """
+        if conditions is None:
+            return self
+        loaded = load_conditions(conditions).or_none
+        return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
     def guarded(self, guard: bool = True) -> LoadedRun:
         """The run with the safety filter for its spacecraft and task (`rans.guard.safety_filter`), if ``guard``.

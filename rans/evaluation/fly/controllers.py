@@ -18,7 +18,7 @@ from rans.episode import Guard, Setup
 from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
-from rans.flight import Controller
+from rans.flight import Controller, informed
 from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed
@@ -80,6 +80,8 @@ BESIDE = ("lqr", "switching", "mpc", "optimal")
 def controller(name: str, setup: Setup) -> Controller:
     """Make a controller by name, with settings that were tuned for the setup, else with default settings.
 
+    A built-in one that can expect errors of sensors and thrusters is told the setup's conditions.
+
     Raises:
         ConfigError: there is no such controller, or none for this spacecraft.
     """
@@ -87,9 +89,9 @@ def controller(name: str, setup: Setup) -> Controller:
     result = tuned(name, setup)
     if result is not None:
         maker = partial(maker, **arguments(maker, result.settings))
-    return (
-        maker(*setup[:3]) if name in CONTROLLERS.built_in else CheckedController(name, setup, maker)
-    )
+    if name not in CONTROLLERS.built_in:
+        return CheckedController(name, setup, maker)
+    return informed(maker(*setup[:3]), setup.conditions)
 
 
 def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:

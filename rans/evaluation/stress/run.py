@@ -18,7 +18,7 @@ from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
 from rans.files import first_line
-from rans.flight import Controller
+from rans.flight import Controller, informed
 from rans.processes import Workers
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
@@ -76,9 +76,9 @@ class Stress:
         return result is not None and bool(result.conditions)
 
     def _controller(self, spec: str, level: Level) -> Controller:
-        """A contestant at a level: controllers with the settings that were tuned for its conditions."""
+        """A contestant at a level: told its conditions, or with the settings that were tuned for them."""
         if not self.tuned_for(spec, level):
-            return self.contestants[spec].controller
+            return informed(self.contestants[spec].controller, level.conditions)
         setup = self.contest.setup._replace(conditions=level.conditions)
         return controller(spec.partition(":")[0], setup)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -72,13 +73,14 @@ class MissionGuidance(ModelBased):
         conditions: Conditions | None = None,
     ) -> None:
         super().__init__(craft, task, timing)
-        self._mission = OrbitalMission.expected(
+        self._given = OrbitalMission.expected(
             self._task, "mission guidance flies missions on an orbit, such as dock and hold"
         )
-        if not self.keeps_limits(self._mission):
+        self._mission = self._given
+        if not self.keeps_limits(self._given):
             raise ConfigError(
                 "mission guidance keeps speed limits and keep-out balls, but "
-                f"{type(self._mission).__name__} has other limits; fly it with convex."
+                f"{type(self._given).__name__} has other limits; fly it with convex."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._period = self._timing.control_period
@@ -113,10 +115,18 @@ class MissionGuidance(ModelBased):
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
         # Independent errors of the speed, as shares of the lowest limit.
-        base = self._mission.velocity_tolerance
+        mission = self._given
+        base = mission.velocity_tolerance
         slower = math.hypot(_SPEED_DOUBT * noise / base, _PULSES * pulse / base, inexact)
-        reserve = min(self._mission.speed_reserve + slower, _MOST_RESERVE)
-        self._mission = replace(self._mission, speed_reserve=reserve)
+        reserve = min(mission.speed_reserve + slower, _MOST_RESERVE)
+        self._mission = replace(mission, speed_reserve=reserve)
+
+    def expecting(self, conditions: Conditions | None) -> MissionGuidance:
+        """The same guidance that expects other errors, before its first flight; None: a perfect world."""
+        result = copy(self)
+        result._expect(Conditions() if conditions is None else conditions)
+        result.reset(0)
+        return result
 
     @staticmethod
     def keeps_limits(task: OrbitalMission) -> bool:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+import rans
 from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
 from rans.evaluation.compare.transfers import row_of
+from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
@@ -107,6 +109,27 @@ def test_known_noise_costs_little_impulse() -> None:
     assert ours.docked.all()
     assert not ours.violated.any()
     assert believing.impulse.mean() > 1.2 * ours.impulse.mean()
+
+
+def test_commands_tell_it_the_conditions() -> None:
+    """In an evaluation, a comparison and a sweep; named by its module it is told nothing."""
+    noisy = Conditions(
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        )
+    )
+    told, blind = "mission:dock-3d", f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
+
+    def impulse(spec: str) -> float:
+        found = rans.evaluate(spec, episodes=8, conditions=noisy)
+        assert found["solved"].value == 100.0
+        return float(found["impulse"].value)
+
+    assert impulse(blind) > 1.5 * impulse(told)
+    compared = rans.compare(told, blind, beside=(), episodes=8, conditions=noisy, workers=1)
+    ours, theirs = (impulses(entry.flight).mean() for entry in compared.entries)
+    assert ours == pytest.approx(impulse(told))
+    assert theirs == pytest.approx(impulse(blind))
 
 
 def test_burns_are_rounded_down_to_whole_pulses() -> None:
