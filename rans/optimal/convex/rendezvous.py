@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,8 @@ _SLACK = 1e-5
 """By which a flight keeps its limits, m or m/s, so that rounding breaks none."""
 _CONVERGED = 1e-4
 """Relative change of the impulse at which rounds end."""
+_FARTHER = 0.02
+"""Share of its length by which a cone reaches farther where rounds end outside it."""
 
 
 @dataclass(frozen=True)
@@ -387,16 +389,20 @@ def rendezvous(
 def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
     """A flight that meets at the same check and keeps every limit at every check; None: none was found.
 
-    Where the solver fails in a round, the flight of the rounds before counts.
+    Where the solver fails in a round, the flight of the rounds before counts. A cone applies near its apex only:
+    rounds constrain the checks at which the flight before was near. Where they end with a flight that comes near
+    earlier, outside the cone, more rounds follow in which the cone reaches a little farther.
     """
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
     result: Transfer | None = None
     cost = np.inf
+    limits = meeting.limits
+    is_final = not any(isinstance(limit, Cone) for limit in limits)
     for _ in range(_ROUNDS):
         try:
-            trial = least_impulse(meeting, start, begun.check, meeting.limits, states)
+            trial = least_impulse(meeting, start, begun.check, limits, states)
         except SolverFailed:
             return result
         if trial is None:
@@ -405,9 +411,19 @@ def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Trans
         if least_margin(meeting.limits, states) >= 0.0:
             result = trial
         if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
-            break
+            if result is not None or is_final:
+                break
+            limits = tuple(_farther(limit) for limit in limits)
+            is_final = True
         cost = trial.impulse
     return result
+
+
+def _farther(limit: Shape) -> Shape:
+    """A cone that is a little longer; other limits as they are."""
+    if isinstance(limit, Cone):
+        return replace(limit, length=limit.length * (1.0 + _FARTHER))
+    return limit
 
 
 def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:

@@ -11,13 +11,15 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare.transfers import bounds, row_of
 from rans.flight import fly
+from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
-from rans.scenario import scenarios
-from rans.tasks import Dock
+from rans.scenario import EVALUATION_SEED, scenarios
+from rans.tasks import Dock, Rendezvous
 
 DEPUTY = load_spacecraft("afrl-deputy")
+CHASER = load_spacecraft("arpod-chaser")
 
 
 @pytest.mark.slow
@@ -55,6 +57,17 @@ def test_it_plans_again_when_it_is_off_its_way(search: bool) -> None:
     starts = scenarios(task, DEPUTY, 8, 2)
     guidance = Pushed(DEPUTY, task, search=search)
     assert row_of("", fly(DEPUTY, task, guidance, starts, task.timing)).docked.all()
+
+
+@pytest.mark.slow
+def test_a_plan_that_reaches_the_cone_a_check_earlier_than_expected_still_keeps_it() -> None:
+    """From this start a plan that keeps the cone is found only by rounds in which it reaches farther."""
+    task = replace(Rendezvous().for_evaluation(), deadline=(7000.0, 7000.0))
+    many = scenarios(task, CHASER, EVALUATION_SEED, 16)
+    starts = map_leaves(lambda x: np.broadcast_to(x, 16)[15:], many)
+    row = row_of("", fly(CHASER, task, ConvexGuidance(CHASER, task), starts, task.timing))
+    assert row.docked.all()
+    assert not row.violated.any()
 
 
 def test_experts_leave_room_for_errors() -> None:
