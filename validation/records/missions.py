@@ -24,6 +24,8 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
+from rans.model.body import Body
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.convex_guidance import ConvexGuidance
@@ -31,7 +33,7 @@ from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.convex.landing import Descent, Lander, best_landing
+from rans.optimal.convex.landing import Descent, Lander, best_landing, thrust_offset
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
@@ -239,6 +241,7 @@ class Missions:
         if self.mission == "land":
             for condition, settings in _LANDED.items():
                 yield from self._guided(condition, Land(**settings), None if settings else known)
+            yield from self._with_a_dead_engine(Land())
 
     def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
         """Landing guidance from the first starts, whose bounds may be known."""
@@ -254,6 +257,47 @@ class Missions:
                 guidance = LandingGuidance(craft, task, task.timing)
                 flight = flying(craft, task, guidance, starts, task.timing)
                 yield row_of(condition, who, flight, _spent(flight), lower)
+
+    def _with_a_dead_engine(self, task: Land) -> Iterator[Row]:
+        """Landing guidance from those of the first starts that may have a landing without the first engine.
+
+        The bound is that of a craft that turns at once, whose thrust is tilted by as much more as it is off the
+        craft's axis. From starts without one nothing lands.
+        """
+        assert task.spacecraft is not None
+        craft = load_spacecraft(task.spacecraft)
+        dead = (0,)
+        lander = Lander.of(craft, dead)
+        descent = Descent.of(task)
+        descent = replace(descent, tilt=descent.tilt + thrust_offset(craft, dead))
+        starts = scenarios(task, craft, self.seed, self.bounded)
+        found: dict[int, float] = {}
+        for k, one in enumerate(each(starts)):
+            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
+            best = best_landing(lander, descent, start, task.timing.control_period, "bound")
+            if best is not None:
+                found[k] = best.propellant
+        rows = np.array(list(found))
+        lower = np.array(list(found.values()))
+        nominal = Body.of(craft)
+        body = replace(nominal, gain=(0.0, *nominal.gain[1:]))
+        guidance = LandingGuidance(craft, task, task.timing, dead=dead)
+        for who, flying, count in (
+            ("landing guidance", fly, len(rows)),
+            ("landing guidance, in Drake", fly_in_drake, min(self.drake, len(rows))),
+        ):
+            if count:
+                few = map_leaves(
+                    lambda x, kept=rows[:count]: np.broadcast_to(x, self.bounded)[kept], starts
+                )
+                flight = flying(craft, task, guidance, few, task.timing, body=body)
+                yield row_of(
+                    f"one engine dead, {len(rows)} of {self.bounded}",
+                    who,
+                    flight,
+                    _spent(flight),
+                    lower,
+                )
 
     def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
         """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""

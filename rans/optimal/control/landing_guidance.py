@@ -3,29 +3,42 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
 from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.planning import PlanningGuidance
-from rans.optimal.convex.landing import Descent, Lander, best_landing, landing
+from rans.optimal.convex.landing import (
+    Descent,
+    Lander,
+    best_landing,
+    full_thrust,
+    landing,
+    thrust_offset,
+)
 from rans.optimal.trajectory.steered_landing import (
     SteeredLanding,
     SteeredLandings,
     angular_velocity,
+    attitude_of,
     direction_of,
+    roll_of,
     tilt_of,
     tilt_rate,
 )
 from rans.tasks.base import Task
 from rans.tasks.land import Land
 
+_STATES = 11
+"""Of a plan without roll."""
 _TURNING = 0.9
 """Share of the torques that plans use: the rest follows them."""
 _UPRIGHT = math.radians(0.4)
@@ -59,16 +72,20 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
     6 s before its end. A perfect world needs one plan, which takes about a second of a core. Where no landing is
     found, the craft brakes upright.
 
+    With a dead engine the thrust of the others makes an angle with z of B. They are throttled alike, and the craft
+    rolls about their thrust, so that it is tilted less than its thrust where the tilt limit matters.
+
     Args:
         craft: by name, TOML file or as such; engines that push along z of B together, and reaction wheels that turn
             it about every axis.
         task: an `rans.tasks.land.Land`, or its name.
         timing: control period, and length of the episode.
         reserve: share of the largest thrust that plans leave, so that errors can be corrected.
+        dead: numbers of engines that it knows to be dead from the start, in the craft's order from 0.
 
     Raises:
-        ConfigError: the task is no landing, the craft is no lander or no wheels turn it, or the reserve is not at
-            least 0 and below 0.5.
+        ConfigError: the task is no landing, the craft is no lander or no wheels turn it, the reserve is not at
+            least 0 and below 0.5, or the engines that are left turn the craft.
     """
 
     name = "landing"
@@ -79,10 +96,11 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         task: str | Task,
         timing: Timing | None = None,
         reserve: float = 0.003,
+        dead: Sequence[int] = (),
     ) -> None:
         super().__init__(craft, task, timing, reserve)
         mission = Land.expected(self._task, "landing guidance flies descents")
-        lander = Lander.of(self._craft)
+        lander = Lander.of(self._craft, dead)
         self._full_thrust = lander.largest_thrust / self._craft.actuators.high
         self._full_mass = lander.mass
         self._inertia = np.array(self._craft.inertia)
@@ -96,6 +114,16 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         # Motors turn the craft against their wheels.
         self._shares = -np.linalg.pinv(axes.T) / torques[:, None]
         self._turning = 1.0 / np.abs(self._shares @ self._inertia).sum(axis=1).max()
+        live = [k for k in range(len(self._craft.thrusters)) if k not in dead]
+        if dead and np.abs(np.array(self._craft.wrench_map)[live, 3:].sum(axis=0)).max() > 1e-9:
+            raise ConfigError(
+                f"without engines {[*dead]} the others turn {self._craft.name!r}, and landing guidance flies "
+                "craft whose engines push through the centre of mass."
+            )
+        self._live = np.array(live)
+        self._axes = _along_thrust(full_thrust(self._craft, dead))
+        """(3, 3) rotation from B to the frame whose z is along thrust, and whose x is towards z of B."""
+        self._offset = thrust_offset(self._craft, dead) if dead else 0.0
         descent = Descent.of(mission)
         kept = 1.0 - reserve
         self._lander = replace(lander, largest_thrust=lander.largest_thrust * kept)
@@ -107,8 +135,14 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
             velocity_tolerance=descent.velocity_tolerance * _ARRIVAL,
         )
         self._landings = SteeredLandings(
-            self._lander, self._descent, self._turning * _TURNING, self._timing.control_period
+            self._lander,
+            self._descent,
+            self._turning * _TURNING,
+            self._timing.control_period,
+            self._offset,
         )
+        # Thrust may be tilted more than the craft.
+        self._convex = replace(self._descent, tilt=self._descent.tilt + self._offset)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state, and where the site is."""
@@ -120,12 +154,14 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         site = np.stack([np.broadcast_to(x, count) for x in goal.p.columns()], axis=1)
         commands = np.zeros((count, len(self._craft.commands)))
         for k, row in enumerate(np.stack(columns, axis=1)):
-            commands[k] = self._command(k, _Here.of(row, site[k], self._lander))
+            commands[k] = self._command(k, self._here(row, site[k]))
         return commands
 
     def _command(self, number: int, here: _Here) -> np.ndarray:
         """Command (n,) of one episode."""
         followed = self._plans[number]
+        if followed is not None:
+            here = here.near(followed)
         if followed is None:
             followed = self._planned(here)
         elif followed.left > _LAST and followed.is_off(here.state, self._descent):
@@ -133,20 +169,37 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         self._plans[number] = followed
         if followed is None or followed.left < 1:
             # Weight, while what is left of speed and height goes.
-            thrust, turning = (
-                here.state[10] * self._descent.gravity,
-                -here.state[6:8] - here.state[8:10],
-            )
+            thrust = here.state[10] * self._descent.gravity
+            turning = -here.state[6:8] - here.state[8:10]
+            rolling = -here.state[12:]
         else:
-            thrust, *turning = followed.next(here.state)
-        turning = self._within_tilt(here.state[6:8], here.state[8:10], np.asarray(turning))
+            thrust, *others = followed.next(here.state)
+            turning, rolling = np.array(others[:2]), np.array(others[2:])
+        turning = self._within_tilt(here.state[6:8], here.state[8:10], turning)
         level = np.clip(
             thrust / self._full_thrust, self._craft.actuators.low, self._craft.actuators.high
         )
-        angular = here.acceleration(turning, self._timing.control_period)
-        torque = self._inertia @ angular * (here.state[10] / self._full_mass)
+        angular = here.acceleration(turning, rolling, self._timing.control_period)
+        torque = self._inertia @ self._axes.T @ angular * (here.state[10] / self._full_mass)
         shares = np.clip(self._shares @ torque, -1.0, 1.0)
-        return np.concatenate([np.full(len(self._craft.thrusters), level), shares])
+        levels = np.full(len(self._craft.thrusters), self._craft.actuators.low)
+        levels[self._live] = level
+        return np.concatenate([levels, shares])
+
+    def _here(self, row: np.ndarray, site: np.ndarray) -> _Here:
+        """Of the numbers of a state, and the propellant that is left."""
+        w, x, y, z = row[3:7] / np.linalg.norm(row[3:7])
+        rotation = np.array(
+            [
+                [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+                [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+                [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+            ]
+        )
+        mass = self._lander.mass - self._lander.propellant + row[13]
+        spin = self._axes @ row[10:13]
+        moving = row[:3] - site, row[7:10]
+        return _Here.of(moving, rotation @ self._axes.T, spin, mass, rolls=self._offset > 0.0)
 
     def _within_tilt(self, tilt: np.ndarray, rate: np.ndarray, turning: np.ndarray) -> np.ndarray:
         """Turning (2,), less as far as it would tilt the craft so fast that it could not stop within the limit."""
@@ -156,7 +209,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         if size < 1e-6:
             return turning
         outwards = after / size
-        room = max(0.0, self._descent.tilt + 0.5 * _UPRIGHT - size)
+        room = max(0.0, self._convex.tilt + 0.5 * _UPRIGHT - size)
         excess = outwards @ (rate + period * turning) - math.sqrt(2.0 * self._turning * room)
         return turning - outwards * (max(0.0, excess) / period)
 
@@ -166,7 +219,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         propellant = here.state[10] - (self._lander.mass - self._lander.propellant)
         start = here.state[:3], here.state[3:6]
         fastest = best_landing(
-            self._lander, self._descent, start, period, "bound", propellant=propellant
+            self._lander, self._convex, start, period, "bound", propellant=propellant
         )
         if fastest is not None:
             for longer in _LONGER:
@@ -174,7 +227,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
                 # More time than the convex optimum takes makes a better guess.
                 guess = landing(
                     self._lander,
-                    self._descent,
+                    self._convex,
                     start,
                     count * period,
                     period,
@@ -197,24 +250,52 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return followed
 
 
+def _along_thrust(force: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation from B to a frame whose z is along a force (3,), and whose x is towards z of B."""
+    z = force / np.linalg.norm(force)
+    x = np.array([0.0, 0.0, 1.0]) - z[2] * z
+    if np.linalg.norm(x) < 1e-6:
+        return np.eye(3)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True)
 class _Here:
     """A craft's state as plans have it, and its attitude."""
 
-    def __init__(self, state: np.ndarray, rotation: np.ndarray, w: np.ndarray) -> None:
-        self.state = state
-        """(11,), see `SteeredLanding`."""
-        self.rotation = rotation
-        """(3, 3) from B to W."""
-        self.w = w
-        """(3,) angular velocity in B, rad/s."""
+    state: np.ndarray
+    """(n,), see `SteeredLanding`."""
+    rotation: np.ndarray
+    """(3, 3) to W from the frame whose z is along thrust."""
+    w: np.ndarray
+    """(3,) angular velocity in that frame, rad/s."""
 
-    def acceleration(self, turning: np.ndarray, period: float) -> np.ndarray:
-        """(3,) angular acceleration in B, rad/s^2, that turns thrust so over a period (s), and ends spin about it.
+    def near(self, followed: _Followed) -> _Here:
+        """The same with the roll counted in whole turns as a plan counts it."""
+        if len(self.state) == _STATES or followed.left < 1:
+            return self
+        state = self.state.copy()
+        state[11] += math.tau * round((followed.expected[11] - state[11]) / math.tau)
+        return replace(self, state=state)
 
-        Wheels keep the craft's momentum, so that its angular velocity in B changes with this alone.
+    def acceleration(self, turning: np.ndarray, rolling: np.ndarray, period: float) -> np.ndarray:
+        """(3,) angular acceleration, rad/s^2, that turns thrust and rolls so over a period (s).
+
+        Without roll it ends spin about the thrust. Wheels keep the craft's momentum, so that its angular velocity
+        in its own frame changes with this alone.
         """
         tilt = self.state[6:8] + period * self.state[8:10] + 0.5 * period**2 * turning
         rate = self.state[8:10] + period * turning
+        if len(rolling):
+            roll = self.state[11] + period * self.state[12] + 0.5 * period**2 * rolling[0]
+            roll_rate = self.state[12] + period * rolling[0]
+            turned = attitude_of(tilt, roll)
+            small = 1e-4
+            change = attitude_of(tilt + small * rate, roll + small * roll_rate)
+            change -= attitude_of(tilt - small * rate, roll - small * roll_rate)
+            spin = turned.T @ change / (2.0 * small)
+            return (np.array([spin[2, 1], spin[0, 2], spin[1, 0]]) - self.w) / period
         # The attitude then, by the shortest way from the one now.
         now, then = self.rotation[:, 2], direction_of(tilt)
         axis = np.cross(now, then)
@@ -229,24 +310,25 @@ class _Here:
         return (turned.T @ angular_velocity(tilt, rate) - self.w) / period
 
     @classmethod
-    def of(cls, row: np.ndarray, site: np.ndarray, lander: Lander) -> _Here:
-        """Of the numbers of a state, and the propellant that is left."""
-        w, x, y, z = row[3:7] / np.linalg.norm(row[3:7])
-        rotation = np.array(
-            [
-                [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-                [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-                [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-            ]
-        )
-        turn = rotation @ row[10:13]
+    def of(
+        cls,
+        moving: tuple[np.ndarray, np.ndarray],
+        rotation: np.ndarray,
+        w: np.ndarray,
+        mass: float,
+        rolls: bool,
+    ) -> _Here:
+        """Of position from the site and velocity, attitude and angular velocity as in `_Here`, and mass, kg."""
         direction = rotation[:, 2]
-        mass = lander.mass - lander.propellant + row[13]
-        tilt = tilt_of(direction)
-        state = np.concatenate(
-            [row[:3] - site, row[7:10], tilt, tilt_rate(direction, turn), [mass]]
-        )
-        return cls(state, rotation, row[10:13])
+        tilt = tilt_of(direction), tilt_rate(direction, rotation @ w)
+        state = np.concatenate([*moving, *tilt, [mass]])
+        if rolls:
+            small = 1e-4
+            cross = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+            before, after = (roll_of(rotation @ expm(h * cross)) for h in (-small, small))
+            rate = math.remainder(after - before, math.tau) / (2.0 * small)
+            state = np.concatenate([state, [roll_of(rotation), rate]])
+        return cls(state, rotation, w)
 
 
 class _Followed:
@@ -261,6 +343,11 @@ class _Followed:
     def left(self) -> int:
         """Periods that are still to be flown."""
         return len(self.plan.commands) - self._flown
+
+    @property
+    def expected(self) -> np.ndarray:
+        """(n,) state that the plan has now."""
+        return self.plan.states[self._flown]
 
     def is_off(self, state: np.ndarray, descent: Descent) -> bool:
         """Whether the plan is to be made anew: corrections would miss its end, or be large."""
@@ -279,7 +366,7 @@ class _Followed:
         self._trusted = self._flown + _PAUSE
 
     def next(self, state: np.ndarray) -> np.ndarray:
-        """Thrust, N, and the tilt's second derivative, rad/s^2, of the next period (3,)."""
+        """Thrust, N, and the second derivatives of tilt and roll, rad/s^2, of the next period (m,)."""
         k = self._flown
         self._flown += 1
         off = state - self.plan.states[k]

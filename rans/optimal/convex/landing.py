@@ -21,6 +21,7 @@ from __future__ import annotations
 import importlib
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -70,12 +71,16 @@ class Lander:
     """Thrust along the axis over mass flow, m/s: canted engines waste a part of theirs."""
 
     @classmethod
-    def of(cls, craft: Spacecraft) -> Lander:
+    def of(cls, craft: Spacecraft, dead: Sequence[int] = ()) -> Lander:
         """Of a craft in space whose engines push along z of B when all are throttled alike.
 
+        Args:
+            craft: with all of its engines.
+            dead: numbers of engines that give no thrust; then the axis is that of the others' thrust.
+
         Raises:
-            ConfigError: it has no propellant, its thrusters are not throttled, or they do not push along z
-                together.
+            ConfigError: it has no propellant, its thrusters are not throttled, they do not push along z
+                together, or there is no such engine.
         """
         tank = craft.propellant
         if craft.dimension != 3 or tank is None or not isinstance(craft.actuators, Throttle):
@@ -83,14 +88,15 @@ class Lander:
                 f"spacecraft {craft.name!r} is no lander: it needs throttled engines and propellant, in space "
                 '(dimension = 3, [actuators] kind = "throttle", [propellant]).'
             )
-        along = np.array([np.multiply(t.direction, t.force) for t in craft.thrusters]).sum(axis=0)
+        along = full_thrust(craft)
         if np.linalg.norm(along[:2]) > 1e-6 * along[2]:
             raise ConfigError(
                 f"the engines of {craft.name!r} push along {along.round(3).tolist()} N together, and a lander's "
                 "along z of B."
             )
-        full = float(along[2])
-        flow = sum(t.force for t in craft.thrusters) / tank.exhaust_speed
+        full = float(np.linalg.norm(full_thrust(craft, dead)))
+        live = (t.force for k, t in enumerate(craft.thrusters) if k not in dead)
+        flow = sum(live) / tank.exhaust_speed
         return cls(
             craft.mass,
             tank.mass,
@@ -98,6 +104,31 @@ class Lander:
             craft.actuators.most * full,
             full / flow,
         )
+
+
+def full_thrust(craft: Spacecraft, dead: Sequence[int] = ()) -> np.ndarray:
+    """(3,) force in B of all engines at full thrust but the dead ones, N.
+
+    Raises:
+        ConfigError: there is no engine of a number, or none is left.
+    """
+    count = len(craft.thrusters)
+    if not all(0 <= k < count for k in dead) or len({*dead}) == count:
+        raise ConfigError(
+            f"dead engines are some, not all, of the numbers 0 to {count - 1}, got {[*dead]}."
+        )
+    live = [t for k, t in enumerate(craft.thrusters) if k not in dead]
+    return np.array([np.multiply(t.direction, t.force) for t in live]).sum(axis=0)
+
+
+def thrust_offset(craft: Spacecraft, dead: Sequence[int]) -> float:
+    """Angle between z of B and the thrust of all engines but the dead ones, throttled alike, rad.
+
+    Raises:
+        ConfigError: see `full_thrust`.
+    """
+    force = full_thrust(craft, dead)
+    return math.acos(min(1.0, float(force[2] / np.linalg.norm(force))))
 
 
 @dataclass(frozen=True)

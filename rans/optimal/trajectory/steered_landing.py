@@ -6,6 +6,10 @@ optimum as its guess. It can be flown, and is no bound.
 
 The tilt is a rotation vector (x, y, 0) in W that turns the vertical into the direction of thrust. Its second
 derivative is bounded, and held over a control period as thrust is.
+
+Where engines are dead, the thrust of the others makes an angle with the axis of the craft, whose tilt is limited.
+The craft then rolls about its thrust so that its axis is tilted less than its thrust where that helps. The roll is
+one more double integrator: the angle about the vertical by which the craft is turned before it is tilted.
 """
 
 from __future__ import annotations
@@ -15,16 +19,19 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import solve
+from scipy.linalg import expm, solve
 
 from rans.optimal.convex.landing import Descent, Lander, Landing
 
-_UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0])
-"""Of the solver's states: m, m/s, rad, rad/s, kg."""
+_UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0] + [1.0] * 2)
+"""Of the solver's states: m, m/s, rad, rad/s, kg; rad and rad/s of roll, where there is any."""
 _THRUST = 1e4
 """Of the solver's thrust, N."""
-_STATES = len(_UNITS)
+_COMMAND_UNITS = np.array([_THRUST, 1.0, 1.0, 1.0])
+_STATES = 11
+"""Without roll."""
 _COMMANDS = 3
+"""Without roll."""
 _SMOOTHNESS = 1e-2
 """Price of the mean square of the tilt's second derivative, in units of 100 kg per rad^2/s^4: about 0.05 kg a
 landing, without which the tilt chatters where nothing depends on it."""
@@ -41,36 +48,41 @@ _OPTIONS = {
     "ipopt.mu_strategy": "adaptive",
     "ipopt.tol": 1e-6,
 }
-_STATE_PRICES = 1.0 / np.array([10.0] * 3 + [2.0] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4]) ** 2
-"""Of a deviation from the plan in every period: as much as one of `_COMMAND_PRICES`, in m, m/s, rad, rad/s, kg."""
-_LAST_PRICES = 1.0 / np.array([0.1] * 3 + [0.05] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4]) ** 2
+_ROLLED = 0.3
+"""Tilt above which a guess rolls the craft into its plane, rad."""
+_STATE_PRICES = (
+    1.0 / np.array([10.0] * 3 + [2.0] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4, 0.1, 0.2]) ** 2
+)
+"""Of a deviation from the plan in every period: as much as one of `_COMMAND_PRICES`, in the states' order."""
+_LAST_PRICES = 1.0 / np.array([0.1] * 3 + [0.05] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4, 0.1, 0.2]) ** 2
 """The same where the plan ends."""
-_COMMAND_PRICES = 1.0 / np.array([500.0, 0.2, 0.2]) ** 2
-"""Of a change of thrust, N, and of the tilt's second derivative, rad/s^2."""
+_COMMAND_PRICES = 1.0 / np.array([500.0, 0.2, 0.2, 0.2]) ** 2
+"""Of a change of thrust, N, and of the second derivatives of tilt and roll, rad/s^2."""
 
 
 @dataclass(frozen=True)
 class SteeredLanding:
     """A landing of a craft that turns, with thrust and turning held for equal periods.
 
-    A state is position (3, m) and velocity (3, m/s) in W, tilt (2, rad), its rate (2, rad/s), and mass (kg).
+    A state is position (3, m) and velocity (3, m/s) in W, tilt (2, rad), its rate (2, rad/s), and mass (kg): n = 11
+    numbers, with m = 3 commands. A craft that rolls has roll (rad) and its rate (rad/s) too, and one command more.
     """
 
     period: float
     """s."""
     states: np.ndarray
-    """(N + 1, 11)."""
+    """(N + 1, n)."""
     commands: np.ndarray
-    """(N, 3): thrust, N, and the second derivative of the tilt, rad/s^2."""
+    """(N, m): thrust, N, and the second derivatives of tilt and roll, rad/s^2."""
     gains: np.ndarray
-    """(N, 3, 11): by how much commands change with a deviation from the plan's state (time-varying LQR)."""
+    """(N, m, n): by how much commands change with a deviation from the plan's state (time-varying LQR)."""
     misses: np.ndarray
-    """(N + 1, 6, 11): how a deviation now changes the last position and velocity, with these gains."""
+    """(N + 1, 6, n): how a deviation now changes the last position and velocity, with these gains."""
 
     @property
     def propellant(self) -> float:
         """Used, kg."""
-        return float(self.states[0, -1] - self.states[-1, -1])
+        return float(self.states[0, 10] - self.states[-1, 10])
 
     @property
     def time(self) -> float:
@@ -84,29 +96,39 @@ class SteeredLandings:
     Args:
         lander: what lands.
         descent: what is asked for, with tolerances > 0.
-        turning: largest second derivative of either component of the tilt, rad/s^2.
+        turning: largest second derivative of either component of the tilt, and of the roll, rad/s^2.
         period: for which commands are held, s.
+        offset: angle between thrust and the axis of the craft whose tilt is limited, rad. Seen along the thrust, a
+            roll of 0 has this axis towards x. With 0 there is no roll.
     """
 
-    def __init__(self, lander: Lander, descent: Descent, turning: float, period: float) -> None:
+    def __init__(
+        self,
+        lander: Lander,
+        descent: Descent,
+        turning: float,
+        period: float,
+        offset: float = 0.0,
+    ) -> None:
         self._lander = lander
         self._descent = descent
         self._turning = turning
         self._period = period
-        self._step = _step(lander, descent, period)
-        state = ca.SX.sym("state", _STATES)
-        command = ca.SX.sym("command", _COMMANDS)
+        self._offset = offset
+        self._step = _step(lander, descent, period, rolls=offset > 0.0)
+        state = ca.SX.sym("state", self._step.size1_in(0))
+        command = ca.SX.sym("command", self._step.size1_in(1))
         after = self._step(state, command)
         slopes = [ca.jacobian(after, state), ca.jacobian(after, command)]
         self._slopes = ca.Function("slopes", [state, command], slopes)
         self._programs: dict[int, _Program] = {}
 
     def from_convex(self, state: np.ndarray, plan: Landing, count: int) -> SteeredLanding | None:
-        """Landing from a state (11,) in so many periods, guessed from a convex optimum; None: none was found."""
+        """Landing from a state (n,) in so many periods, guessed from a convex optimum; None: none was found."""
         return self._solved(state, self._guess(state, plan, count), count)
 
     def again(self, state: np.ndarray, plan: SteeredLanding, count: int) -> SteeredLanding | None:
-        """Landing from a state (11,) in so many periods, guessed from the end of a plan; None: none was found."""
+        """Landing from a state (n,) in so many periods, guessed from the end of a plan; None: none was found."""
         there = np.linspace(len(plan.commands) - count, len(plan.commands), count + 1)
         known = np.arange(len(plan.states))
         states = np.stack([np.interp(there, known, x) for x in plan.states.T], axis=1)
@@ -116,7 +138,13 @@ class SteeredLandings:
     def _solved(self, state: np.ndarray, guess: np.ndarray, count: int) -> SteeredLanding | None:
         if count not in self._programs:
             self._programs[count] = _Program(
-                self._lander, self._descent, self._turning, self._step, count, self._period
+                self._lander,
+                self._descent,
+                self._turning,
+                self._step,
+                count,
+                self._period,
+                self._offset,
             )
         answer = self._programs[count].solve(state, guess)
         if answer is None:
@@ -127,20 +155,22 @@ class SteeredLandings:
 
     def _gains(self, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`SteeredLanding.gains` and `SteeredLanding.misses`, by Riccati's recursion from the end."""
-        count = len(commands)
-        units = np.array([_THRUST, 1.0, 1.0])
-        gains = np.zeros((count, _COMMANDS, _STATES))
-        misses = np.zeros((count + 1, 6, _STATES))
+        count, width = commands.shape
+        size = states.shape[1]
+        scales = _UNITS[:size]
+        units = _COMMAND_UNITS[:width]
+        gains = np.zeros((count, width, size))
+        misses = np.zeros((count + 1, 6, size))
         misses[-1, :, :6] = np.eye(6)
-        price = np.diag(_LAST_PRICES)
+        price = np.diag(_LAST_PRICES[:size])
         for k in reversed(range(count)):
-            slopes = self._slopes(states[k] / _UNITS, commands[k] / units)
-            motion = np.array(slopes[0]) * _UNITS[:, None] / _UNITS
-            push = np.array(slopes[1]) * _UNITS[:, None] / units
+            slopes = self._slopes(states[k] / scales, commands[k] / units)
+            motion = np.array(slopes[0]) * scales[:, None] / scales
+            push = np.array(slopes[1]) * scales[:, None] / units
             weighed = push.T @ price
-            gains[k] = -solve(np.diag(_COMMAND_PRICES) + weighed @ push, weighed @ motion)
+            gains[k] = -solve(np.diag(_COMMAND_PRICES[:width]) + weighed @ push, weighed @ motion)
             closed = motion + push @ gains[k]
-            price = np.diag(_STATE_PRICES) + motion.T @ price @ closed
+            price = np.diag(_STATE_PRICES[:size]) + motion.T @ price @ closed
             price = 0.5 * (price + price.T)
             misses[k] = misses[k + 1] @ closed
         return gains, misses
@@ -168,7 +198,30 @@ class SteeredLandings:
             rate, turning = np.zeros((2, 2)), np.zeros((1, 2))
         held = np.interp(knots[:-1], np.arange(length), thrust)
         states = np.column_stack([at_knots[:, :8], rate, at_knots[:, 8]])
-        return _packed(states, np.column_stack([held, turning]))
+        commands = np.column_stack([held, turning])
+        if self._offset > 0.0:
+            roll = _rolled(states[:, 6:8], float(state[11]))
+            rate = np.gradient(roll, self._period) if count > 1 else np.zeros(2)
+            states = np.column_stack([states, roll, rate])
+            commands = np.column_stack([commands, np.diff(rate) / self._period])
+        return _packed(states, commands)
+
+
+def _rolled(tilts: np.ndarray, first: float) -> np.ndarray:
+    """Rolls (N + 1,), from the first one on, with which the axis is tilted less than thrust with these tilts."""
+    roll = np.full(len(tilts), np.nan)
+    roll[0] = first
+    last = first
+    for k in range(1, len(tilts)):
+        if np.linalg.norm(tilts[k]) > _ROLLED:
+            wanted = math.atan2(tilts[k, 0], -tilts[k, 1])
+            last = wanted + math.tau * round((last - wanted) / math.tau)
+            roll[k] = last
+    known = np.flatnonzero(np.isfinite(roll))
+    roll = np.interp(np.arange(len(tilts)), known, roll[known])
+    for _ in range(8):
+        roll[1:-1] = 0.25 * (roll[:-2] + 2.0 * roll[1:-1] + roll[2:])
+    return roll
 
 
 def direction_of(tilt: np.ndarray) -> np.ndarray:
@@ -201,17 +254,30 @@ def tilt_rate(direction: np.ndarray, w: np.ndarray) -> np.ndarray:
     return (tilt_of(direction + moved) - tilt_of(direction - moved)) / (2.0 * small)
 
 
+def attitude_of(tilt: np.ndarray, roll: float) -> np.ndarray:
+    """(3, 3) rotation to W from the frame whose z is along thrust, with a tilt (2,), rad, and a roll, rad."""
+    turn = np.array([[0.0, 0.0, tilt[1]], [0.0, 0.0, -tilt[0]], [-tilt[1], tilt[0], 0.0]])
+    c, s = math.cos(roll), math.sin(roll)
+    return expm(turn) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def roll_of(rotation: np.ndarray) -> float:
+    """Roll, rad within a turn, of a rotation (3, 3) to W from the frame whose z is along thrust."""
+    untilted = attitude_of(tilt_of(rotation[:, 2]), 0.0).T @ rotation
+    return math.atan2(untilted[1, 0], untilted[0, 0])
+
+
 def _packed(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
     """The solver's variables: states after each period, then commands."""
-    units = np.array([_THRUST, 1.0, 1.0])
-    return np.concatenate([(states[1:] / _UNITS).ravel(), (commands / units).ravel()])
+    scales, units = _UNITS[: states.shape[1]], _COMMAND_UNITS[: commands.shape[1]]
+    return np.concatenate([(states[1:] / scales).ravel(), (commands / units).ravel()])
 
 
-def _step(lander: Lander, descent: Descent, period: float) -> ca.Function:
+def _step(lander: Lander, descent: Descent, period: float, rolls: bool = False) -> ca.Function:
     """Motion over one period in the solver's units, by the classical Runge-Kutta method."""
-    state = ca.SX.sym("state", _STATES)
-    command = ca.SX.sym("command", _COMMANDS)
-    units = ca.DM(_UNITS)
+    state = ca.SX.sym("state", _STATES + 2 * rolls)
+    command = ca.SX.sym("command", _COMMANDS + rolls)
+    units = ca.DM(_UNITS[: _STATES + 2 * rolls])
 
     def slope(x: ca.SX) -> ca.SX:
         tilt = x[6:8]
@@ -222,6 +288,8 @@ def _step(lander: Lander, descent: Descent, period: float) -> ca.Function:
         acceleration = push - ca.DM([0.0, 0.0, descent.gravity])
         flow = command[0] * (_THRUST / lander.exhaust_speed)
         derivative = ca.vertcat(x[3:6] * _UNITS[3], acceleration, x[8:10], command[1:3], -flow)
+        if rolls:
+            derivative = ca.vertcat(derivative, x[12], command[3])
         return derivative / units
 
     first = slope(state)
@@ -230,6 +298,14 @@ def _step(lander: Lander, descent: Descent, period: float) -> ca.Function:
     fourth = slope(state + period * third)
     after = state + period / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
     return ca.Function("step", [state, command], [after])
+
+
+def _height_of_axis(tilt: ca.MX, roll: ca.MX, offset: float) -> ca.MX:
+    """Cosine of the tilt (1, N) of an axis off the thrust, whose tilts are (2, N) and whose rolls are (1, N)."""
+    angle = ca.sqrt(ca.sum1(tilt**2) + 1e-12)
+    share = ca.sin(angle) / angle
+    towards = tilt[0, :] * ca.sin(roll) - tilt[1, :] * ca.cos(roll)
+    return math.cos(offset) * ca.cos(angle) + math.sin(offset) * towards * share
 
 
 class _Program:
@@ -243,32 +319,44 @@ class _Program:
         step: ca.Function,
         count: int,
         period: float,
+        offset: float,
     ) -> None:
         self._count = count
-        states = ca.MX.sym("states", _STATES, count)
-        commands = ca.MX.sym("commands", _COMMANDS, count)
-        start = ca.MX.sym("start", _STATES)
+        size, width = step.size1_in(0), step.size1_in(1)
+        self._size, self._width = size, width
+        states = ca.MX.sym("states", size, count)
+        commands = ca.MX.sym("commands", width, count)
+        start = ca.MX.sym("start", size)
         before = ca.horzcat(start, states[:, :-1])
 
-        # Rows, each with its bounds: intervals join; tilt in the middle and at the end of a period; glide slope;
-        # height in the middle; where it ends.
+        # Rows, each with its bounds: intervals join; tilt and glide slope in the middle and at the end of a
+        # period; height in the middle; where it ends.
         rows: list[ca.MX] = [ca.vec(states - step.map(count)(before, commands))]
-        low = [np.zeros(_STATES * count)]
-        high = [np.zeros(_STATES * count)]
+        low = [np.zeros(size * count)]
+        high = [np.zeros(size * count)]
         middle = (
             before[6:8, :] + 0.5 * period * before[8:10, :] + 0.125 * period**2 * commands[1:3, :]
         )
-        for tilt in (middle, states[6:8, :]):
-            rows.append(ca.sum1(tilt**2).T)
-            low.append(np.full(count, -np.inf))
-            high.append(np.full(count, descent.tilt**2))
-        rim = states[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
-        rows.append((rim**2 - ca.sum1(states[:2, :] ** 2)).T)
-        low.append(np.zeros(count))
-        high.append(np.full(count, np.inf))
-        height = 0.5 * (before[2, :] + states[2, :]) * _UNITS[2]
-        height += 0.125 * period * (before[5, :] - states[5, :]) * _UNITS[5]
-        rows.append(height.T)
+        if offset > 0.0:
+            turned = before[11, :] + 0.5 * period * before[12, :]
+            turned += 0.125 * period**2 * commands[3, :]
+            for tilt, roll in ((middle, turned), (states[6:8, :], states[11, :])):
+                rows.append(_height_of_axis(tilt, roll, offset).T)
+                low.append(np.full(count, math.cos(descent.tilt)))
+                high.append(np.full(count, np.inf))
+        else:
+            for tilt in (middle, states[6:8, :]):
+                rows.append(ca.sum1(tilt**2).T)
+                low.append(np.full(count, -np.inf))
+                high.append(np.full(count, descent.tilt**2))
+        halfway = 0.5 * (before[:3, :] + states[:3, :])
+        halfway += 0.125 * period * (before[3:6, :] - states[3:6, :]) * (_UNITS[3] / _UNITS[0])
+        for place in (halfway, states[:3, :]):
+            rim = place[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
+            rows.append((rim**2 - ca.sum1(place[:2, :] ** 2)).T)
+            low.append(np.zeros(count))
+            high.append(np.full(count, np.inf))
+        rows.append(halfway[2, :].T * _UNITS[2])
         low.append(np.full(count, _HEIGHT))
         high.append(np.full(count, np.inf))
         for part, tolerance in (
@@ -279,7 +367,7 @@ class _Program:
             low.append(np.zeros(1))
             high.append(np.full(1, tolerance**2))
 
-        cost = -10.0 * states[10, -1] + _SMOOTHNESS * ca.sumsqr(commands[1:3, :]) / count
+        cost = -10.0 * states[10, -1] + _SMOOTHNESS * ca.sumsqr(commands[1:, :]) / count
         problem = {
             "x": ca.vertcat(ca.vec(states), ca.vec(commands)),
             "p": start,
@@ -288,11 +376,11 @@ class _Program:
         }
         self._solver = ca.nlpsol("landing", "ipopt", problem, _OPTIONS)
 
-        least = np.full((count, _STATES), -np.inf)
+        least = np.full((count, size), -np.inf)
         least[:, 2] = _HEIGHT / _UNITS[2]
         least[:, 10] = (lander.mass - lander.propellant) / _UNITS[10]
-        weakest = [lander.least_thrust / _THRUST, -turning, -turning]
-        strongest = [lander.largest_thrust / _THRUST, turning, turning]
+        weakest = [lander.least_thrust / _THRUST, *[-turning] * (width - 1)]
+        strongest = [lander.largest_thrust / _THRUST, *[turning] * (width - 1)]
         self._bounds = {
             "lbx": np.concatenate([least.ravel(), np.tile(weakest, count)]),
             "ubx": np.concatenate([np.full(least.size, np.inf), np.tile(strongest, count)]),
@@ -301,12 +389,13 @@ class _Program:
         }
 
     def solve(self, state: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """States (N + 1, 11) and commands (N, 3) in SI units; None: the solver did not succeed."""
-        answer = self._solver(x0=guess, p=state / _UNITS, **self._bounds)
+        """States (N + 1, n) and commands (N, m) in SI units; None: the solver did not succeed."""
+        scales = _UNITS[: self._size]
+        answer = self._solver(x0=guess, p=state / scales, **self._bounds)
         if not self._solver.stats()["success"]:
             return None
         x = np.array(answer["x"]).ravel()
-        split = _STATES * self._count
-        after = x[:split].reshape(self._count, _STATES) * _UNITS
-        commands = x[split:].reshape(self._count, _COMMANDS) * [_THRUST, 1.0, 1.0]
+        split = self._size * self._count
+        after = x[:split].reshape(self._count, self._size) * scales
+        commands = x[split:].reshape(self._count, self._width) * _COMMAND_UNITS[: self._width]
         return np.vstack([state, after]), commands
