@@ -141,8 +141,15 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
             self._timing.control_period,
             self._offset,
         )
+        self._waits: list[int] = []
+        """Periods until a first plan is tried again, of each episode."""
         # Thrust may be tilted more than the craft.
         self._convex = replace(self._descent, tilt=self._descent.tilt + self._offset)
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; plans are forgotten."""
+        super().reset(count)
+        self._waits = [0] * count
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state, and where the site is."""
@@ -163,7 +170,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         if followed is not None:
             here = here.near(followed)
         if followed is None:
-            followed = self._planned(here)
+            if self._waits[number] == 0:
+                followed = self._planned(here)
+                self._waits[number] = _PAUSE
+            self._waits[number] -= 1
         elif followed.left > _LAST and followed.is_off(here.state, self._descent):
             followed = self._planned_again(followed, here)
         self._plans[number] = followed
