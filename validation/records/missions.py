@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 import tyro
 
-from rans.errors import SolverFailed
+from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.transfers import bounds
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
@@ -80,6 +80,8 @@ _LANDED: dict[str, dict[str, Any]] = {
 }
 """Settings of landings that guidance flies, by what the table calls them."""
 
+_DEAD = "one engine dead"
+"""What the table calls landings without one engine."""
 _NUMBERS = ("won", "violated", "ratio", "worst", "spent")
 """Fields of a row that a file may not know: "nan" there."""
 
@@ -133,12 +135,15 @@ class Missions:
     """The first of them that agents fly in Drake too."""
     seed: int = EVALUATION_SEED
     """Of the starts."""
+    only: str = ""
+    """Of landings: measure the rows of this condition alone, "one engine dead". Others are kept as they are in the
+    evidence."""
     docs: Path | None = None
     """Folder of the documents whose table and evidence are written; by default nothing is."""
 
     def run(self) -> int:
         """Print and write."""
-        rows = [*(self._orbital() if self.mission in _DEADLINES else self._others())]
+        rows = [*self._rows()]
         cells = [row.cells(_unit(self.mission)) for row in rows]
         Terminal().show(f"{self.mission}, seed {self.seed}", _HEADINGS, cells)
         if self.docs is not None:
@@ -151,9 +156,22 @@ class Missions:
                 "environment": environment(),
                 "rows": [vars(row) for row in rows],
             }
-            write_json(self.docs / "validation" / f"mission-{self.mission}.json", evidence)
+            file = self.docs / "validation" / f"mission-{self.mission}.json"
+            if self.only:
+                before = read_json(file)
+                others = [r for r in before["rows"] if not r["condition"].startswith(self.only)]
+                evidence = before | {"rows": [*others, *evidence["rows"]]}
+            write_json(file, evidence)
             in_document(self.docs, self.mission).write(self.docs)
         return 0
+
+    def _rows(self) -> Iterator[Row]:
+        """Of all conditions, or of the one that is to be measured alone."""
+        if self.only:
+            if (self.mission, self.only) != ("land", _DEAD):
+                raise ConfigError(f"only takes {_DEAD!r}, of land, got {self.only!r}.")
+            return self._with_a_dead_engine(Land())
+        return self._orbital() if self.mission in _DEADLINES else self._others()
 
     def _specs(self) -> list[str]:
         """Agents of this mission that come with RANS, and those that are named."""
@@ -292,7 +310,7 @@ class Missions:
                 )
                 flight = flying(craft, task, guidance, few, task.timing, body=body)
                 yield row_of(
-                    f"one engine dead, {len(rows)} of {self.bounded}",
+                    f"{_DEAD}, {len(rows)} of {self.bounded}",
                     who,
                     flight,
                     _spent(flight),

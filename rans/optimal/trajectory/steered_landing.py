@@ -329,8 +329,8 @@ class _Program:
         start = ca.MX.sym("start", size)
         before = ca.horzcat(start, states[:, :-1])
 
-        # Rows, each with its bounds: intervals join; tilt and glide slope in the middle and at the end of a
-        # period; height in the middle; where it ends.
+        # Rows, each with its bounds: intervals join; tilt in the middle and at the end of a period; glide slope;
+        # height in the middle; where it ends.
         rows: list[ca.MX] = [ca.vec(states - step.map(count)(before, commands))]
         low = [np.zeros(size * count)]
         high = [np.zeros(size * count)]
@@ -351,7 +351,8 @@ class _Program:
                 high.append(np.full(count, descent.tilt**2))
         halfway = 0.5 * (before[:3, :] + states[:3, :])
         halfway += 0.125 * period * (before[3:6, :] - states[3:6, :]) * (_UNITS[3] / _UNITS[0])
-        for place in (halfway, states[:3, :]):
+        # Between the periods only craft that roll came below the slope, by centimetres near the ground.
+        for place in (halfway, states[:3, :]) if offset > 0.0 else (states[:3, :],):
             rim = place[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
             rows.append((rim**2 - ca.sum1(place[:2, :] ** 2)).T)
             low.append(np.zeros(count))

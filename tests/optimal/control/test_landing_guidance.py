@@ -10,6 +10,8 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.flight import Flight, fly
+from rans.model.body import Body
+from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.convex.landing import Descent, Lander, best_landing
@@ -69,6 +71,20 @@ def test_it_plans_again_when_it_is_off_its_way() -> None:
     assert not flight.violated().any()
 
 
+@pytest.mark.slow
+def test_it_lands_without_an_engine_that_it_knows_to_be_dead() -> None:
+    """Thrust of the other five is off the craft's axis, so that the craft has to roll below the tilt limit."""
+    many = scenarios(TASK, LANDER, 13, 3)
+    begun = map_leaves(lambda x: np.broadcast_to(x, 3)[2:], many)
+    body = Body.of(LANDER)
+    body = replace(body, gain=(0.0, *body.gain[1:]))
+    guidance = LandingGuidance(LANDER, TASK, dead=(0,))
+    flight = fly(LANDER, TASK, guidance, begun, TASK.timing, body=body)
+    assert flight.done is not None
+    assert flight.done.all()
+    assert not flight.violated().any()
+
+
 def test_it_is_for_landers_that_wheels_turn() -> None:
     with pytest.raises(ConfigError, match="flies descents"):
         LandingGuidance("free-flyer", "go-to-pose")
@@ -76,3 +92,8 @@ def test_it_is_for_landers_that_wheels_turn() -> None:
         LandingGuidance(LANDER, TASK, reserve=0.5)
     with pytest.raises(ConfigError, match="reaction wheels"):
         LandingGuidance(replace(LANDER, wheels=()), TASK)
+    with pytest.raises(ConfigError, match="dead engines are some"):
+        LandingGuidance(LANDER, TASK, dead=(6,))
+    aside = replace(LANDER.thrusters[0], position=(0.0, 0.5, 0.0))
+    with pytest.raises(ConfigError, match="the others turn"):
+        LandingGuidance(replace(LANDER, thrusters=(aside, *LANDER.thrusters[1:])), TASK, dead=(1,))

@@ -11,6 +11,8 @@ from rans.optimal.convex.landing import Descent, Lander, landing
 from rans.optimal.trajectory.steered_landing import (
     SteeredLandings,
     angular_velocity,
+    attitude_of,
+    roll_of,
     tilt_of,
     tilt_rate,
 )
@@ -29,6 +31,14 @@ def test_a_tilt_is_a_rotation_vector() -> None:
     # Turning about an axis across thrust at 0.2 rad/s; turning about thrust itself moves nothing.
     np.testing.assert_allclose(tilt_rate(to_x, np.array([0.0, 0.2, 0.0])), [0.0, 0.2], atol=1e-9)
     np.testing.assert_allclose(tilt_rate(to_x, 0.3 * to_x), [0.0, 0.0], atol=1e-9)
+
+
+def test_roll_comes_before_tilt() -> None:
+    """Rolled by 90 degrees, x of the craft is along y; tilted by 30 degrees about x then, it points upwards."""
+    turned = attitude_of(np.array([math.radians(30.0), 0.0]), math.radians(90.0))
+    np.testing.assert_allclose(turned[:, 0], [0.0, math.sqrt(0.75), 0.5], atol=1e-12)
+    np.testing.assert_allclose(turned[:, 2], [0.0, -0.5, math.sqrt(0.75)], atol=1e-12)
+    assert roll_of(turned) == pytest.approx(math.radians(90.0))
 
 
 def test_turning_about_one_axis() -> None:
