@@ -62,7 +62,7 @@ def test_it_plans_again_when_it_is_off_its_way(search: bool) -> None:
 @pytest.mark.slow
 def test_a_plan_that_reaches_the_cone_a_check_earlier_than_expected_still_keeps_it() -> None:
     """From this start a plan that keeps the cone is found only by rounds in which it reaches farther."""
-    task = replace(Rendezvous().for_evaluation(), deadline=(7000.0, 7000.0))
+    task = Rendezvous(deadline=(7000.0, 7000.0)).for_evaluation()
     many = scenarios(task, CHASER, EVALUATION_SEED, 16)
     starts = map_leaves(lambda x: np.broadcast_to(x, 16)[15:], many)
     row = row_of("", fly(CHASER, task, ConvexGuidance(CHASER, task), starts, task.timing))
