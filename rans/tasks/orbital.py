@@ -136,6 +136,8 @@ class OrbitalMission(SingleTask):
     """Distance that recommended velocities keep from keep-out balls, m: coasts are checked at a few points."""
     brakes: ClassVar[bool] = False
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
+    keeps: ClassVar[tuple[type[Shape], ...]] = (Ball, SpeedLimit)
+    """Classes of the limits that recommended velocities keep."""
     few_burns: ClassVar[bool] = False
     """Whether recommendations are transfers of few burns (`rans.tasks.transfers`); only of missions that brake."""
 

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rans.model.dynamics import State
+from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
+from rans.tasks.approach import Approach
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone, Shape
+
+_OF_SPEED = 0.99
+"""Share of the velocity tolerance that recommendations do not brake."""
+_OF_ANGLE = 29.0 / 30.0
+"""Share of the cone's half angle that they use."""
 
 
 @dataclass(frozen=True)
@@ -62,15 +69,47 @@ class Rendezvous(OrbitalMission):
 
     flag = 10
     brakes: ClassVar[bool] = True
+    keeps: ClassVar[tuple[type[Shape], ...]] = (Cone,)
     spacecraft: ClassVar[str | None] = "arpod-chaser"
     timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, checks=10)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The line-of-sight cone, whose apex is behind the target so that it contains the ball of contact."""
         axis = replace(goal.p.scale(0.0), x=-1.0)
-        depth = self.position_tolerance / math.sin(math.radians(self.cone_degrees))
-        apex = goal.p - axis.scale(depth)
+        apex = goal.p - axis.scale(self._depth())
         return {"cone": Cone(apex, axis, math.radians(self.cone_degrees), self.cone_length)}
+
+    def recommended(self, state: Any, goal: Any, left: Field) -> Any:
+        """Velocity in W, m/s, with which to go to the goal inside the cone (`rans.tasks.approach`).
+
+        It arrives at the end of the last whole control period before the deadline, whatever arrival is planned.
+        """
+        return state.v + self._approach(state, goal).burn()
+
+    def _counted(self, state: Any, goal: Any, left: Field) -> Field:
+        """See `OrbitalMission`: by the deadline, too."""
+        price = self._approach(state, goal).price()
+        return where(price < self.most_gain, price, self.most_gain)
+
+    def _approach(self, state: Any, goal: Any) -> Approach:
+        """Transfers from a state to the goal by the deadline."""
+        depth = self._depth()
+        return Approach(
+            self.mean_motion,
+            state.p,
+            state.v,
+            goal.p,
+            self._whole(goal.notes[0]),
+            self.timing.control_period,
+            self.velocity_tolerance * _OF_SPEED,
+            math.tan(math.radians(self.cone_degrees * _OF_ANGLE)),
+            self.cone_length - depth,
+            depth,
+        )
+
+    def _depth(self) -> float:
+        """Distance of the cone's apex behind the goal, m."""
+        return self.position_tolerance / math.sin(math.radians(self.cone_degrees))
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start near the axis of the cone, and the target at the origin with a deadline and a plan in its notes."""

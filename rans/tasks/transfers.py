@@ -106,7 +106,7 @@ class _Choice(NamedTuple):
         )
 
 
-class _Effect(NamedTuple):
+class Effect(NamedTuple):
     """What 1 m/s does within a time."""
 
     time: Field
@@ -176,14 +176,14 @@ class Coast:
         return Transfer(Vec3(*best.now, across), best.price + price, _larger(best.brake, brake))
 
     @cached_property
-    def _effects(self) -> list[_Effect]:
+    def _effects(self) -> list[Effect]:
         """After 0, 1, ..., `PARTS` parts of the time; sines of sums are sums of products."""
         half = 0.5 * self.n / PARTS * self.time
         one = sin(half), cos(half)
         s, c = self.time * 0.0, self.time * 0.0 + 1.0
         found = []
         for k in range(PARTS + 1):
-            found.append(_Effect(self.time * (k / PARTS), 2.0 * s * c, 2.0 * s * s))
+            found.append(Effect(self.time * (k / PARTS), 2.0 * s * c, 2.0 * s * s))
             s, c = s * one[1] + c * one[0], c * one[1] - s * one[0]
         return found
 
@@ -263,7 +263,7 @@ class Coast:
         for k in range(_AIMS):
             angle = 2.0 * math.pi * k / _AIMS
             aside = zero + ends.plane * math.cos(angle), zero + ends.plane * math.sin(angle)
-            sizes = _solved(*places, (missed.x + aside[0], missed.y + aside[1]))
+            sizes = solved(*places, (missed.x + aside[0], missed.y + aside[1]))
             price, brake = self._braked(sizes, speeds)
             best = best.or_else(price < best.price, _Choice(price, brake, sizes, aside))
         return best
@@ -279,7 +279,7 @@ class Coast:
             rest = self._effects[PARTS - j]
             for first, second, begun in ((0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, j)):
                 effect = rest if begun else whole
-                sizes = _solved(effect.place(self.n, first), rest.place(self.n, second), missed)
+                sizes = solved(effect.place(self.n, first), rest.place(self.n, second), missed)
                 price, brake = self._braked(sizes, (effect.speed(first), rest.speed(second)))
                 price = price + self._too_long(sizes[1])
                 if begun:
@@ -334,7 +334,7 @@ class Coast:
         return most * (_DETOUR / (2.0 * ball.radius * self.time))
 
 
-def _solved(first: Pair, second: Pair, missed: Pair) -> Pair:
+def solved(first: Pair, second: Pair, missed: Pair) -> Pair:
     """Factors of two vectors in the plane whose sum is a third."""
     determinant = first[0] * second[1] - first[1] * second[0]
     # Vectors along one line solve nothing: factors are huge then.

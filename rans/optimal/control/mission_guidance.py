@@ -21,7 +21,6 @@ from rans.randomization.conditions import Conditions, bounds, largest
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
-from rans.tasks.shapes import Ball, SpeedLimit
 
 _DOUBT = 2.0
 """Standard deviations of a correction below which it is not given: it would mostly correct errors of navigation."""
@@ -79,8 +78,7 @@ class MissionGuidance(ModelBased):
         self._mission = self._given
         if not self.keeps_limits(self._given):
             raise ConfigError(
-                "mission guidance keeps speed limits and keep-out balls, but "
-                f"{type(self._given).__name__} has other limits; fly it with convex."
+                f"mission guidance does not keep all limits of {type(self._given).__name__}; fly it with convex."
             )
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._period = self._timing.control_period
@@ -132,7 +130,7 @@ class MissionGuidance(ModelBased):
     def keeps_limits(task: OrbitalMission) -> bool:
         """Whether all limits of a mission are of the kinds that its recommendation keeps."""
         goal = scenario(task, task.dimensions[0], seed=0, episode=0).goal
-        return all(isinstance(limit, Ball | SpeedLimit) for limit in task.limits(goal).values())
+        return all(isinstance(limit, task.keeps) for limit in task.limits(goal).values())
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets estimates."""

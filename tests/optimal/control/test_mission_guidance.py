@@ -31,9 +31,11 @@ from rans.scenario import draws, scenarios
 from rans.tasks import Dock, Hold, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
+from rans.tasks.shapes import Ball
 
 DEPUTY = load_spacecraft("afrl-deputy")
 CHASER = load_spacecraft("vbar-chaser")
+APPROACHING = load_spacecraft("arpod-chaser")
 
 
 def test_it_docks_in_a_hurry_below_the_speed_limit() -> None:
@@ -151,10 +153,53 @@ def test_craft_with_other_thrusters_are_refused() -> None:
         MissionGuidance("mars-lander-steered", Dock())
 
 
-def test_a_mission_with_a_cone_is_refused() -> None:
-    """Of 256 flights none kept the cone."""
-    with pytest.raises(ConfigError, match="Rendezvous has other limits"):
-        MissionGuidance("arpod-chaser", Rendezvous())
+def test_a_mission_with_limits_that_are_not_kept_is_refused() -> None:
+    class Gated(Rendezvous):
+        keeps = (Ball,)
+
+    with pytest.raises(ConfigError, match="does not keep all limits of Gated"):
+        MissionGuidance("arpod-chaser", Gated())
+
+
+@pytest.mark.parametrize(
+    "deadline",
+    [
+        4000.0,
+        pytest.param(7000.0, marks=pytest.mark.slow),
+        pytest.param(10000.0, marks=pytest.mark.slow),
+    ],
+)
+def test_it_docks_inside_the_cone(deadline: float) -> None:
+    """Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts."""
+    task = Rendezvous(deadline=(deadline, deadline))
+    starts = scenarios(task, APPROACHING, 7, 24)
+    guidance = MissionGuidance(APPROACHING, task)
+    row = row_of("", fly(APPROACHING, task, guidance, starts, task.timing))
+    assert row.docked.all()
+    assert not row.violated.any()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* does not know the constraints")
+def test_inside_the_cone_it_spends_less_than_two_burns() -> None:
+    task = Rendezvous(deadline=(5000.0, 5000.0))
+    starts = scenarios(task, APPROACHING, 7, 24)
+    ours, theirs = (
+        row_of("", fly(APPROACHING, task, kind(APPROACHING, task), starts, task.timing))
+        for kind in (MissionGuidance, VelocityToGain)
+    )
+    both = ours.docked & theirs.docked
+    assert ours.impulse[both].mean() < 0.9 * theirs.impulse[both].mean()
+
+
+def test_drake_docks_inside_the_cone() -> None:
+    task = Rendezvous(deadline=(4000.0, 4000.0))
+    starts = scenarios(task, APPROACHING, 7, 1)
+    guidance = MissionGuidance(APPROACHING, task)
+    ours = row_of("", fly(APPROACHING, task, guidance, starts, task.timing))
+    drake = row_of("", fly_in_drake(APPROACHING, task, guidance, starts, task.timing))
+    assert drake.docked.all()
+    np.testing.assert_allclose(drake.impulse, ours.impulse, rtol=1e-5)
 
 
 @pytest.mark.slow
