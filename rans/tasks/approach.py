@@ -292,6 +292,10 @@ class Approach:
         """The brake of a period that begins now, m/s."""
         after = self._time * 0.0 + self.period
         _, at_goal = ClohessyWiltshire(self.n).carry(self.p, self.v, after)
+        brake = _clipped(at_goal, unbraked(at_goal, self.speed)) - at_goal
+        # In the rest of the period the frame turns what is braked.
+        _, aside = self._effect(0.5 * after).speed(0)
+        at_goal = at_goal + Vec3(0.0 - brake.y * aside, brake.x * aside, brake.z * 0.0)
         return _clipped(at_goal, unbraked(at_goal, self.speed)) - at_goal
 
 

@@ -41,8 +41,8 @@ class MissionGuidance(ModelBased):
     <mission: Dock for afrl-deputy>
 
     The recommendation (`rans.tasks.orbital.OrbitalMission.recommended`) keeps below speed limits, goes around
-    keep-out balls and makes burns later where that is cheaper. Agents with the head "guided" observe it, and
-    begin their training as this controller.
+    keep-out balls, stays inside the cone of rendezvous, and makes burns later where that is cheaper. Agents with
+    the head "guided" observe it, and begin their training as this controller.
 
     With known errors it estimates position and velocity by a Kalman filter, gives no correction below two standard
     deviations, expects the mean command delay, and stays farther below speed limits. Burns of pulsed thrusters are
@@ -57,8 +57,8 @@ class MissionGuidance(ModelBased):
             ranges of thrust and command delay. The default is a perfect world.
 
     Raises:
-        ConfigError: the task is no mission on an orbit or has other limits, such as a cone, or the craft has
-            other thrusters.
+        ConfigError: the task is no mission on an orbit or has limits that its recommendation does not keep, or the
+            craft has other thrusters.
     """
 
     name = "mission"
