@@ -218,8 +218,11 @@ class Inspect(SingleTask):
         return (Ball(goal.p, goal.v, self.keep_out),)
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the keep-out ball, m."""
-        return {"keep-out": self.scenery(goal)[0].gap(state.p)}
+        """Distance from the keep-out ball, and from the end of the zone, m."""
+        return {
+            "keep-out": self.scenery(goal)[0].gap(state.p),
+            "zone": self.fail_distance - (state.p - goal.p).norm(),
+        }
 
     def done(self, state: State, goal: State) -> Field:
         """Whether enough points have been seen."""
