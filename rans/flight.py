@@ -63,7 +63,7 @@ class Controller(Protocol):
 def informed(controller: Controller, conditions: Conditions | None) -> Controller:
     """The controller that expects the conditions of its flights, if it can: then it has a method ``expecting``.
 
-    Only controllers that RANS makes by name are told; those of users and plug-ins fly as they were made.
+    Only controllers that RANS makes by name are informed; those of users and plug-ins fly as they were made.
 
     Args:
         controller: any controller.

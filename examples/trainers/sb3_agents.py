@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -37,9 +37,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "DQN": {**OFF_POLICY, "target_update_interval": 8192, "exploration_fraction": 0.5},
 }
 ALGORITHM = sys.argv.pop(1) if len(sys.argv) > 1 and sys.argv[1] in SETTINGS else "PPO"
-CRAFT = rans.load_spacecraft("floating-platform")
-if ALGORITHM in ("SAC", "TD3"):
-    CRAFT = replace(CRAFT, actuators=rans.Throttle())
+THROTTLED = Path(__file__).with_name("throttled-platform.toml")
+CRAFT = rans.load_spacecraft(THROTTLED if ALGORITHM in ("SAC", "TD3") else "floating-platform")
 
 
 def valves(choice: torch.Tensor) -> torch.Tensor:

@@ -114,8 +114,8 @@ def main(train: Callable[[int], Agent], spacecraft: rans.Spacecraft | None = Non
     agent = train(given.steps)
     seconds, processor = time.perf_counter() - begun, time.process_time() - used
     found = judged(agent, given.episodes, spacecraft)
-    told = ", ".join(f"{name} {value:.4g}" for name, value in found.items())
-    print(f"{given.steps} steps, {seconds:.1f} s ({processor:.1f} s of a core): {told}")
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in found.items())
+    print(f"{given.steps} steps, {seconds:.1f} s ({processor:.1f} s of a core): {figures}")
     if given.save is not None:
-        agent.save(given.save, f"{Path(sys.argv[0]).name}, {given.steps} steps: {told}")
+        agent.save(given.save, f"{Path(sys.argv[0]).name}, {given.steps} steps: {figures}")
         print(f"Written to {given.save}")

@@ -11,7 +11,7 @@ which rotates with the target.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportGeneralTypeIssues=false
+# pyright: reportMissingModuleSource=false, reportArgumentType=false, reportCallIssue=false, reportGeneralTypeIssues=false
 
 from __future__ import annotations
 
@@ -153,6 +153,8 @@ def fly_to_contact(
         ConfigError: see `DockingPlant`.
     """
     craft = setup.craft
+    if setup.conditions is not None:
+        raise ConfigError("contact in Drake is for nominal conditions: leave conditions out.")
     setup = setup._replace(timing=chosen(craft, setup.timing, None))
     timing = setup.timing
     world = World(setup)
@@ -357,8 +359,8 @@ class DockingPlant:
     def capture(self, seconds: float = 20.0) -> Capture:
         """Shut all valves, close the latches, and simulate for some seconds.
 
-        "At rest" means within 2 mm, 0.5 degrees and 1 mm/s of the docked pose. The largest loads are those of the
-        whole time; latches that open at their strength fail at once.
+        "At rest" means within 2 mm, 0.5 degrees and 1 mm/s of the docked pose. A load beyond the strength of the
+        latches counts as a failure, and the simulation goes on as if they held.
         """
         system = self.system
         self._open(np.zeros(len(self.craft.thrusters)))

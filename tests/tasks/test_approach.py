@@ -52,7 +52,7 @@ def test_it_arrives_inside_the_cone(y: float) -> None:
 
 
 def test_what_is_not_braked_is_the_best_of_a_grid() -> None:
-    """Of velocities on a grid within the speed, with one, two and three components braked."""
+    """A grid of velocities within the speed costs no less, with one, two and three components braked."""
     grid = np.linspace(0.0, 0.05, 101)
     ends = np.array([x for x in itertools.product(grid, repeat=3) if np.linalg.norm(x) <= 0.05])
     for velocity in ([0.1, 0.01, 0.005], [0.02, -0.1, 0.2], [0.3, 0.1, -0.2]):

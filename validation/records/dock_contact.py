@@ -84,7 +84,7 @@ class DockContact:
     episodes: int = 64
     """Held-out starts."""
     seed: int = EVALUATION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     docs: Path | None = None
     """Folder of the documents whose table and evidence are written; by default nothing is."""
 

@@ -134,9 +134,9 @@ class Missions:
     drake: int = 0
     """The first of them that agents fly in Drake too."""
     seed: int = EVALUATION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     only: str = ""
-    """Of landings: measure the rows of this condition alone, "one engine dead". Others are kept as they are in the
+    """Measure the rows of one condition of land alone, "one engine dead". Others are kept as they are in the
     evidence."""
     docs: Path | None = None
     """Folder of the documents whose table and evidence are written; by default nothing is."""
@@ -166,7 +166,7 @@ class Missions:
         return 0
 
     def _rows(self) -> Iterator[Row]:
-        """Of all conditions, or of the one that is to be measured alone."""
+        """Rows of all conditions, or of the one that is to be measured alone."""
         if self.only:
             if (self.mission, self.only) != ("land", _DEAD):
                 raise ConfigError(f"only takes {_DEAD!r}, of land, got {self.only!r}.")

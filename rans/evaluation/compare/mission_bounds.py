@@ -18,6 +18,8 @@ from rans.progress import Progress, unseen
 
 _TIMES = 8
 """Times at which the front of a start is bounded."""
+_ROUNDING = 1e-6
+"""Relative error of an impulse and of a bound by rounding."""
 _EARLIEST = 0.25
 """Earliest of these times, as a share of the deadline."""
 
@@ -53,6 +55,14 @@ class MissionBounds:
             f"Impulse over the certified least, mean of the first {len(self.lower)} starts that succeeded: "
             f"{', '.join(parts)}."
         )
+
+    def impossible(self, entries: Sequence[Entry]) -> list[str]:
+        """Sentences about flights below their bound, each of which would prove an error in the package."""
+        return [
+            f"{entry.name} beats the certified least impulse: the bound or the flight is wrong."
+            for entry in entries
+            if np.any(self.ratios(entry) < 1.0 - _ROUNDING)
+        ]
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`; what is impossible is None."""

@@ -293,6 +293,7 @@ def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
     with _noted(comparison, "certified bounds"):
         comparison.mission = mission_bounds(comparison.contest, count, step)
         comparison.notes.append(comparison.mission.sentence(comparison.entries))
+        comparison.failures += comparison.mission.impossible(comparison.entries)
 
 
 def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:

@@ -87,7 +87,7 @@ class LoadedRun(NamedTuple):
     def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
         """The run under other conditions, given by name, file or as an object; None: under its own.
 
-        A controller that can expect them is told (`rans.flight.informed`).
+        A controller that can expect conditions is informed of them (`rans.flight.informed`).
         """
         if conditions is None:
             return self

@@ -80,7 +80,7 @@ BESIDE = ("lqr", "switching", "mpc", "optimal")
 def controller(name: str, setup: Setup) -> Controller:
     """Make a controller by name, with settings that were tuned for the setup, else with default settings.
 
-    A built-in one that can expect errors of sensors and thrusters is told the setup's conditions.
+    A built-in one that can expect errors of sensors and thrusters expects the setup's conditions.
 
     Raises:
         ConfigError: there is no such controller, or none for this spacecraft.

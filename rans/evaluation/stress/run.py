@@ -76,7 +76,7 @@ class Stress:
         return result is not None and bool(result.conditions)
 
     def _controller(self, spec: str, level: Level) -> Controller:
-        """A contestant at a level: told its conditions, or with the settings that were tuned for them."""
+        """A contestant at a level: it expects its conditions, or has the settings that were tuned for them."""
         if not self.tuned_for(spec, level):
             return informed(self.contestants[spec].controller, level.conditions)
         setup = self.contest.setup._replace(conditions=level.conditions)

@@ -38,7 +38,7 @@ from rans.tasks.base import Task
 from rans.tasks.land import Land
 
 _STATES = 11
-"""Of a plan without roll."""
+"""Number of states of a plan without roll."""
 _TURNING = 0.9
 """Share of the torques that plans use: the rest follows them."""
 _UPRIGHT = math.radians(0.4)
@@ -197,7 +197,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return np.concatenate([levels, shares])
 
     def _here(self, row: np.ndarray, site: np.ndarray) -> _Here:
-        """Of the numbers of a state, and the propellant that is left."""
+        """State as plans have it, of a row (14,) of state and propellant left, kg, and the site (3,), m."""
         w, x, y, z = row[3:7] / np.linalg.norm(row[3:7])
         rotation = np.array(
             [
@@ -282,7 +282,7 @@ class _Here:
     """(3,) angular velocity in that frame, rad/s."""
 
     def near(self, followed: _Followed) -> _Here:
-        """The same with the roll counted in whole turns as a plan counts it."""
+        """This state with its roll angle within half a turn of that of a plan, which may count whole turns."""
         if len(self.state) == _STATES or followed.left < 1:
             return self
         state = self.state.copy()
@@ -328,7 +328,15 @@ class _Here:
         mass: float,
         rolls: bool,
     ) -> _Here:
-        """Of position from the site and velocity, attitude and angular velocity as in `_Here`, and mass, kg."""
+        """State of a plan.
+
+        Args:
+            moving: position from the site, m, and velocity, m/s, in W, (3,) each.
+            rotation: see `_Here`.
+            w: see `_Here`.
+            mass: kg.
+            rolls: whether plans have roll.
+        """
         direction = rotation[:, 2]
         tilt = tilt_of(direction), tilt_rate(direction, rotation @ w)
         state = np.concatenate([*moving, *tilt, [mass]])

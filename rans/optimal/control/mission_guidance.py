@@ -120,7 +120,7 @@ class MissionGuidance(ModelBased):
         self._mission = replace(mission, speed_reserve=reserve)
 
     def expecting(self, conditions: Conditions | None) -> MissionGuidance:
-        """The same guidance that expects other errors, before its first flight; None: a perfect world."""
+        """Copy of this guidance that expects the errors of these conditions; None: a perfect world."""
         result = copy(self)
         result._expect(Conditions() if conditions is None else conditions)
         result.reset(0)

@@ -24,7 +24,7 @@ from scipy.linalg import expm, solve
 from rans.optimal.convex.landing import Descent, Lander, Landing
 
 _UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0] + [1.0] * 2)
-"""Of the solver's states: m, m/s, rad, rad/s, kg; rad and rad/s of roll, where there is any."""
+"""Units in which the solver has states: m, m/s, rad, rad/s, kg; then rad and rad/s of roll, if plans have any."""
 _THRUST = 1e4
 """Of the solver's thrust, N."""
 _COMMAND_UNITS = np.array([_THRUST, 1.0, 1.0, 1.0])
@@ -53,11 +53,11 @@ _ROLLED = 0.3
 _STATE_PRICES = (
     1.0 / np.array([10.0] * 3 + [2.0] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4, 0.1, 0.2]) ** 2
 )
-"""Of a deviation from the plan in every period: as much as one of `_COMMAND_PRICES`, in the states' order."""
+"""Weights of squared deviations from the plan in every period of the LQR, in the order of the states."""
 _LAST_PRICES = 1.0 / np.array([0.1] * 3 + [0.05] * 3 + [0.1] * 2 + [0.2] * 2 + [1e4, 0.1, 0.2]) ** 2
 """The same where the plan ends."""
 _COMMAND_PRICES = 1.0 / np.array([500.0, 0.2, 0.2, 0.2]) ** 2
-"""Of a change of thrust, N, and of the second derivatives of tilt and roll, rad/s^2."""
+"""Weights of squared changes of thrust, N, and of the second derivatives of tilt and roll, rad/s^2, of the LQR."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,9 @@ def test_ratios_are_of_flights_that_succeeded(entry: Entry) -> None:
     assert found.ratios(entry) == pytest.approx([2.0, 2.0])
     assert "mission 2.000" in found.sentence([entry])
     assert found.to_json()["front"] == [None, 1.0]
+    assert found.impossible([entry]) == []
+    wrong = replace(found, lower=1.01 * spent)
+    assert len(wrong.impossible([entry])) == 1
 
 
 def test_other_contests_have_none() -> None:

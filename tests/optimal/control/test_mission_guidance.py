@@ -114,23 +114,24 @@ def test_known_noise_costs_little_impulse() -> None:
 
 
 def test_commands_tell_it_the_conditions() -> None:
-    """In an evaluation, a comparison and a sweep; named by its module it is told nothing."""
+    """In an evaluation, a comparison and a sweep; named by its module it expects none."""
     noisy = Conditions(
         sensors=SensorsConditions(
             position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
         )
     )
-    told, blind = "mission:dock-3d", f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
+    informed = "mission:dock-3d"
+    blind = f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
 
     def impulse(spec: str) -> float:
         found = rans.evaluate(spec, episodes=8, conditions=noisy)
         assert found["solved"].value == 100.0
         return float(found["impulse"].value)
 
-    assert impulse(blind) > 1.5 * impulse(told)
-    compared = rans.compare(told, blind, beside=(), episodes=8, conditions=noisy, workers=1)
+    assert impulse(blind) > 1.5 * impulse(informed)
+    compared = rans.compare(informed, blind, beside=(), episodes=8, conditions=noisy, workers=1)
     ours, theirs = (impulses(entry.flight).mean() for entry in compared.entries)
-    assert ours == pytest.approx(impulse(told))
+    assert ours == pytest.approx(impulse(informed))
     assert theirs == pytest.approx(impulse(blind))
 
 
