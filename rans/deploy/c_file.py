@@ -141,7 +141,10 @@ def write_c(
         "TABLES": "\n".join(printer.tables()),
         "STEPS": "\n".join("    " + line for line in body),
         "FORGET": _FORGET if architecture.memory else "    (void)agent;",
+        "CHECKBEFORE": _CHECK_BEFORE if architecture.memory else "",
+        "CHECKAFTER": _CHECK_AFTER if architecture.memory else "",
         "KEEP": _KEEP if architecture.memory else "",
+        "FORGOTTEN": " | RANS_FORGOTTEN" if architecture.memory else "",
         "REMEMBERED": "agent->memory" if architecture.memory else "NULL",
         "AFTER": "after" if architecture.memory else "NULL",
         "SCRATCH": f"    float after[{architecture.memory}];\n" if architecture.memory else "",
@@ -526,7 +529,7 @@ extern "C" {
 
 /* What rans_agent_act returns: a sum of these, 0 where all is well. */
 #define RANS_HELD 1      /* the observation was no reading: the last one was held */
-#define RANS_SHUT 2      /* there is none that is young enough: all commands are 0 */
+#define RANS_SHUT 2      /* no reading is young enough, or the answer is not finite: all commands are 0 */
 #define RANS_FORGOTTEN 4 /* the memory was not finite and is forgotten */
 #define RANS_UNTRIED 8   /* the agent was not tried with such an observation */
 
@@ -554,12 +557,16 @@ void rans_agent_answer(const float observation[RANS_OBSERVATION], const float *m
 """
 
 _FORGET = "    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = 0.0F; }"
-_KEEP = """    int lost = 0;
-    for (int i = 0; i < RANS_MEMORY; ++i) {
-        if (!isfinite(after[i])) { lost = 1; }
+_CHECK_BEFORE = """    for (int i = 0; i < RANS_MEMORY; ++i) {
+        if (!isfinite(agent->memory[i])) { status |= RANS_FORGOTTEN; }
     }
-    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = lost ? 0.0F : after[i]; }
-    if (lost) { status |= RANS_FORGOTTEN; }
+    if (status & RANS_FORGOTTEN) { forget(agent); }
+"""
+_CHECK_AFTER = """    for (int i = 0; i < RANS_MEMORY; ++i) {
+        if (!isfinite(after[i])) { sound = 0; }
+    }
+"""
+_KEEP = """    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = after[i]; }
 """
 
 _SOURCE = """/* @TITLE@ */
@@ -596,6 +603,7 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
 {
     int status = 0;
     int fresh = 1;
+    int sound = 1;
 @SCRATCH@    for (int i = 0; i < RANS_OBSERVATION; ++i) {
         /* Of a number that is none every comparison is false. */
         if (!(observation[i] >= refused_low[i] && observation[i] <= refused_high[i])) { fresh = 0; }
@@ -615,7 +623,15 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
     for (int i = 0; i < RANS_OBSERVATION; ++i) {
         if (agent->last[i] < valid_low[i] || agent->last[i] > valid_high[i]) { status |= RANS_UNTRIED; }
     }
-    rans_agent_answer(agent->last, @REMEMBERED@, command, @AFTER@);
+@CHECKBEFORE@    rans_agent_answer(agent->last, @REMEMBERED@, command, @AFTER@);
+    for (int i = 0; i < RANS_COMMANDS; ++i) {
+        if (!isfinite(command[i])) { sound = 0; }
+    }
+@CHECKAFTER@    if (!sound) {
+        forget(agent);
+        for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
+        return status | RANS_SHUT@FORGOTTEN@;
+    }
 @KEEP@    return status;
 }
 """

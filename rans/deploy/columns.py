@@ -23,6 +23,18 @@ from rans.tasks.tracking import spin_difference
 MARGIN = 0.1
 """Share of a column's range on flights by which its valid range is wider on either side."""
 
+OUTLIERS = 1e-3
+"""Share of the flights that a column's valid range leaves out on either side."""
+
+
+def left_out(flights: int) -> int:
+    """Number of flights that a column's valid range leaves out on either side.
+
+    One flight among thousands may lose control and spin several times as fast as all others, without failing by
+    the task's rules. A range that includes it says nothing about what the agent was tried on.
+    """
+    return round(OUTLIERS * flights)
+
 
 def meanings(task: Task, state: State, goal: State) -> list[str]:
     """What each column of the observation is of a spacecraft's state and its goal; "" where that is not known.
@@ -94,10 +106,12 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
     """Least and largest number of each column that an agent knows, from observations (T, N, width) of flights.
 
     Directions are known all around, [-1, 1], and a trade-off input from 0 to 1; a flag has the values that
-    it had. Every other column has the range that it had, and `MARGIN` of that more on either side.
+    it had. Every other column has the range that it had, without the `left_out` flights that reached lowest and
+    those that reached highest, and `MARGIN` of that more on either side.
     """
-    lows = seen.min(axis=(0, 1)).astype(float)
-    highs = seen.max(axis=(0, 1)).astype(float)
+    few = left_out(seen.shape[1])
+    lows = np.sort(seen.min(axis=0), axis=0)[few].astype(float)
+    highs = np.sort(seen.max(axis=0), axis=0)[-1 - few].astype(float)
     ranges: list[tuple[float, float]] = []
     for entry in example(task, dimension).terms:
         for _ in entry.columns():

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from rans.deploy.columns import meanings, quantities, refused_ranges, valid_ranges
+from rans.deploy.columns import left_out, meanings, quantities, refused_ranges, valid_ranges
 from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
@@ -236,7 +236,8 @@ def contract(
         },
         "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "
         "under its conditions, which did not fail, and a tenth more on either side; directions are known all "
-        "around. The agent was not tried beyond.",
+        f"around. The {left_out(seen.shape[1])} flights that reached farthest on each side are left out. The agent "
+        "was hardly tried beyond.",
         "refused": "a number beyond is an error of measurement, no reading: hold the last one, and shut the "
         "valves once that is older than readings.oldest",
         "golden": "golden.json: observation and command of flights, row after row, with the state and the "

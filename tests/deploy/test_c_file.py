@@ -152,8 +152,11 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path) -> None:
     assert found[24] == found[11] == 0
     assert found[30] == UNTRIED
     state[3] = np.nan
+    agent.memory[0, 3] = np.nan
     assert code.rans_agent_act(pointer(state), pointer(rows[40].copy()), pointer(command)) == 4
-    assert not state[:memory].any()
+    np.testing.assert_array_equal(command, agent.act(rows[40]))
+    assert agent.note == "the memory was not finite and is forgotten."
+    np.testing.assert_allclose(state[:memory], agent.memory[0], rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -179,3 +182,21 @@ def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     }
     header = (tmp_path / "mine/agent.h").read_text("utf-8")
     assert "6  dx, m, frame W: p_WG - p_WB: position of the goal minus own" in header
+
+
+def test_an_answer_that_is_not_finite_shuts_the_valves(folder: Path, tmp_path: Path) -> None:
+    call = "rans_agent_answer(agent->last, agent->memory, command, after);"
+    text = (folder / "agent.c").read_text("utf-8")
+    assert text.count(call) == 1
+    (tmp_path / "agent.c").write_text(text.replace(call, f"{call}\n    command[1] = NAN;"))
+    shutil.copy(folder / "agent.h", tmp_path)
+    code = library(tmp_path)
+    _, _, seen = remembering()
+    row = np.ascontiguousarray(seen[0, 0])
+    state = np.zeros(4096, np.float32)
+    command = np.full(64, 7.0, np.float32)
+    code.rans_agent_reset(pointer(state))
+    status = code.rans_agent_act(pointer(state), pointer(row), pointer(command))
+    assert status & SHUT
+    assert status & FORGOTTEN
+    assert set(command.tolist()) == {0.0, 7.0}  # every command is 0, and nothing else was written

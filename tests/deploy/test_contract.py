@@ -442,7 +442,8 @@ def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str],
         assert agent.act(good).any()
 
 
-def test_a_memory_that_is_not_finite_is_forgotten(folder: Callable[[str], Path]) -> None:
+def test_a_memory_that_is_not_finite_decides_nothing(folder: Callable[[str], Path]) -> None:
+    """The command is that of the first period of an episode, and the memory is what that period leaves."""
     names = exported(folder("go-to-pose-2d-faults"))
     agent = names["Agent"]()
     good = planar(
@@ -450,8 +451,43 @@ def test_a_memory_that_is_not_finite_is_forgotten(folder: Callable[[str], Path])
         {"position": [0.0, 0.0], "attitude": 0.0},
     )
     first = agent.act(good)
-    agent.memory[0, 3] = np.inf
-    agent.act(good)
-    assert "the memory was not finite and is forgotten" in agent.note
-    assert not agent.memory.any()
-    np.testing.assert_array_equal(agent.act(good), first)
+    after = agent.memory.copy()
+    for broken in (np.inf, np.nan):
+        agent.memory[0, 3:] = broken
+        np.testing.assert_array_equal(agent.act(good), first)
+        assert "the memory was not finite and is forgotten" in agent.note
+        np.testing.assert_array_equal(agent.memory, after)
+
+
+@pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-2d-faults"])
+def test_an_answer_that_is_not_finite_shuts_the_valves(
+    folder: Callable[[str], Path], name: str
+) -> None:
+    names = exported(folder(name))
+    agent = names["Agent"]()
+    answer = names["answer"]
+    command = np.full((1, 8), np.nan, np.float32)
+    names["answer"] = lambda w, observation, memory: (command, memory + np.nan)
+    good = planar(
+        {"position": [2.0, 1.0], "attitude": 0.2, "velocity": [0.0, 0.0], "spin": 0.0},
+        {"position": [0.0, 0.0], "attitude": 0.0},
+    )
+    assert not agent.act(good).any()
+    assert "shut all valves" in agent.note
+    names["answer"] = answer
+    assert agent.act(good).any()
+    assert agent.note == ""
+
+
+def test_one_flight_that_spins_does_not_set_a_valid_range() -> None:
+    """Of 512 flights one reaches 8 rad/s, all others at most 1: the range is that of the others."""
+    run = RunFolder(pretrained_folder("go-to-pose-2d"))
+    seen = np.zeros((3, 512, 10), np.float32)
+    seen[1] = np.linspace(-1.0, 1.0, 512)[:, None]
+    seen[2, 17] = -8.0
+    about = contract("one", run.config(), run.spacecraft(), "", 0, seen)
+    low, high = about["observation"][4]["valid"]
+    assert about["observation"][4]["name"] == "w_z"
+    assert -1.3 < low < -1.1
+    assert 1.1 < high < 1.3
+    assert about["observation"][4]["refused"][0] > -5.0
