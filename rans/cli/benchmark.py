@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
 
 from rans.api import laboratory
 from rans.errors import ConfigError
@@ -46,7 +48,7 @@ class Benchmark:
     """Folder of these environments, up to 1.5 GB each; by default in the user's cache."""
     quick: bool = False
     """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
-    output: Path | None = None
+    output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, with a figure next to it."""
     full: bool = False
     """Also print warm-up times and notes; the JSON file always has them."""

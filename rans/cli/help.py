@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import NoneType, UnionType
@@ -16,6 +16,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
+_QUOTED = re.compile(r"`[^`\n]{1,30}`")
+"""A command short enough for any terminal; no line is broken within."""
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Train": ("train", "sweep", "tune"),
@@ -40,10 +42,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
         "rans train --resume runs/first",
+        "torchrun --nproc-per-node 8 -m -- rans train go-to-pose --output runs/eight",
     ),
     "sweep": (
         "rans sweep go-to-pose --seeds 8",
         "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
+        "torchrun --nproc-per-node 8 -m -- rans sweep go-to-pose --seeds 64",
     ),
     "tune": ("rans tune lqr --task go-to-pose --spacecraft mine.toml",),
     "evaluate": (
@@ -82,6 +86,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "fly": ("rans fly pretrained:go-to-pose-2d --goal 0 0 0",),
     "twin": ("rans twin floating-platform",),
+    "replay": ("rans replay runs/flights/first/flight.mcap --trust",),
     "init": (
         "rans init mine.toml",
         "rans init mine.toml --from atmos --mass 16 --batch",
@@ -113,6 +118,7 @@ GUIDES = {
     "export": "export",
     "fly": "robots",
     "twin": "robots",
+    "replay": "robots",
     "init": "spacecraft",
     "validate": "verification",
     "benchmark": "speed",
@@ -159,14 +165,30 @@ def _summary(command: type) -> str:
 
 
 def _filled(text: str, width: int, indent: str = "") -> list[str]:
-    return textwrap.wrap(
-        text, width, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent
+    """Lines of a text up to a width; short commands in backticks are not broken."""
+    lines = textwrap.wrap(
+        _joined(text),
+        width,
+        break_long_words=False,
+        break_on_hyphens=False,
+        subsequent_indent=indent,
     )
+    return [_parted(line) for line in lines]
+
+
+def _joined(text: str) -> str:
+    """The text with "~" for the spaces of short commands in backticks, so that none is broken."""
+    return _QUOTED.sub(lambda found: found[0].replace(" ", "~"), text)
+
+
+def _parted(text: str) -> str:
+    """The text with these spaces again."""
+    return _QUOTED.sub(lambda found: found[0].replace("~", " "), text)
 
 
 def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
     """Result of ``parse``; its printed help is wrapped and followed by examples."""
-    explain(commands.values())
+    explain(commands.values(), joined=True)
     page = _Page()
     try:
         with redirect_stdout(page):
@@ -174,7 +196,7 @@ def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
     finally:
         page.seek(0)
         width = shutil.get_terminal_size().columns
-        text = "\n".join(_wrapped(line, width) for line in page.read().splitlines())
+        text = "\n".join(_lines(page.read(), width))
         print(re.sub(r"\n{3,}", "\n\n", text))
         for name in commands:
             _print_examples(name, width)
@@ -191,10 +213,14 @@ def _print_examples(command: str, width: int) -> None:
     print(f"\nGuide: docs/{GUIDES[command]}.md")
 
 
-def explain(commands: Iterable[type]) -> None:
+def explain(commands: Iterable[type], joined: bool = False) -> None:
     """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults.
 
     By itself tyro treats the second line of a text as a new paragraph, and writes {None}|STR and (default: None).
+
+    Args:
+        commands: classes of commands, whose annotations change.
+        joined: whether short commands in backticks have "~" for spaces, which `with_help` undoes.
     """
     from typing_extensions import Doc
 
@@ -202,7 +228,11 @@ def explain(commands: Iterable[type]) -> None:
         hints = get_type_hints(described, include_extras=True)
         texts = meanings(described)
         described.__annotations__ = {
-            name: Annotated[hint, Doc(texts[name]), *_tyro_options(name, hint)]
+            name: Annotated[
+                hint,
+                Doc(_joined(texts[name]) if joined else texts[name]),
+                *_tyro_options(name, hint),
+            ]
             if name in texts
             else hint
             for name, hint in hints.items()
@@ -229,7 +259,7 @@ def _tyro_options(name: str, hint: Any) -> list[Any]:
 
 def _default(value: str) -> str:
     """Text of a default value; empty if there is no default."""
-    return "" if value in ("", "None", "False") else f"(default: {value})"
+    return "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
 
 
 def _metavar(name: str, hint: Any) -> str | None:
@@ -246,6 +276,28 @@ def _metavar(name: str, hint: Any) -> str | None:
     if kind is Path:
         return "FOLDER" if name in ("output", "resume", "peer_folder") else "FILE"
     return {str: "NAME", int: "INT", float: "NUMBER"}.get(kind)
+
+
+def _lines(page: str, width: int) -> Iterator[str]:
+    """Lines of a page of help that tyro printed.
+
+    The texts between usage and boxes are filled again, since tyro begins a new line at some of the source's lines.
+    In boxes it leaves an empty line below a text that ends at the border; these are left out.
+    """
+    paragraph: list[str] = []
+    boxes = False
+    for line in page.splitlines():
+        plain = _STYLES.sub("", line)
+        boxes = boxes or plain[:1] in ("╭", " ")  # their title is indented where there is no frame
+        if not boxes and plain.strip() and plain == line:
+            paragraph.append(line)
+            continue
+        if paragraph:
+            yield from _filled(" ".join(paragraph), width)
+            paragraph = []
+        if not re.fullmatch(r"│\s*│", plain):
+            yield _wrapped(_parted(line), width)
+    yield from _filled(" ".join(paragraph), width)
 
 
 def _wrapped(line: str, width: int) -> str:

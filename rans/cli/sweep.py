@@ -33,7 +33,7 @@ class Sweep:
 
     The folder has sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; batches/
     has checkpoints and TensorBoard events. Ctrl-C stops early and keeps the results. torchrun divides the
-    members among GPUs (`torchrun --nproc-per-node 8 -m -- rans sweep ...`).
+    members among GPUs, as the last example shows.
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None

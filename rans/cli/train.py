@@ -40,9 +40,9 @@ _GENTLE = 30.0
 class Train:
     """Train an agent until it has solved its task.
 
-    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent
-    (policy.zip, which stable_baselines3.PPO.load opens too). Ctrl-C stops early and keeps everything. Several
-    GPUs share a training that torchrun starts (`torchrun --nproc-per-node 8 -m -- rans train ...`).
+    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent:
+    policy.zip, which stable_baselines3.PPO.load opens too. Ctrl-C stops early and keeps everything. On several
+    GPUs torchrun starts the training, as the last example shows.
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -61,7 +61,7 @@ class Train:
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Change an entry of the config, such as --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
+    """Change an entry of the config, as in `--set ppo.n_steps=32`; may be repeated."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
     """Folder for the run; by default a new one under runs/."""
     config: Path | None = None

@@ -22,6 +22,7 @@ from torch._inductor.exc import InductorError
 
 from rans import cli
 from rans.cli import COMMANDS, check_count, main
+from rans.display import meanings
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
 
@@ -208,12 +209,29 @@ def test_help_fits_and_keeps_words_whole(
     assert "{None}" not in printed
     assert "(default: None)" not in printed
     assert "(default: False)" not in printed
-    about = (
-        cli._ABOUT
-        if not command
-        else importlib.import_module(f"rans.cli.{command}").__dict__[command.capitalize()].__doc__
-    )
+    about = cli._ABOUT
+    texts = [about]
+    if command:
+        described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
+        about = described.__doc__
+        texts = [about, *meanings(described).values()]
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
+    for whole in re.findall(r"`rans [^`]{1,20}`", " ".join(texts)):
+        assert " ".join(whole.split()) in printed  # not broken at the end of a line
+    assert not re.search(r"│ +│\n", printed)  # no empty line in a box
+
+
+def test_help_without_box_characters_has_the_same_lines() -> None:
+    """A terminal of ASCII has no frames; an option begins a line there too."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "fly", "--help"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"},
+        check=True,
+    )
+    starts = {line.split()[0] for line in done.stdout.splitlines() if line.strip()}
+    assert {"--bus", "--robot", "--goal", "--zones", "--trust"} <= starts
 
 
 def test_help_of_an_option_is_one_paragraph() -> None:
