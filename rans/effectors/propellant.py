@@ -35,6 +35,19 @@ class Tank:
         """Full mass over the mass with ``left`` kilograms of propellant."""
         return self.full_mass / (self.full_mass - (self.propellant.mass - left))
 
+    def growth_over(self, left: Field, after: Field) -> tuple[Field, Field]:
+        """Growth at both ends of a part of a period, as a linear function of time with the right mean.
+
+        Args:
+            left: propellant at the start of the part, kg.
+            after: propellant at its end, kg.
+        """
+        begins = self.growth(left)
+        ends = self.growth(after)
+        gone = (left - after) * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
+        factor = 1.0 - gone * gone * (1.0 / 6.0)
+        return begins * factor, ends * factor
+
     def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Piece, Field]]:
         """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
 
@@ -59,12 +72,9 @@ class Tank:
             end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
             used = 0.5 * (exhaust[0] + end.exhaust) * (duration * share) * per_newton
         after = at_least(left - used, 0.0)
-        begins = self.growth(left)
-        ends = self.growth(after)
-        gone = used * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
-        factor = 1.0 - gone * gone * (1.0 / 6.0)
-        starts = grown(first, begins * factor)
-        stops = grown(end, ends * factor)
+        begins, ends = self.growth_over(left, after)
+        starts = grown(first, begins)
+        stops = grown(end, ends)
         if last is not None:
             # If the thrust changes too, the mean of a product of two linear functions needs this term.
             change = (ends - begins) * (1.0 / 6.0)
@@ -110,7 +120,7 @@ class _Burning(Action):
             left = self._left
             piece = (push.duration, push.first, push.last, push.longest)
             for (duration, first, last, longest), after in tank.burned(piece, left):
-                growth = tank.growth(left), tank.growth(after)
+                growth = tank.growth_over(left, after)
                 self._left = left = after
                 last = last if last is None else replace(last, exhaust=None)
                 yield Push(duration, replace(first, exhaust=None), last, longest, growth)

@@ -60,8 +60,7 @@ class _Spinning(Action):
             begins = ends = turn
             if push.growth is not None:
                 begins, ends = (times(turn, one) for one in push.growth)
-                middle = 0.5 * (push.growth[0] + push.growth[1])
-                momentum = (times(momentum[0], middle), times(momentum[1], middle))
+                momentum = _grown(*momentum, *push.growth)
             first = replace(push.first, torque=push.first.torque - begins)
             last = push.last
             last = last if last is None else replace(last, torque=last.torque - ends)
@@ -96,6 +95,17 @@ def motor_torques(
         wanted = where(wanted < most, wanted, most)
         torques.append(where(wanted > least, wanted, least))
     return tuple(torques)
+
+
+def _grown(start: Any, change: Any, begins: Field, ends: Field) -> tuple[Any, Any]:
+    """Momentum at the start of a part and its change, times a growth that goes from ``begins`` to ``ends``.
+
+    The product of two linear functions is quadratic; the line has its mean and its first moment.
+    """
+    bend = times(change, (ends - begins) * (1.0 / 6.0))
+    first = times(start, begins) - bend
+    last = times(start + change, ends) - bend
+    return first, last - first
 
 
 def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:

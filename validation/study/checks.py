@@ -86,13 +86,13 @@ class Study:
         return bool(self.checks) and all(check.passed for check in self.checks)
 
     def table(self) -> Table:
-        """The checks for the terminal."""
+        """The checks for the terminal. Names are wrapped where it is narrow, but no number is cut."""
         table = Table(title=self.title, title_justify="left")
-        table.add_column("check", no_wrap=True)
+        table.add_column("check")
         for heading in ("value", "tolerance"):
-            table.add_column(heading, justify="right")
-        table.add_column("unit")
-        table.add_column("verdict")
+            table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column("unit", no_wrap=True)
+        table.add_column("verdict", no_wrap=True)
         for check in self.checks:
             numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
             table.add_row(check.name, *numbers, check.unit, verdict(check.passed))

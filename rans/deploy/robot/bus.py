@@ -211,7 +211,7 @@ class DDSBus:
         except ImportError as error:
             raise ConfigError(
                 "--bus dds needs the package cyclonedds: pip install 'rans[robot]'. It has wheels for "
-                "Python 3.11; elsewhere use --bus zenoh."
+                "Python 3.11 to 3.13; elsewhere use --bus zenoh."
             ) from error
         self._listener = Listener
         self._last = Policy.History.KeepLast(1)

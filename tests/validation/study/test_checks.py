@@ -56,6 +56,16 @@ def test_table_shows_every_check_and_its_verdict() -> None:
     assert "1.0e-03" in lines[0]
 
 
+def test_a_narrow_terminal_cuts_no_number() -> None:
+    name = "the name of a check that takes more than half of the terminal's width"
+    report = Study("one", (Check(name, 1.26e-9, 1e-9, "kg, N m s", ""),))
+    console = Console(width=80, record=True)
+    console.print(report.table())
+    text = console.export_text()
+    assert "…" not in text
+    assert all(word in text for word in ("1.3e-09", "1.0e-09", "kg, N m s", "FAIL"))
+
+
 def test_report_as_json_says_what_was_not_run_and_holds_the_points_of_figures() -> None:
     found = Study(
         "some",
