@@ -32,7 +32,7 @@ report = rans.stress(
 report
 
 # %%
-# The shares over the latency, from the report's own numbers:
+# The share of episodes that hold the goal, against the latency:
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 found = report.to_json()
 levels = [

@@ -9,8 +9,8 @@ controllers answer.
 # %%
 # A minimum-time trajectory
 # -------------------------
-# The optimizer may open thrusters partly, which real valves cannot: its optimum is a lower mark. Every
-# trajectory is flown in Drake.
+# The optimizer may open thrusters partly, which on/off valves cannot do: a real platform needs more time than
+# this. Drake flies every trajectory as a check.
 import matplotlib.pyplot as plt
 
 import rans
@@ -42,8 +42,8 @@ plt.show()
 # %%
 # A certified bound
 # -----------------
-# No on/off controller that changes its commands every 0.5 s arrives at rest sooner than the lower bound: this
-# is proven by a search that leaves nothing out. The upper bound comes with commands that reach it.
+# No on/off controller that changes its commands every 0.5 s arrives at rest sooner than the lower bound. An
+# exhaustive search proves this. The upper bound comes with commands that reach it.
 bound = rans.certify("go-to-pose", start=start, control_period=0.5, seconds=10)
 print(
     f"arrival takes at least {bound.lower:.1f} s, and {bound.upper:.1f} s suffice"
@@ -91,5 +91,5 @@ plt.show()
 # Next
 # ----
 # ``rans compare RUN`` writes a page with these figures, the certified bounds of every start, and the worst
-# flights. ``rans optimal go-to-pose --objective fuel --certify`` bounds the impulse. Theory: *Certified
-# bounds*.
+# flights. ``rans optimal go-to-pose --objective fuel --certify`` bounds the impulse. The page *Certified bounds*
+# has the theory.

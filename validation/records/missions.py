@@ -115,7 +115,7 @@ class Row:
             f"{100.0 * self.violated:.1f}",
             f"{self.ratio:.3f}" if known else "-",
             f"{self.worst:.3f}" if known else "-",
-            f"{self.spent:.3g} {unit}" if np.isfinite(self.spent) else "-",
+            f"{float(f'{self.spent:.3g}'):,g} {unit}" if np.isfinite(self.spent) else "-",
         ]
 
 
