@@ -13,6 +13,9 @@ The mass enters through z = ln m, so that the dynamics are linear. Bounds of the
 rho exp(-z) of sigma. The lower one is convex, and replaced by a tangent. The upper one is not: a tangent lies below
 it and gives a trajectory that can be flown, a chord lies above it and gives a bound that nothing can beat.
 
+Engines that are throttled one by one turn the thrust in the craft, and so beyond the craft's tilt limit. Their
+thrusts, and the tilts of the craft, are relaxed to a convex set of thrust and flow, which gives a bound too.
+
 Units inside the solver: 1 km, 10 s, and the craft's full mass.
 """
 
@@ -21,8 +24,9 @@ from __future__ import annotations
 import importlib
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -43,6 +47,8 @@ _ROUNDS = 6
 """Linearisations of the upper bound at most; two or three suffice."""
 _COARSE = 2.0
 """Hold with which the flight time is searched, s."""
+_MOST_APART = 12
+"""Engines that are throttled one by one: their choices of least and largest throttles are 2 to this power."""
 _SETTLED = 1e-5
 """Change of ln m between linearisations that no longer matters: 0.02 kg of two tonnes."""
 
@@ -69,18 +75,25 @@ class Lander:
     """The same, N."""
     exhaust_speed: float
     """Thrust along the axis over mass flow, m/s: canted engines waste a part of theirs."""
+    corners: tuple[tuple[float, float, float], ...] = ()
+    """Of engines that are throttled one by one: what each choice of least and largest throttles gives.
+
+    These are mass flow times `exhaust_speed`, force along z of B, and force across it, N. The bounds of thrust
+    above are then those of the first number. Empty: all engines are throttled alike."""
 
     @classmethod
-    def of(cls, craft: Spacecraft, dead: Sequence[int] = ()) -> Lander:
+    def of(cls, craft: Spacecraft, dead: Sequence[int] = (), apart: bool = False) -> Lander:
         """Of a craft in space whose engines push along z of B when all are throttled alike.
 
         Args:
             craft: with all of its engines.
             dead: numbers of engines that give no thrust; then the axis is that of the others' thrust.
+            apart: whether the engines that are left are throttled one by one. Their torques are not limited, as
+                if wheels held against them. `landing` has lower bounds of such a craft alone.
 
         Raises:
             ConfigError: it has no propellant, its thrusters are not throttled, they do not push along z
-                together, or there is no such engine.
+                together, there is no such engine, or more than 12 are throttled one by one.
         """
         tank = craft.propellant
         if craft.dimension != 3 or tank is None or not isinstance(craft.actuators, Throttle):
@@ -95,15 +108,28 @@ class Lander:
                 "along z of B."
             )
         full = float(np.linalg.norm(full_thrust(craft, dead)))
-        live = (t.force for k, t in enumerate(craft.thrusters) if k not in dead)
-        flow = sum(live) / tank.exhaust_speed
-        return cls(
+        live = [t for k, t in enumerate(craft.thrusters) if k not in dead]
+        flow = sum(t.force for t in live) / tank.exhaust_speed
+        lander = cls(
             craft.mass,
             tank.mass,
             craft.actuators.least * full,
             craft.actuators.most * full,
             full / flow,
         )
+        if not apart:
+            return lander
+        if len(live) > _MOST_APART:
+            raise ConfigError(
+                f"at most {_MOST_APART} engines can be throttled one by one, and {craft.name!r} has {len(live)}."
+            )
+        limits = craft.actuators.least, craft.actuators.most
+        throttles = np.array([*itertools.product(limits, repeat=len(live))])
+        used = throttles @ [t.force for t in live] * (lander.exhaust_speed / tank.exhaust_speed)
+        force = throttles @ np.array([np.multiply(t.direction, t.force) for t in live])
+        across = np.linalg.norm(force[:, :2], axis=1)
+        rows = np.stack([used, force[:, 2], across], axis=1)
+        return replace(lander, corners=tuple(map(tuple, rows.tolist())))
 
 
 def full_thrust(craft: Spacecraft, dead: Sequence[int] = ()) -> np.ndarray:
@@ -250,7 +276,14 @@ def landing(
         side: "flyable" keeps the true bounds of the thrust, and is flown; "bound" relaxes the upper one so that
             no landing in this time with accelerations held for such periods needs less.
         propellant: left at the start, kg; None: a full tank.
+
+    Raises:
+        ConfigError: a plan is to be flown, and engines are throttled one by one.
     """
+    if lander.corners and side == "flyable":
+        raise ConfigError(
+            'for engines that are throttled one by one there is a lower bound alone: side = "bound".'
+        )
     count = round(time / period)
     if count < 1:
         return None
@@ -291,6 +324,9 @@ def best_landing(
         side: as for `landing`.
         times: shortest and longest flight that is tried, s.
         propellant: left at the start, kg; None: a full tank.
+
+    Raises:
+        ConfigError: see `landing`.
     """
     coarse = period * max(1, round(_COARSE / period))
     guess = _least(lander, descent, start, coarse, "bound", times, propellant)
@@ -354,6 +390,8 @@ class _Problem:
     """The second-order cone program of one flight time, in the solver's units.
 
     Variables, by knots k = 0 to N: p_k (3), v_k (3), z_k = ln(m_k / m_full), then by periods u_k (3), sigma_k.
+    With engines that are throttled one by one, sigma_k is the mass flow times the exhaust speed over the mass, and
+    one more variable a period is not below the size of u_k.
     """
 
     def __init__(
@@ -372,7 +410,8 @@ class _Problem:
         self.start = start
         self.spent = 0.0 if propellant is None else lander.propellant - propellant
         self.knots = 7 * (count + 1)
-        self.size = self.knots + 4 * count
+        self.width = 5 if lander.corners else 4
+        self.size = self.knots + self.width * count
         dry = lander.mass - lander.propellant
         elapsed = period * np.arange(count + 1)
         full = lander.mass - self.spent
@@ -418,7 +457,7 @@ class _Problem:
         """The solver's answer in SI units."""
         x = np.array(answer.x)
         knots = x[: self.knots].reshape(-1, 7)
-        controls = x[self.knots :].reshape(-1, 4) * _ACCELERATION
+        controls = x[self.knots :].reshape(-1, self.width) * _ACCELERATION
         mass = self.lander.mass * np.exp(knots[:, 6])
         needed = self.lander.mass * math.exp(-float(answer.obj_val_dual))
         return Landing(
@@ -438,7 +477,7 @@ class _Problem:
         return 7 * knot + 6
 
     def _sigma(self, period: int) -> int:
-        return self.knots + 4 * period + 3
+        return self.knots + self.width * period + 3
 
     def _dynamics(self) -> tuple[Any, np.ndarray, int]:
         """Equations of motion, the start and, where it is exact, the end."""
@@ -450,7 +489,7 @@ class _Problem:
         # x_{k+1} - A x_k - B (u_k, sigma_k) = constant.
         carry = np.eye(7)
         carry[:3, 3:6] = step * np.eye(3)
-        push = np.zeros((7, 4))
+        push = np.zeros((7, self.width))
         push[:3, :3] = 0.5 * step**2 * np.eye(3)
         push[3:6, :3] = step * np.eye(3)
         push[6, 3] = -rate * step
@@ -476,13 +515,8 @@ class _Problem:
     def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
         """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
         n = self.count
-        full = math.log(self.lander.mass)
         least = self.lander.least_thrust / _ACCELERATION
         most = self.lander.largest_thrust / _ACCELERATION
-        # Thrust that is held for a period acts on the mass in its middle, ln of which is the mean of both ends.
-        about = 0.5 * (log_mass[:-1] + log_mass[1:])
-        lightest = 0.5 * (self.lightest[:-1] + self.lightest[1:])
-        heaviest = 0.5 * (self.heaviest[:-1] + self.heaviest[1:])
         rows: list[tuple[int, int, float]] = []
         right: list[float] = []
 
@@ -490,41 +524,65 @@ class _Problem:
             rows.extend((len(right), column, value) for column, value in entries)
             right.append(bound)
 
-        cosines = np.cos(self._tilts())
-        for k in range(n):
-            # sigma >= least exp(-zeta) (1 - (ln m - zeta)), a tangent.
-            low = least * math.exp(-about[k])
-            middle = [(self._z(k), 0.5), (self._z(k + 1), 0.5)]
-            add(
-                -low * (1.0 + about[k] - full),
-                (self._sigma(k), -1.0),
-                *((z, -low * share) for z, share in middle),
-            )
-            if side == "flyable":
-                high = most * math.exp(-about[k])
-                add(
-                    high * (1.0 + about[k] - full),
-                    (self._sigma(k), 1.0),
-                    *((z, high * share) for z, share in middle),
-                )
-            else:
-                # The chord between the masses that can be reached.
-                light, heavy = lightest[k], heaviest[k]
-                above = most * math.exp(-light)
-                # Both are the dry mass in flights that are too long.
-                slope = (most * math.exp(-heavy) - above) / max(heavy - light, 1e-9)
-                add(
-                    above + slope * (full - light),
-                    (self._sigma(k), 1.0),
-                    *((z, -slope * share) for z, share in middle),
-                )
-            vertical = self.knots + 4 * k + 2
-            add(0.0, (self._sigma(k), cosines[k]), (vertical, -1.0))
+        tilts = self._tilts()
+        for k, (under, over) in enumerate(self._inverse_masses(log_mass, side)):
+            sigma = self._sigma(k)
+
+            def bounded(
+                force: float,
+                inverse: tuple[float, float],
+                *entries: tuple[int, float],
+                k: int = k,
+            ) -> None:
+                """The entries and a force over the mass sum to at most 0."""
+                constant, slope = inverse
+                middle = [(self._z(knot), 0.5 * slope * force) for knot in (k, k + 1)]
+                add(-constant * force, *entries, *middle)
+
+            bounded(least, under, (sigma, -1.0))
+            bounded(-most, over, (sigma, 1.0))
+            vertical = sigma - 1
+            if not self.lander.corners:
+                add(0.0, (sigma, math.cos(tilts[k])), (vertical, -1.0))
+                continue
+            sizes, heights = thrusts(self.lander.corners, float(tilts[k]))
+            for variable, sign, lines in ((sigma + 1, 1.0, sizes), (vertical, -1.0, heights)):
+                for slope, force in lines:
+                    bounded(
+                        -force / _ACCELERATION,
+                        over if force > 0.0 else under,
+                        (variable, sign),
+                        (sigma, -slope),
+                    )
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
         add(-dry, (self._z(n), -1.0))
         row, column, value = zip(*rows, strict=True)
         matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
         return matrix, np.array(right), 1
+
+    def _inverse_masses(
+        self, log_mass: np.ndarray, side: Side
+    ) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+        """Two lines (constant, slope) over z for 1 / m in each period.
+
+        The first is a tangent, which is nowhere above 1 / m. The second is the same tangent if the plan is to be
+        flown, and a chord, which is above 1 / m, if it is to be a bound.
+        """
+        full = math.log(self.lander.mass)
+        # Thrust that is held for a period acts on the mass in its middle, ln of which is the mean of both ends.
+        about = 0.5 * (log_mass[:-1] + log_mass[1:])
+        lightest = 0.5 * (self.lightest[:-1] + self.lightest[1:])
+        heaviest = 0.5 * (self.heaviest[:-1] + self.heaviest[1:])
+        for middle, light, heavy in zip(about, lightest, heaviest, strict=True):
+            inverse = math.exp(-middle)
+            tangent = inverse * (1.0 + middle - full), -inverse
+            if side == "flyable":
+                yield tangent, tangent
+                continue
+            # The chord between the masses that can be reached. Both are the dry mass in flights that are too long.
+            above = math.exp(-light)
+            slope = (math.exp(-heavy) - above) / max(heavy - light, 1e-9)
+            yield tangent, (above + slope * (full - light), slope)
 
     def _tilts(self) -> np.ndarray:
         """(N,) largest tilt of thrust in each period, rad: what a craft can have turned by at its end.
@@ -543,9 +601,10 @@ class _Problem:
         """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""
         n = self.count
         descent = self.descent
-        # (sigma, u).
+        # (sigma or the largest size, u).
         order = sparse.csc_matrix(
-            ([-1.0, -1.0, -1.0, -1.0], ([0, 1, 2, 3], [3, 0, 1, 2])), shape=(4, 4)
+            ([-1.0, -1.0, -1.0, -1.0], ([0, 1, 2, 3], [self.width - 1, 0, 1, 2])),
+            shape=(4, self.width),
         )
         thrust = sparse.hstack(
             [sparse.csc_matrix((4 * n, self.knots)), sparse.kron(sparse.eye(n), order)]
@@ -556,13 +615,17 @@ class _Problem:
         slope[0, 2] = -1.0 / math.tan(descent.glide_slope)
         slope[1, 0] = slope[2, 1] = -1.0
         later = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
-        glide = sparse.hstack([sparse.kron(later, slope), sparse.csc_matrix((3 * n, 4 * n))])
+        glide = sparse.hstack(
+            [sparse.kron(later, slope), sparse.csc_matrix((3 * n, self.width * n))]
+        )
         rim = np.tile([descent.margin / _LENGTH, 0.0, 0.0], n)
         cones.append((glide.tocsc(), rim, 3))
         if descent.speed is not None:
             fast = np.zeros((4, 7))
             fast[1:, 3:6] = -np.eye(3)
-            speeds = sparse.hstack([sparse.kron(later, fast), sparse.csc_matrix((4 * n, 4 * n))])
+            speeds = sparse.hstack(
+                [sparse.kron(later, fast), sparse.csc_matrix((4 * n, self.width * n))]
+            )
             cones.append((speeds.tocsc(), np.tile([descent.speed / _SPEED, 0.0, 0.0, 0.0], n), 4))
         for tolerance, unit, offset in (
             (descent.position_tolerance, _LENGTH, 0),
@@ -576,6 +639,45 @@ class _Problem:
                 )
                 cones.append((ball, np.array([tolerance / unit, 0.0, 0.0, 0.0]), 4))
         return cones
+
+
+Lines = tuple[tuple[float, float], ...]
+"""Slopes, and intercepts, N, over the flow times the exhaust speed, N."""
+
+
+@lru_cache(maxsize=1024)
+def thrusts(corners: tuple[tuple[float, float, float], ...], tilt: float) -> tuple[Lines, Lines]:
+    """Lines above the size of thrust, and above its negative height, of engines that are throttled one by one.
+
+    Every thrust is a mixture of those of `Lander.corners`. Size, force across the axis and the negative height are
+    convex in the thrust, and flow is linear in it, so that lines above the corners are above all thrusts.
+
+    Args:
+        corners: see `Lander`.
+        tilt: largest tilt of the craft's axis, rad. The thrust is lowest where the force across points down from
+            the axis that is tilted by so much.
+    """
+    used, along, across = np.array(corners).T
+    low = math.sin(tilt) * across - math.cos(tilt) * along
+    return _lines_above(used, np.hypot(along, across)), _lines_above(used, low)
+
+
+def _lines_above(x: np.ndarray, y: np.ndarray) -> Lines:
+    """Lines of the least concave function that is nowhere below points (x, y)."""
+    highest: dict[float, float] = {}
+    for a, b in zip(x.round(6).tolist(), y.tolist(), strict=True):
+        highest[a] = max(b, highest.get(a, -math.inf))
+    hull: list[tuple[float, float]] = []
+    for point in sorted(highest.items()):
+        while len(hull) > 1 and _slope(hull[-2], hull[-1]) <= _slope(hull[-2], point):
+            hull.pop()
+        hull.append(point)
+    slopes = [_slope(*ends) for ends in itertools.pairwise(hull)]
+    return tuple((slope, b - slope * a) for slope, (a, b) in zip(slopes, hull[:-1], strict=True))
+
+
+def _slope(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return (other[1] - one[1]) / (other[0] - one[0])
 
 
 def _selected(block: Any, first: int, size: int) -> Any:

@@ -17,6 +17,7 @@ from rans.optimal.convex.landing import (
     best_landing,
     landing,
     largest_turning,
+    thrusts,
 )
 from rans.tasks.land import Land
 
@@ -126,3 +127,68 @@ def test_a_craft_that_turns_needs_more() -> None:
     assert tilt[0] <= 5.1 * 1.003
     assert tilt[1] <= 20.4 * 1.006
     assert np.degrees(np.arccos(at_once.acceleration[0, 2] / at_once.slack[0])) > 30.0
+
+
+def test_engines_throttled_one_by_one_push_no_more_and_no_lower_than_the_lines_say() -> None:
+    """Random throttles of five engines, of a craft that is tilted and rolled at random within its limit."""
+    random = np.random.default_rng(3)
+    lander = Lander.of(CRAFT, (0,), apart=True)
+    pushes = np.array([np.multiply(t.direction, t.force) for t in CRAFT.thrusters[1:]])
+    flows = np.array([t.force for t in CRAFT.thrusters[1:]]) / (225 * 9.80665)
+    throttles = random.uniform(0.3, 0.8, (2000, 5))
+    throttles[1000:] = random.choice([0.3, 0.8], (1000, 5))
+    used = throttles @ flows * lander.exhaust_speed
+    assert used.min() >= lander.least_thrust - 1e-6
+    assert used.max() <= lander.largest_thrust + 1e-6
+    force = throttles @ pushes
+    for tilt in (0.0, 0.4, 0.7):
+        sizes, heights = thrusts(lander.corners, tilt)
+        size = np.linalg.norm(force, axis=1)
+        assert (size <= _least_of(sizes, used) + 1e-3).all()
+        assert np.isclose(size, _least_of(sizes, used)).any()
+        tilts = random.uniform(0.0, tilt, 2000)
+        roll = random.uniform(-math.pi, math.pi, 2000)
+        sideways = force[:, 0] * np.cos(roll) + force[:, 1] * np.sin(roll)
+        height = np.cos(tilts) * force[:, 2] - np.sin(tilts) * sideways
+        assert (-height <= _least_of(heights, used) + 1e-3).all()
+
+
+def _least_of(lines: tuple[tuple[float, float], ...], x: np.ndarray) -> np.ndarray:
+    return np.min([slope * x + intercept for slope, intercept in lines], axis=0)
+
+
+def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one() -> None:
+    """A flight with random throttles, from its end back to its start, uses at least the bound of its start."""
+    random = np.random.default_rng(5)
+    period, count = 0.5, 40
+    throttles = random.uniform(0.5, 0.8, (count, 6))
+    throttles[:, :2] = 0.8
+    flow = throttles.sum(axis=1) * 3100.0 / (225 * 9.80665)
+    mass = LANDER.mass - period * np.concatenate([[0.0], np.cumsum(flow)])
+    force = throttles @ np.array([np.multiply(t.direction, t.force) for t in CRAFT.thrusters])
+    push = force / np.sqrt(mass[1:] * mass[:-1])[:, None] - np.array([0.0, 0.0, 3.7114])
+    p, v = np.zeros(3), np.zeros(3)
+    for acceleration in push[::-1]:
+        v = v - period * acceleration
+        p = p - period * v - 0.5 * period**2 * acceleration
+    upright = replace(EXACT, tilt=1e-3, speed=None)
+    found = landing(
+        Lander.of(CRAFT, apart=True), upright, (p, v), period * count, period, side="bound"
+    )
+    assert found is not None
+    assert 0.9 * (mass[0] - mass[-1]) < found.dual <= mass[0] - mass[-1]
+    assert landing(LANDER, upright, (p, v), period * count, period, side="bound") is None
+
+
+def test_engines_throttled_one_by_one_have_a_bound_that_is_lower_and_no_plan() -> None:
+    lander = Lander.of(CRAFT, apart=True)
+    alike = best_landing(LANDER, EXACT, PUBLISHED, 1.0, "bound")
+    apart = best_landing(lander, EXACT, PUBLISHED, 1.0, "bound")
+    assert alike is not None
+    assert apart is not None
+    assert 0.98 * alike.propellant < apart.propellant < alike.propellant
+    with pytest.raises(ConfigError, match="lower bound alone"):
+        best_landing(lander, EXACT, PUBLISHED, 1.0)
+    many = replace(CRAFT, thrusters=CRAFT.thrusters * 3)
+    with pytest.raises(ConfigError, match="at most 12 engines"):
+        Lander.of(many, apart=True)
