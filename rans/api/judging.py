@@ -110,7 +110,7 @@ def evaluate(
 
 def compare(
     *contestants: object,
-    beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
+    beside: str | Sequence[str] | None = None,
     episodes: int = 128,
     certified: int = 4,
     seed: int = EVALUATION_SEED,
@@ -131,7 +131,7 @@ def compare(
             Others may also be Stable-Baselines3 models, controllers (`Controller`), or a class or function that
             makes a controller from spacecraft, task and timing.
         beside: names of controllers that join, and "optimal" for optimal trajectories and certified bounds; a
-            name, or several.
+            name, or several. None: "lqr", "switching", "mpc" and "optimal", for landings "landing" and "optimal".
         episodes: number of starts.
         certified: number of starts whose bounds are certified, half a minute of processor time each.
         seed: random seed of the starts.
@@ -153,9 +153,11 @@ def compare(
     first, invited = invitations(contestants)
     one_of("engine", engine, get_args(EngineName))
     beside = (beside,) if isinstance(beside, str) else beside
-    if not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside):
+    if beside is not None and (
+        not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside)
+    ):
         raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
-    for name in {*beside} - {"optimal"}:
+    for name in {*(beside or ())} - {"optimal"}:
         CONTROLLERS[name]  # a wrong name is refused before anybody flies
     whole("certified", certified, least=0)
     contest = contest_of(

@@ -13,7 +13,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError, counted
-from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
+from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages, writing_at_end
@@ -21,6 +21,7 @@ from rans.terminal import Terminal, progress, stages, writing_at_end
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import Estimate
+    from rans.tasks import Task
 
 
 _FIRST = (
@@ -44,10 +45,11 @@ class Compare:
     """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
     sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first sets task, spacecraft and control rate; the
     others are compared with it."""
-    beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = (
-        BESIDE
-    )
-    """Controllers that join, and optimal: optimal trajectories and certified bounds."""
+    beside: Annotated[
+        tuple[str, ...] | None, tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")
+    ] = None
+    """Controllers that join, and optimal: optimal trajectories and certified bounds. By default lqr switching mpc
+    optimal, for landings landing optimal."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
     (none), or your own TOML file; by default those that the first contestant was trained in."""
@@ -118,10 +120,12 @@ class Compare:
                 comparison.notes.insert(0, self._interrupted(comparison))
                 raise
         run = self.contestants[0]
-        more = [shlex.join(["rans", "view", run, *self._controllers()])]
+        more = [shlex.join(["rans", "view", run, *self._controllers(contest.task)])]
         if not self.full:
             more.insert(0, f"{shlex.join(['rans', 'compare', *self.contestants])} --full")
-        Terminal().suggest(*more, shlex.join(["rans", "stress", run, *self._controllers()]))
+        Terminal().suggest(
+            *more, shlex.join(["rans", "stress", run, *self._controllers(contest.task)])
+        )
         return 1 if comparison.failures else 0
 
     def _interrupted(self, comparison: Comparison) -> str:
@@ -135,15 +139,16 @@ class Compare:
             "were certified."
         )
 
-    def _controllers(self) -> list[str]:
+    def _controllers(self, task: Task) -> list[str]:
         """First further controller, to view beside the first contestant."""
-        return [name for name in self.beside if name != "optimal"][:1]
+        beside = default_opponents(task) if self.beside is None else self.beside
+        return [name for name in beside if name != "optimal"][:1]
 
     def _check(self) -> None:
         """Reject (`ConfigError`) wrong options before anything is loaded."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
-        for name in set(self.beside) - {"optimal"}:
+        for name in set(self.beside or ()) - {"optimal"}:
             CONTROLLERS[name]  # reject a wrong name before the flights
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
@@ -190,6 +195,11 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             f"Median multiple of the bound of the same event, {starts}",
             ("event", *gap_names(ratios)),
             gap_rows(ratios),
+        )
+    if full and comparison.mission is not None:
+        console.show(
+            f"Over the certified least {comparison.mission.spending}, start by start",
+            *comparison.mission.table(comparison.entries),
         )
     if board and (front := comparison.front):
         console.show(

@@ -1,47 +1,89 @@
-"""Lower bounds of the impulse of missions on an orbit, beside the flights of a comparison."""
+"""Lower bounds of what missions spend, beside flights: impulse of missions on an orbit, propellant of landings."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.contest import Contest, Entry
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.dynamics import State
 from rans.model.fields import leaves
+from rans.optimal.convex.landing import Descent, Lander, best_landing, landing
 from rans.optimal.convex.rendezvous import Meeting, rendezvous
 from rans.progress import Progress, unseen
 
 _TIMES = 8
-"""Times at which the front of a start is bounded."""
+"""Times at which the front of a start on an orbit is bounded."""
 _ROUNDING = 1e-6
-"""Relative error of an impulse and of a bound by rounding."""
+"""Relative error of what is spent and of a bound by rounding."""
 _EARLIEST = 0.25
 """Earliest of these times, as a share of the deadline."""
+_AROUND = (8.0, 16.0)
+"""How long before and after the landing of least propellant the front is bounded, in every control period, s."""
+_SHORTEST = 2.0
+"""Shortest landing that is tried, s."""
 
 
 @dataclass(frozen=True)
 class MissionBounds:
-    """Lower bounds for the first starts of a comparison, without limits such as cones and keep-out balls."""
+    """Lower bounds for the first starts of a comparison.
+
+    On an orbit they are of the impulse, without limits such as cones and keep-out balls. Of landings they are of
+    the propellant, within the limits of the task, for a craft that has to turn and whose engines may be throttled
+    one by one (`rans.optimal.convex.landing`).
+    """
 
     lower: np.ndarray
-    """(n,) N s: of success by the deadline of each of the first n starts."""
+    """(n,) of success from each of the first n starts, on an orbit by its deadline; infinite: there is none."""
     times: np.ndarray
     """(m,) s: times of the front of the first start."""
     front: np.ndarray
-    """(m,) N s: of success by each of these times; infinite where the thrusters are too weak."""
+    """(m,) of success by each of these times, or of a landing at this time; infinite: there is none."""
+    spending: Literal["impulse", "propellant"] = "impulse"
+    """What is bounded: impulse, N s, or propellant, kg."""
+    path: np.ndarray | None = None
+    """(N + 1, 3) m: the positions of the landing that gives the bound of the first start; None: no landing."""
 
-    def ratios(self, entry: Entry) -> np.ndarray:
-        """Impulse over the lower bound of the same start, of those of the first n flights that succeeded."""
+    @property
+    def unit(self) -> str:
+        """Of what is bounded."""
+        return "N s" if self.spending == "impulse" else "kg"
+
+    def spent(self, entry: Entry) -> np.ndarray:
+        """Impulse, N s, or propellant, kg, of the first n flights (n,)."""
+        amounts = impulses if self.spending == "impulse" else propellant_used
+        return amounts(entry.flight)[: len(self.lower)]
+
+    def over(self, entry: Entry) -> np.ndarray:
+        """What was spent over the lower bound of the same start, (n,); NaN where the flight did not succeed."""
         flight = entry.flight
         assert flight.done is not None
-        succeeded = flight.done & ~flight.violated()
-        count = len(self.lower)
-        return (impulses(flight)[:count] / self.lower)[succeeded[:count]]
+        succeeded = (flight.done & ~flight.violated())[: len(self.lower)]
+        return np.where(succeeded, self.spent(entry) / self.lower, np.nan)
+
+    def ratios(self, entry: Entry) -> np.ndarray:
+        """The same of those of the first n flights that succeeded."""
+        over = self.over(entry)
+        return over[~np.isnan(over)]
+
+    def table(self, entries: Sequence[Entry]) -> tuple[tuple[str, ...], list[list[str]]]:
+        """Headings, and a row for each start: its bound, and what each contestant spent, with the ratio."""
+        rows = []
+        over = [self.over(entry) for entry in entries]
+        spent = [self.spent(entry) for entry in entries]
+        for k, lower in enumerate(self.lower):
+            cells = [
+                "did not succeed" if math.isnan(ratio[k]) else f"{used[k]:.1f} ({ratio[k]:.3f})"
+                for ratio, used in zip(over, spent, strict=True)
+            ]
+            rows.append([str(k), f"{lower:.1f}" if math.isfinite(lower) else "impossible", *cells])
+        return ("start", f"least {self.spending}, {self.unit}", *(e.name for e in entries)), rows
 
     def sentence(self, entries: Sequence[Entry]) -> str:
         """Mean ratio of every contestant, in a sentence."""
@@ -52,14 +94,14 @@ class MissionBounds:
             some = f" ({len(ratios)})" if 0 < len(ratios) < len(self.lower) else ""
             parts.append(f"{entry.name} {mean}{some}")
         return (
-            f"Impulse over the certified least, mean of the first {len(self.lower)} starts that succeeded: "
-            f"{', '.join(parts)}."
+            f"{self.spending.capitalize()} over the certified least, mean of the first {len(self.lower)} starts "
+            f"that succeeded: {', '.join(parts)}."
         )
 
     def impossible(self, entries: Sequence[Entry]) -> list[str]:
         """Sentences about flights below their bound, each of which would prove an error in the package."""
         return [
-            f"{entry.name} beats the certified least impulse: the bound or the flight is wrong."
+            f"{entry.name} beats the certified least {self.spending}: the bound or the flight is wrong."
             for entry in entries
             if np.any(self.ratios(entry) < 1.0 - _ROUNDING)
         ]
@@ -67,6 +109,7 @@ class MissionBounds:
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`; what is impossible is None."""
         return {
+            "spending": self.spending,
             "lower": [x if np.isfinite(x) else None for x in self.lower.tolist()],
             "times": self.times.tolist(),
             "front": [x if np.isfinite(x) else None for x in self.front.tolist()],
@@ -74,24 +117,32 @@ class MissionBounds:
 
 
 def bounded(contest: Contest) -> bool:
-    """Whether a contest has such bounds: an orbital mission under nominal conditions, and a craft that fits."""
-    if contest.conditions is not None or contest.task.optimal_problem != "rendezvous":
+    """Whether a contest has such bounds: a mission under nominal conditions, and a craft that fits."""
+    if contest.conditions is not None:
         return False
     try:
-        _meeting(contest, contest.start(0).goal)
+        if contest.task.optimal_problem == "landing":
+            Lander.of(contest.craft, apart=True)
+            return True
+        if contest.task.optimal_problem == "rendezvous":
+            _meeting(contest, contest.start(0).goal)
+            return True
     except ConfigError:
-        return False
-    return True
+        pass
+    return False
 
 
 def mission_bounds(contest: Contest, count: int, progress: Progress = unseen) -> MissionBounds:
     """Bounds of the first ``count`` starts, and of the front of the first.
 
     Raises:
-        ConfigError: see `Meeting.of`.
+        ConfigError: see `Meeting.of`, or of a landing `Lander.of`.
     """
+    count = min(count, contest.episodes)
+    if contest.task.optimal_problem == "landing":
+        return _landing_bounds(contest, count, progress)
     lower = []
-    for k in range(min(count, contest.episodes)):
+    for k in range(count):
         lower.append(_least(contest, k, _deadline(contest, k)))
         progress(1)
     times = np.linspace(_EARLIEST, 1.0, _TIMES) * _deadline(contest, 0)
@@ -104,7 +155,44 @@ def mission_bounds(contest: Contest, count: int, progress: Progress = unseen) ->
 
 def steps_of(contest: Contest, count: int) -> int:
     """How often `mission_bounds` reports progress."""
-    return min(count, contest.episodes) + _TIMES
+    landed = contest.task.optimal_problem == "landing"
+    return min(count, contest.episodes) + (1 if landed else _TIMES)
+
+
+def _landing_bounds(contest: Contest, count: int, progress: Progress) -> MissionBounds:
+    """Bounds of landings; the certified ones are those that the dual solutions prove."""
+    task: Any = contest.task
+    lander = Lander.of(contest.craft, apart=True)
+    descent = Descent.of(task, craft=contest.craft)
+    period = contest.timing.control_period
+    times = _SHORTEST, contest.duration
+    lower = []
+    first = None
+    for k in range(count):
+        best = best_landing(lander, descent, _beside(contest, k), period, "bound", times)
+        lower.append(math.inf if best is None else best.dual)
+        first = best if k == 0 else first
+        progress(1)
+    if first is None:
+        progress(1)
+        return MissionBounds(np.array(lower), np.zeros(0), np.zeros(0), "propellant")
+    early, late = (round(seconds / period) for seconds in _AROUND)
+    around = first.time + period * np.arange(-early, late + 1)
+    around = around[(around >= _SHORTEST) & (around <= contest.duration)]
+    found = [
+        landing(lander, descent, _beside(contest, 0), float(time), period, "bound")
+        for time in around
+    ]
+    progress(1)
+    front = np.array([math.inf if one is None else one.dual for one in found])
+    return MissionBounds(np.array(lower), around, front, "propellant", first.p)
+
+
+def _beside(contest: Contest, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Position from the site, m, and velocity, m/s, of start number k, (3,) each."""
+    one = contest.start(k)
+    away = one.start.p - one.goal.p
+    return np.ravel(away.columns()), np.ravel(one.start.v.columns())
 
 
 def _meeting(contest: Contest, goal: State) -> Meeting:

@@ -32,7 +32,7 @@ from rans.evaluation.compare.mission_bounds import (
     steps_of,
 )
 from rans.evaluation.compare.relaxed import Relaxed
-from rans.evaluation.fly.controllers import BESIDE
+from rans.evaluation.fly.controllers import default_opponents
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import check_goal
@@ -64,7 +64,7 @@ class Comparison(NotebookRepr):
     front: Front | None = None
     """Front of time and impulse; None: not asked for."""
     mission: MissionBounds | None = None
-    """Lower bounds of the impulse of an orbital mission; None: it has none."""
+    """Lower bounds of what an orbital mission or a landing spends; None: it has none."""
     notes: list[str] = field(default_factory=list)
     """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
@@ -150,7 +150,7 @@ class Comparison(NotebookRepr):
     def fly(
         self,
         contestants: Mapping[str, Contestant],
-        beside: Sequence[str] = BESIDE,
+        beside: Sequence[str] | None = None,
         certified: int = 4,
         cache: Path | None = None,
         stages: Stages = unseen_stages,
@@ -162,12 +162,14 @@ class Comparison(NotebookRepr):
 
         Args:
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
-            beside: names of controllers, and "optimal".
+            beside: names of controllers, and "optimal"; None: those of `default_opponents`.
             certified: number of starts whose bounds are certified.
             cache: see `certify`.
             stages: reports progress.
             workers: processes, by default one per processor.
         """
+        if beside is None:
+            beside = default_opponents(self.contest.task)
         for spec, one in contestants.items():
             with _noted(self, spec):
                 self.entries.append(_entry(self, one, stages, workers))

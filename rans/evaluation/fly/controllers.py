@@ -75,6 +75,13 @@ CONTROLLERS: Registry[Maker] = Registry(
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""
+_BESIDE_LANDINGS = ("landing", "optimal")
+"""The same of landings, which the others do not fly."""
+
+
+def default_opponents(task: Task) -> tuple[str, ...]:
+    """Names of controllers that fly a task beside the contestants of a comparison, and "optimal"."""
+    return _BESIDE_LANDINGS if task.optimal_problem == "landing" else BESIDE
 
 
 def controller(name: str, setup: Setup) -> Controller:

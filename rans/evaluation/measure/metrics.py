@@ -102,11 +102,23 @@ def impulses(flight: Flight) -> np.ndarray:
 
 
 def forces(flight: Flight) -> np.ndarray:
-    """Sum of the forces of all thrusters in every control period of each episode, (T, N) N."""
+    """Sum of the forces of all thrusters in every control period of each episode, (T, N) N.
+
+    It is 0 after a success, where engines that cannot be shut in flight are shut too.
+    """
     shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
-    return np.sum(
+    total = np.sum(
         [share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0
     )
+    if flight.lengths is None:
+        return total
+    return np.where(np.arange(len(total))[:, None] < flight.lengths, total, 0.0)
+
+
+def propellant_used(flight: Flight) -> np.ndarray:
+    """Propellant that each episode of a craft with a tank used, (N,) kg."""
+    tank = np.asarray(flight.states.stores[0])
+    return tank[0] - tank[-1]
 
 
 def final_errors(flight: Flight) -> dict[str, np.ndarray]:
@@ -306,7 +318,7 @@ def _effort(flight: Flight) -> Iterator[Sample]:
         yield Sample("effort", name, meaning, unit, values)
     stores = flight.states.stores
     if flight.craft.propellant is not None:
-        used = stores[0][0] - stores[0][-1]
+        used = propellant_used(flight)
         yield Sample("effort", "propellant", "used an episode", "kg", used)
     if flight.craft.wheels:
         held = stores[len(stores) - len(flight.craft.wheels) :]

@@ -1,4 +1,4 @@
-"""Figures of missions: paths in the orbital plane, margins over time, and impulse beside its certified least."""
+"""Figures of missions: paths in the orbital plane, margins over time, and what is spent beside its bound."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight
 from rans.model.fields import map_leaves
 from rans.show.figures.figures import styled
@@ -29,7 +28,7 @@ def orbital_plane(entries: Sequence[Entry], start: int = 0) -> Figure:
     corners = [np.zeros((2, 1))]
     for k, entry in enumerate(entries):
         flight = entry.flight
-        last = _length(flight, start)
+        last = length(flight, start)
         radial, along = (
             np.asarray(x)[: last + 1, start] for x in (flight.states.p.x, flight.states.p.y)
         )
@@ -103,8 +102,12 @@ def margins_over_time(entries: Sequence[Entry]) -> Figure:
 
 
 @styled
-def impulse_over_time(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
-    """When contestants succeed from the first start and what they spend, and what no craft can do."""
+def spent_over_time(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
+    """When contestants succeed from the first start and what they spend, and what no craft can do.
+
+    On an orbit a craft may wait after it has succeeded, so that a bound holds for success by its time. That of a
+    landing holds for landing at its time; bounds are joined by straight lines.
+    """
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     axes = figure.subplots()
     possible = np.isfinite(bounds.front)
@@ -116,30 +119,41 @@ def impulse_over_time(entries: Sequence[Entry], bounds: MissionBounds) -> Figure
         if not flight.done[0] or flight.violated()[0]:
             continue
         colour, marker = series_style(k)
-        time = _length(flight, 0) * flight.timing.control_period
-        spent = float(impulses(flight)[0])
+        time = length(flight, 0) * flight.timing.control_period
+        spent = float(bounds.spent(entry)[0])
         axes.plot([time], [spent], marker, color=colour, markersize=7, label=entry.name)
         top.append(spent)
-    # Success by a time needs at least what success by any later time needs.
-    edges = np.array([0.0, *bounds.times, max(bounds.times[-1], axes.get_xlim()[1])])
-    height = 1.15 * max(top, default=1.0)
-    least = np.minimum([*bounds.front, bounds.front[-1], bounds.front[-1]], height)
+    on_orbit = bounds.spending == "impulse"
+    high = max(top, default=1.0)
+    low = 0.0 if on_orbit else min(top, default=0.0)
+    room = 0.15 * (high - low)
+    if on_orbit:
+        # Success by a time needs at least what success by any later time needs.
+        edges = np.array([0.0, *bounds.times, max(bounds.times[-1], axes.get_xlim()[1])])
+        least = np.array([*bounds.front, bounds.front[-1], bounds.front[-1]])
+    else:
+        edges, least = bounds.times, bounds.front
     axes.fill_between(
         edges,
         0.0,
-        least,
-        step="post",
+        np.minimum(least, high + room),
+        step="post" if on_orbit else None,
         color=GREY,
         alpha=0.2,
         linewidth=0.0,
         label="provably impossible",
     )
-    axes.set(xlim=(0.0, edges[-1]), ylim=(0.0, height))
+    axes.set(xlim=(edges[0], edges[-1]), ylim=(max(0.0, low - 2.0 * room), high + room))
     axes.legend(loc="best")
-    label(axes, "impulse over time, start 0", "success after, s", "impulse, N s")
+    label(
+        axes,
+        f"{bounds.spending} over time, start 0",
+        "success after, s",
+        f"{bounds.spending}, {bounds.unit}",
+    )
     return figure
 
 
-def _length(flight: Flight, start: int) -> int:
+def length(flight: Flight, start: int) -> int:
     """Control periods of one flight until it succeeded, or all of them."""
     return int(len(flight.commands) if flight.lengths is None else flight.lengths[start])

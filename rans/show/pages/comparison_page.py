@@ -15,7 +15,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
-from rans.show.figures import mission_figures
+from rans.show.figures import landing_figures, mission_figures
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
 from rans.show.pages.race import Race, Track, race
@@ -109,25 +109,57 @@ def page(comparison: Comparison, command: str = "") -> Page:
     )
 
 
+_BOUNDED = {
+    "impulse": "The bound leaves out cones, keep-out balls and speed limits. Contestants without a marker did not "
+    "succeed from this start.",
+    "propellant": "The bound holds for a craft that starts upright, has to turn, and may throttle its engines one "
+    "by one. Contestants without a marker did not land from this start.",
+}
+"""What a bound leaves out, by what it is of."""
+
+
 def _mission(comparison: Comparison) -> Iterator[Section]:
-    """Margins of missions with constraints; paths and least impulses of those on an orbit."""
+    """Margins of missions with constraints; paths, and what is spent beside its bounds, where these are known."""
     entries = comparison.entries
+    bounds = comparison.mission
     pictures = []
-    if comparison.contest.task.optimal_problem == "rendezvous":
+    result = []
+    problem = comparison.contest.task.optimal_problem
+    if problem == "landing":
+        pictures += [
+            Picture.of(
+                landing_figures.descent(entries, bounds),
+                "Paths in the vertical plane of the site and the start. The dashed one gives the bound, and need "
+                "not be flyable.",
+            ),
+            Picture.of(
+                landing_figures.thrust_and_tilt(entries),
+                "Least, largest and tilt limit are dashed. The optimum has the largest thrust, the least, and the "
+                "largest again.",
+            ),
+        ]
+    if problem == "rendezvous":
         pictures.append(
             Picture.of(
                 mission_figures.orbital_plane(entries),
                 "Paths in the Hill frame of the target. Markers are the ends.",
             )
         )
-    if comparison.mission is not None:
-        pictures.append(
-            Picture.of(
-                mission_figures.impulse_over_time(entries, comparison.mission),
-                "The bound leaves out cones, keep-out balls and speed limits. Contestants without a marker did "
-                "not succeed from this start.",
+    if bounds is not None:
+        result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
+        if problem == "landing" and np.isfinite(bounds.lower).any():
+            pictures.append(
+                Picture.of(
+                    landing_figures.propellant_beside_bounds(entries, bounds),
+                    "Contestants without a marker did not land from this start.",
+                )
             )
-        )
+        if len(bounds.times):
+            pictures.append(
+                Picture.of(
+                    mission_figures.spent_over_time(entries, bounds), _BOUNDED[bounds.spending]
+                )
+            )
     if entries[0].flight.margins:
         pictures.append(
             Picture.of(
@@ -136,7 +168,7 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
             )
         )
     if pictures:
-        yield Section("Mission", pictures=pictures)
+        yield Section("Mission", "", result, pictures)
 
 
 def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
@@ -168,6 +200,14 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
                 f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
+    if comparison.mission is not None and len(over := comparison.mission.ratios(first)):
+        tiles.append(
+            Tile(
+                f"over the certified least {comparison.mission.spending}",
+                f"{over.mean():.3f} x",
+                f"of {counted(len(over), 'start')}",
+            )
+        )
     measured = tables.gaps(comparison)
     if measured:
         event, ratios = next(iter(measured.items()))

@@ -19,9 +19,9 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.randomization.conditions import Conditions
 from rans.show.figures.mission_figures import (
-    impulse_over_time,
     margins_over_time,
     orbital_plane,
+    spent_over_time,
 )
 from rans.tasks import Dock, GoToPose
 from tests.support.comparisons import points
@@ -85,6 +85,6 @@ def test_figures_show_paths_margins_and_what_is_impossible(entry: Entry) -> None
         min(margin.min() for margin in entry.flight.margins.values())
     )
     bounds = MissionBounds(np.ones(1), np.array([300.0, 600.0]), np.array([np.inf, 1.0]))
-    (front,) = impulse_over_time([entry], bounds).axes
+    (front,) = spent_over_time([entry], bounds).axes
     (marker,) = (line for line in front.get_lines() if line.get_label() == "mission")
     assert marker.get_ydata() == pytest.approx(impulses(entry.flight)[:1])
