@@ -103,6 +103,9 @@ class FaultConditions(Settings):
     """Time of the fault from the start of the episode, s; it may lie within a control period."""
     among: FaultChoice = "any"
     """Which thrusters may fail."""
+    thrusters: tuple[int, ...] = ()
+    """Numbers of the thrusters that fail in every episode, in the spacecraft's order from 0, each with a fault kind
+    of its own. ``count`` and ``among`` are then left out. Empty: thrusters are drawn."""
 
 
 @dataclass(frozen=True)
@@ -212,6 +215,22 @@ class Conditions(Settings):
             self.faults.kinds,
             f"among {', '.join(get_args(FaultKind))}",
         )
+        named = self.faults.thrusters
+        _require(
+            isinstance(named, tuple)
+            and all(type(k) is int and k >= 0 for k in named)
+            and len(named) <= MOST_FAULTS
+            and len({*named}) == len(named),
+            "faults.thrusters",
+            named,
+            f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
+        )
+        _require(
+            not named or (self.faults.count == 0.0 and self.faults.among == "any"),
+            "faults.count and faults.among",
+            (self.faults.count, self.faults.among),
+            "left out where faults.thrusters are named",
+        )
         _require(largest(self.faults.share) <= 1, "faults.share", self.faults.share, "at most 1")
         one_of("faults.among", self.faults.among, get_args(FaultChoice))
         _require(
@@ -266,8 +285,15 @@ class Conditions(Settings):
         """Reject conditions that do not apply to the valves of a spacecraft.
 
         Raises:
-            ConfigError: there are shortest on or off times, but the thrusters are not on/off.
+            ConfigError: there are shortest on or off times, but the thrusters are not on/off, or there is no
+                thruster of a number that is to fail.
         """
+        count = len(craft.thrusters)
+        if any(k >= count for k in self.faults.thrusters):
+            raise ConfigError(
+                f"Conditions have faults of thrusters {[*self.faults.thrusters]}; those of {craft.name!r} have the "
+                f"numbers 0 to {count - 1}."
+            )
         for name in ("least_on", "least_off"):
             longest = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
             if longest > 0 and craft.actuators.is_continuous:
@@ -280,6 +306,22 @@ class Conditions(Settings):
     def or_none(self) -> Conditions | None:
         """The conditions; None if they are nominal, so that nothing is drawn."""
         return None if replace(self, description="") == Conditions() else self
+
+    @property
+    def dead(self) -> tuple[int, ...]:
+        """Numbers of the thrusters that are dead from the start in every episode."""
+        faults = self.faults
+        known = faults.kinds == ("dead",) and all(
+            largest(part.faults.time) == 0.0 for part in (self, *self.others)
+        )
+        return faults.thrusters if known else ()
+
+    @property
+    def only_dead(self) -> bool:
+        """Whether everything is nominal but thrusters that are `dead` in every episode."""
+        if self.others or not self.dead:
+            return False
+        return replace(self, description="", faults=FaultConditions()) == Conditions()
 
     @property
     def steady_torque(self) -> float:

@@ -38,6 +38,8 @@ def draw_fault(
         random: random numbers.
     """
     thrusters = len(body.gain)
+    if given.thrusters:
+        return _named(given, body, random)
     if largest(given.count) < 1:
         return None
     count = random.whole(given.count)
@@ -54,6 +56,17 @@ def draw_fault(
             hit = (place == float(i)) & (count > float(slot))
             gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
             leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
+    return Fault(begins, tuple(gain), tuple(leak), largest(given.time))
+
+
+def _named(given: FaultConditions, body: Body, random: Random) -> Fault:
+    """The fault of thrusters that are named, each with its own fault kind."""
+    begins = random.within(given.time)
+    gain = list(body.gain)
+    leak = list(body.leak)
+    for k in given.thrusters:
+        failure = _failure(given.kinds, random.unit(), random.within(given.share))
+        gain[k], leak[k] = (part * body.gain[k] for part in failure)
     return Fault(begins, tuple(gain), tuple(leak), largest(given.time))
 
 

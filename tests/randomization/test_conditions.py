@@ -57,6 +57,15 @@ from rans.tasks import GoToPose
             r"least_on and least_off must be at most 30 s",
         ),
         (
+            lambda: Conditions(faults=Faults(thrusters=(1, 1))),
+            r"faults\.thrusters must be at most 8 different numbers .*\(1, 1\)",
+        ),
+        (lambda: Conditions(faults=Faults(thrusters=(-1,))), r"faults\.thrusters .* \(-1,\)"),
+        (
+            lambda: Conditions(faults=Faults(1.0, thrusters=(1,))),
+            r"faults\.count and faults\.among must be left out",
+        ),
+        (
             lambda: Conditions(faults=Faults(count=3.0, among="recoverable")),
             r"faults\.count must be at most 2 with faults\.among = \"recoverable\", got 3\.0",
         ),
@@ -123,6 +132,29 @@ def test_how_long_a_command_is_felt() -> None:
     assert Conditions(thrusters=lag).delay == pytest.approx(0.3)
     assert Conditions(thrusters=lag).lasting == pytest.approx(0.38)
     assert Conditions(thrusters=Thrusters(rise=0.05)).lasting == 0.05
+
+
+def test_which_thrusters_are_known_to_be_dead() -> None:
+    """Only if nothing else can happen to them, and nothing happens later."""
+    dead = Conditions(faults=Faults(kinds=("dead",), thrusters=(4, 1)), description="without two")
+    assert (dead.dead, dead.only_dead) == ((4, 1), True)
+    heavy = replace(dead, body=Body(mass=1.1))
+    assert (heavy.dead, heavy.only_dead) == ((4, 1), False)
+    later = replace(dead, others=(replace(dead, faults=replace(dead.faults, time=3.0)),))
+    for other in (
+        Conditions(),
+        Conditions(faults=Faults(count=1.0, kinds=("dead",))),
+        Conditions(faults=Faults(thrusters=(1,))),
+        later,
+    ):
+        assert (other.dead, other.only_dead) == ((), False)
+
+
+def test_faults_of_thrusters_that_a_craft_lacks_are_refused() -> None:
+    craft = load_spacecraft("floating-platform")
+    Conditions(faults=Faults(thrusters=(7,))).check_valves(craft)
+    with pytest.raises(ConfigError, match=r"thrusters \[8\]; .* numbers 0 to 7"):
+        Conditions(faults=Faults(thrusters=(8,))).check_valves(craft)
 
 
 @pytest.mark.parametrize("others", [False, True])

@@ -55,6 +55,19 @@ def test_faults_hit_distinct_thrusters_each_pair_as_likely() -> None:
     assert stats.chisquare(seen[pairs]).pvalue > LIKELY
 
 
+def test_named_thrusters_fail_in_every_episode_and_no_others() -> None:
+    gains, leaks = health(FaultConditions(kinds=("dead", "stuck-open"), thrusters=(5, 2)))
+    assert (gains[[2, 5]] == 0.0).all()
+    assert (gains[[0, 1, 3, 4, 6, 7]] == 1.0).all()
+    assert (leaks[[0, 1, 3, 4, 6, 7]] == 0.0).all()
+    # Each has a kind of its own.
+    open_ = leaks[[2, 5]] == 1.0
+    assert stats.binomtest(int(open_.sum()), open_.size).pvalue > LIKELY
+    assert stats.binomtest(int((open_[0] != open_[1]).sum()), COUNT).pvalue > LIKELY
+    later, _ = health(FaultConditions(kinds=("dead",), time=1.0, thrusters=(5,)))
+    assert (later == 1.0).all()
+
+
 def test_four_distinct_thrusters_fail_each_set_as_likely() -> None:
     gains, _ = health(FaultConditions(count=4.0, kinds=("dead",)))
     assert ((gains == 0.0).sum(axis=0) == 4).all()

@@ -28,6 +28,7 @@ EFFECTS = {
     "fall": Conditions(thrusters=_Thrusters(rise=(0.0, 0.1), fall=(0.0, 0.1))),
     "hold": Conditions(thrusters=_Thrusters(least_on=(0.0, 0.6), least_off=(0.0, 0.6))),
     "faults": Conditions(faults=FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0))),
+    "named": Conditions(faults=FaultConditions(kinds=_KINDS, time=(0.0, 2.0), thrusters=(2, 0))),
     "recoverable": Conditions(
         faults=FaultConditions(1.0, _KINDS, time=(0.0, 2.0), among="recoverable")
     ),

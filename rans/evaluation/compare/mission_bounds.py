@@ -117,14 +117,16 @@ class MissionBounds:
 
 
 def bounded(contest: Contest) -> bool:
-    """Whether a contest has such bounds: a mission under nominal conditions, and a craft that fits."""
-    if contest.conditions is not None:
-        return False
+    """Whether a contest has such bounds: a mission under nominal conditions, and a craft that fits.
+
+    Landings have them also with engines that are dead in every episode from the start.
+    """
+    nominal = contest.conditions is None
     try:
         if contest.task.optimal_problem == "landing":
-            Lander.of(contest.craft, apart=True)
-            return True
-        if contest.task.optimal_problem == "rendezvous":
+            Lander.of(contest.craft, _dead(contest), apart=True)
+            return contest.conditions is None or contest.conditions.only_dead
+        if nominal and contest.task.optimal_problem == "rendezvous":
             _meeting(contest, contest.start(0).goal)
             return True
     except ConfigError:
@@ -162,7 +164,7 @@ def steps_of(contest: Contest, count: int) -> int:
 def _landing_bounds(contest: Contest, count: int, progress: Progress) -> MissionBounds:
     """Bounds of landings; the certified ones are those that the dual solutions prove."""
     task: Any = contest.task
-    lander = Lander.of(contest.craft, apart=True)
+    lander = Lander.of(contest.craft, _dead(contest), apart=True)
     descent = Descent.of(task, craft=contest.craft)
     period = contest.timing.control_period
     times = _SHORTEST, contest.duration
@@ -186,6 +188,11 @@ def _landing_bounds(contest: Contest, count: int, progress: Progress) -> Mission
     progress(1)
     front = np.array([math.inf if one is None else one.dual for one in found])
     return MissionBounds(np.array(lower), around, front, "propellant", first.p)
+
+
+def _dead(contest: Contest) -> tuple[int, ...]:
+    """Numbers of engines that are dead in every flight."""
+    return () if contest.conditions is None else contest.conditions.dead
 
 
 def _beside(contest: Contest, k: int) -> tuple[np.ndarray, np.ndarray]:

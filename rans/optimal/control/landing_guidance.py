@@ -34,6 +34,7 @@ from rans.optimal.trajectory.steered_landing import (
     tilt_of,
     tilt_rate,
 )
+from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 from rans.tasks.land import Land
 
@@ -72,7 +73,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
     6 s before its end. A perfect world needs one plan, which takes about a second of a core. Where no landing is
     found, the craft brakes upright.
 
-    With a dead engine the thrust of the others makes an angle with z of B. They are throttled alike, and the craft
+    With an engine that it knows to be dead, from ``dead`` or from the conditions of its flights, the thrust of the
+    others makes an angle with z of B. They are throttled alike, and the craft
     rolls about their thrust, so that it is tilted less than its thrust where the tilt limit matters.
 
     Args:
@@ -99,6 +101,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         dead: Sequence[int] = (),
     ) -> None:
         super().__init__(craft, task, timing, reserve)
+        self._dead = tuple(dead)
         mission = Land.expected(self._task, "landing guidance flies descents")
         lander = Lander.of(self._craft, dead)
         self._full_thrust = lander.largest_thrust / self._craft.actuators.high
@@ -145,6 +148,17 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         """Periods until a first plan is tried again, of each episode."""
         # Thrust may be tilted more than the craft.
         self._convex = replace(self._descent, tilt=self._descent.tilt + self._offset)
+
+    def expecting(self, conditions: Conditions | None) -> LandingGuidance:
+        """Guidance that knows the engines that are dead from the start under these conditions; None: no engine is.
+
+        Raises:
+            ConfigError: see `LandingGuidance`.
+        """
+        dead = () if conditions is None else conditions.dead
+        if dead == self._dead:
+            return self
+        return LandingGuidance(self._craft, self._task, self._timing, self._reserve, dead)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; plans are forgotten."""

@@ -16,7 +16,7 @@ from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.convex.landing import Descent, Lander, landing
-from rans.randomization.conditions import Conditions
+from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
 from rans.show.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
 from rans.show.figures.mission_figures import margins_over_time, spent_over_time
 from rans.show.pages.comparison_page import page
@@ -60,6 +60,12 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
     assert f"({over[1]:.3f})" in rows[1][2]
 
 
+def test_a_dead_engine_takes_more(bounds: MissionBounds) -> None:
+    dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
+    without = mission_bounds(replace(CONTEST, conditions=dead), 1)
+    assert without.lower[0] > 1.05 * bounds.lower[0]
+
+
 def test_the_front_is_least_where_the_bound_is(bounds: MissionBounds) -> None:
     assert bounds.front.min() == pytest.approx(bounds.lower[0], rel=1e-6)
     assert np.diff(bounds.times) == pytest.approx(TASK.timing.control_period)
@@ -82,6 +88,9 @@ def test_landings_have_bounds_where_nothing_is_drawn() -> None:
     assert bounded(CONTEST)
     assert steps_of(CONTEST, 5) == 3
     assert not bounded(replace(CONTEST, conditions=Conditions()))
+    dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
+    assert bounded(replace(CONTEST, conditions=dead))
+    assert not bounded(replace(CONTEST, conditions=replace(dead, body=BodyConditions(mass=1.1))))
     shut = replace(CRAFT, propellant=None)
     assert not bounded(replace(CONTEST, craft=shut))
     assert default_opponents(TASK) == ("landing", "optimal")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Flight, fly
 from rans.model.body import Body
 from rans.model.fields import map_leaves
@@ -16,7 +19,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.reference.flight import fly_in_drake
-from rans.scenario import Scenario, scenarios
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks.land import Land
 
 LANDER = load_spacecraft("mars-lander-steered")
@@ -83,6 +86,27 @@ def test_it_lands_without_an_engine_that_it_knows_to_be_dead() -> None:
     assert flight.done is not None
     assert flight.done.all()
     assert not flight.violated().any()
+
+
+def test_it_expects_the_dead_engines_of_conditions(tmp_path: Path) -> None:
+    """By name it is told of them, so that from a start with a landing it lands; without conditions none is dead."""
+    file = tmp_path / "engine-out.toml"
+    file.write_text('[faults]\nthrusters = [0]\nkinds = ["dead"]\n', encoding="utf-8")
+    nominal = contestant("landing:land-3d")
+    run = nominal.under(file)
+    assert run.conditions is not None
+    assert run.conditions.dead == (0,)
+    guidance = run.controller
+    assert isinstance(guidance, LandingGuidance)
+    assert guidance is not nominal.controller
+    assert guidance.expecting(run.conditions) is guidance
+    back = guidance.expecting(None)
+    landed = []
+    for one in (guidance, back):
+        flight, _ = fly_episodes(one, run.judged, EVALUATION_SEED, 1, workers=1)
+        assert flight.done is not None
+        landed.append(bool(flight.done.all() and not flight.violated().any()))
+    assert landed == [True, False]
 
 
 def test_it_is_for_landers_that_wheels_turn() -> None:
