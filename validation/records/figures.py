@@ -25,6 +25,7 @@ from validation.records import (
     rest,
     robustness,
     safe_set,
+    throttling,
 )
 
 
@@ -112,6 +113,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "safe states": safe_set.in_document,
     "hold": partial(missions.in_document, mission="hold"),
     "land": partial(missions.in_document, mission="land"),
+    "throttling": throttling.in_document,
     "rendezvous": partial(missions.in_document, mission="rendezvous"),
     "RAFT": partial(raft.in_document, spacecraft=raft.PLATFORM),
     "RAFT with a wheel": partial(raft.in_document, spacecraft=raft.WHEELED),
