@@ -31,10 +31,19 @@ def test_every_example_is_run() -> None:
     assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys() | SHARED
 
 
-@pytest.mark.parametrize("name", ["rl-games-ppo", "sb3-ppo"])
-def test_a_saved_agent_flies_without_its_trainer(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "craft"),
+    [
+        ("rl-games-ppo", "floating-platform"),
+        ("sb3-ppo", "floating-platform"),
+        ("sb3-dqn", "floating-platform"),
+        ("sb3-sac", str(FOLDER / "throttled-platform.toml")),
+        ("sb3-td3", str(FOLDER / "throttled-platform.toml")),
+    ],
+)
+def test_a_saved_agent_flies_without_its_trainer(name: str, craft: str) -> None:
     pytest.importorskip("onnxruntime")
-    agent = rans.load_agent(f"onnx:{FOLDER / 'agents' / name}.onnx:go-to-pose-2d@floating-platform")
+    agent = rans.load_agent(f"onnx:{FOLDER / 'agents' / name}.onnx:go-to-pose-2d@{craft}")
     assert agent.evaluate(episodes=64)["solved"].value > 90.0
 
 

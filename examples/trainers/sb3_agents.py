@@ -1,10 +1,11 @@
-"""Stable-Baselines3 and sb3-contrib: PPO, A2C and TRPO on valves, SAC and TD3 on throttles, DQN on 256 choices.
+"""Stable-Baselines3 and sb3-contrib: PPO, A2C and TRPO on valves, SAC and TD3 on throttles, DQN on 27 choices.
 
 `python sb3_agents.py PPO --steps 1000000`.
 """
 
 from __future__ import annotations
 
+import itertools
 import sys
 from pathlib import Path
 from typing import Any
@@ -33,17 +34,39 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "A2C": {"n_steps": 16, "learning_rate": 1e-3},
     "TRPO": {"n_steps": N_STEPS, "batch_size": 2048, "target_kl": 0.016},
     "SAC": {**OFF_POLICY, "ent_coef": "auto_0.02"},
-    "TD3": {**OFF_POLICY, "action_noise": NormalActionNoise(np.zeros(8), 0.3 * np.ones(8))},
-    "DQN": {**OFF_POLICY, "target_update_interval": 8192, "exploration_fraction": 0.5},
+    "TD3": {
+        **OFF_POLICY,
+        "gradient_steps": 16,
+        "action_noise": NormalActionNoise(np.zeros(8), 0.3 * np.ones(8)),
+    },
+    "DQN": {
+        **OFF_POLICY,
+        "learning_rate": lambda left: 2e-5 + 9.8e-4 * left,  # of the steps, from 1 to 0
+        "batch_size": 512,
+        "gradient_steps": 16,
+        "n_steps": 3,
+        "tau": 0.05,
+        "target_update_interval": N_ENVS,
+        "exploration_fraction": 0.3,
+        "policy_kwargs": {"net_arch": [128, 128]},
+    },
 }
 ALGORITHM = sys.argv.pop(1) if len(sys.argv) > 1 and sys.argv[1] in SETTINGS else "PPO"
 THROTTLED = Path(__file__).with_name("throttled-platform.toml")
 CRAFT = rans.load_spacecraft(THROTTLED if ALGORITHM in ("SAC", "TD3") else "floating-platform")
 
 
-def valves(choice: torch.Tensor) -> torch.Tensor:
-    """Commands (N, 8) to choices (N,) of 256."""
-    return choice[:, None] // 2 ** torch.arange(8) % 2
+def valve_sets() -> torch.Tensor:
+    """Commands (27, 8): the fewest open valves for every combination of signs of force x, force y and torque."""
+    wrenches = np.array(CRAFT.wrench_map)
+    found: dict[tuple[float, ...], tuple[int, ...]] = {}
+    for command in sorted(itertools.product((0, 1), repeat=len(wrenches)), key=sum):
+        signs = np.sign(np.round(command @ wrenches, 6))
+        found.setdefault(tuple(signs), command)
+    return torch.tensor(list(found.values()))
+
+
+VALVES = valve_sets()
 
 
 class BodyFrame(VecEnvWrapper):
@@ -51,13 +74,15 @@ class BodyFrame(VecEnvWrapper):
 
     def __init__(self, envs: VecEnv) -> None:
         space = gymnasium.spaces.Box(-np.inf, np.inf, (7,), np.float32)
-        choices = gymnasium.spaces.Discrete(256) if ALGORITHM == "DQN" else envs.action_space
+        choices = envs.action_space
+        if ALGORITHM == "DQN":
+            choices = gymnasium.spaces.Discrete(len(VALVES))
         super().__init__(envs, observation_space=space, action_space=choices)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Commands; a choice of 256 is a set of open valves."""
+        """Commands; a choice is a row of `VALVES`."""
         if ALGORITHM == "DQN":
-            actions = valves(torch.from_numpy(actions)).numpy()
+            actions = VALVES.numpy()[actions]
         self.venv.step_async(actions)
 
     def reset(self) -> Any:
@@ -88,7 +113,7 @@ def train(steps: int) -> Agent:
         if ALGORITHM in ("SAC", "TD3"):
             return 0.5 * (answer + 1.0)  # throttles are 0 to 1, their outputs -1 to 1
         if ALGORITHM == "DQN":
-            return valves(answer)
+            return VALVES[answer]
         return answer[0]
 
     return Agent(act, model.policy)

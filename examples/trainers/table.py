@@ -23,9 +23,9 @@ RUNS = {
     "tianshou PPO": ("tianshou_ppo.py", 2_000_000, "tianshou-ppo"),
     "Stable-Baselines3 PPO": ("sb3_agents.py PPO", 3_000_000, "sb3-ppo"),
     "sb3-contrib TRPO": ("sb3_agents.py TRPO", 1_000_000, "sb3-trpo"),
-    "Stable-Baselines3 DQN": ("sb3_agents.py DQN", 300_000, "sb3-dqn"),
+    "Stable-Baselines3 DQN": ("sb3_agents.py DQN", 600_000, "sb3-dqn"),
     "Stable-Baselines3 SAC": ("sb3_agents.py SAC", 500_000, "sb3-sac"),
-    "Stable-Baselines3 TD3": ("sb3_agents.py TD3", 300_000, "sb3-td3"),
+    "Stable-Baselines3 TD3": ("sb3_agents.py TD3", 200_000, "sb3-td3"),
     "RANS": ("rans_ppo.py", 3_000_000, None),
 }
 """Files with their arguments, environment steps, and names of the saved agents (RANS saves a run of its own)."""
