@@ -111,7 +111,7 @@ def train(steps: int) -> Agent:
     def act(rows: torch.Tensor) -> torch.Tensor:
         answer = model.policy(rows, deterministic=True)
         if ALGORITHM in ("SAC", "TD3"):
-            return 0.5 * (answer + 1.0)  # throttles are 0 to 1, their outputs -1 to 1
+            return (0.5 * (answer + 1.0)).clamp(0.0, 1.0)  # outputs are -1 to 1, but for rounding
         if ALGORITHM == "DQN":
             return VALVES[answer]
         return answer[0]
