@@ -115,7 +115,7 @@ class Land(SingleTask):
         """Height above the ground, m; margin of the glide slope, m; cosine of the tilt less that of its limit."""
         up = Vec3(0.0, 0.0, 1.0)
         # Within the site the glide slope is below the ground.
-        below = self.position_tolerance * math.tan(self.glide_slope)
+        below = self.position_tolerance * (sin(self.glide_slope) / cos(self.glide_slope))
         slope = GlideSlope(goal.p - up.scale(below), up, self.glide_slope)
         return {
             "ground": state.p.z - goal.p.z,
