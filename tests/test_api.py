@@ -179,7 +179,7 @@ def test_names_do_where_objects_do() -> None:
             r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>",
         ),
         (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
-        (lambda: rans.compare("go-to-pose-2d", beside=None), "names of controllers .*, got None"),  # type: ignore[arg-type]
+        (lambda: rans.compare("go-to-pose-2d", beside=7), "names of controllers .*, got 7"),  # type: ignore[arg-type]
         (
             lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
             r"a pilot is the name of a controller, or the result of rans\.load_agent, got 3",

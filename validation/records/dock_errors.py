@@ -124,8 +124,8 @@ def in_document(docs: Path) -> Table:
         "python -m validation.records.dock_errors --docs docs",
         _HEADINGS,
         [_cells(Row(**row)) for row in evidence["rows"]],
-        f"{evidence['episodes']:,} starts each, bounds of the first {evidence['bounded']}. The values are in "
-        "[dock-errors.json](../validation/dock-errors.json).",
+        f"Each row has {evidence['episodes']:,} starts; bounds are those of the first {evidence['bounded']}. "
+        "The values are in [dock-errors.json](../validation/dock-errors.json).",
     )
 
 
