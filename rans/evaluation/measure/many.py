@@ -9,8 +9,10 @@ from scipy.stats import binomtest
 
 from rans.episode import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
+from rans.evaluation.measure.metrics import meanings
 from rans.evaluation.measure.statistics import NORMAL_95
 from rans.flight_statistics import FlightStatistics, Sums
+from rans.tasks import Task
 from rans.verdict import Failure
 
 
@@ -29,27 +31,20 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
         statistics.flights,
         statistics.steps,
         period,
-        tuple(_rows(statistics, period)),
+        tuple(_rows(statistics, period, setup.task)),
     )
 
 
-def _rows(result: FlightStatistics, period: float) -> Iterator[Metric]:
+def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
     count = result.flights
-    yield _share(
-        "success",
-        "solved",
-        "within all tolerances at every step of the last fifth",
-        count - result.unsolved,
-        count,
-    )
-    yield _share("success", "settled", "enters all tolerances and stays", result.settled, count)
+    of_solved, of_settled, of_time = meanings(task)
+    yield _share("success", "solved", of_solved, count - result.unsolved, count)
+    yield _share("success", "settled", of_settled, result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (
         period * result.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width)
     )
-    yield Metric(
-        "success", "settling time", "median time to enter and stay", "s", median, low, high
-    )
+    yield Metric("success", "settling time", of_time, "s", median, low, high)
     ended = result.failures[Failure.TERMINATED] + result.failures[Failure.NOT_FINITE]
     yield _share("success", "failed", "declared failed by the task at any time", ended, count)
     yield _share("failures", "not solved", "in any of these ways", result.unsolved, count)

@@ -17,6 +17,7 @@ from rans import verdict
 from rans.flight import Flight
 from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
+from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
 from rans.tasks.quantities import QUANTITIES, Quantity
 
@@ -149,6 +150,21 @@ def solved(flight: Flight) -> np.ndarray:
     return np.asarray(flight.verdict.solved)
 
 
+def meanings(task: Task) -> tuple[str, str, str]:
+    """What "solved", "settled" and "settling time" mean for a task: it holds a goal, or is a mission to be won."""
+    if type(task).done is Task.done:
+        return (
+            "within all tolerances at every step of the last fifth",
+            "enters all tolerances and stays",
+            "median time to enter and stay",
+        )
+    return (
+        "accomplished before the end, with no limit broken",
+        "accomplished",
+        "median time until it is accomplished",
+    )
+
+
 def last_fifth(instants: np.ndarray) -> np.ndarray:
     """The last fifth of an array whose first axis is the T + 1 instants, the start included."""
     return instants[-verdict.last_fifth(len(instants) - 1) :]
@@ -158,15 +174,14 @@ def _success(flight: Flight) -> Iterator[Sample]:
     means = final_errors(flight)
     settling = settling_times(flight)
     mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
+    of_solved, of_settled, of_time = meanings(flight.task)
     for name, meaning, inside in (
-        ("solved", "within all tolerances at every step of the last fifth", solved(flight)),
+        ("solved", of_solved, solved(flight)),
         ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
-        ("settled", "enters all tolerances and stays", np.isfinite(settling)),
+        ("settled", of_settled, np.isfinite(settling)),
     ):
         yield Sample("success", name, meaning, "%", inside)
-    yield Sample(
-        "success", "settling time", "median time to enter and stay", "s", settling, np.median
-    )
+    yield Sample("success", "settling time", of_time, "s", settling, np.median)
     yield Sample(
         "success", "failed", "declared failed by the task at any time", "%", flight.failed()
     )
