@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.pretrained import FOLDER
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
@@ -48,12 +48,19 @@ class Export:
         """Write the export and print its files."""
         from rans.deploy.export import export
         from rans.evaluation.fly.contestants import agent_folder, picked_task
+        from rans.evaluation.fly.controllers import is_user_policy
 
         if self.guard:
             raise ConfigError(
                 "exported files contain the agent without a safety filter, which predicts the motion with RANS. "
                 "Export as numpy without --guard and fly the folder by rans fly FOLDER --trust --guard; in "
                 "Python, rans.guard.safety_filter(setup).admitted filters any command."
+            )
+        if is_user_policy(self.run_folder):
+            raise ConfigError(
+                f"{brief(self.run_folder)} is a policy of another trainer, and an export needs an agent of RANS, "
+                "whose network it knows. Let its own library write ONNX, as examples/trainers do by --save FILE: "
+                "every command flies that file as onnx:FILE:TASK."
             )
         check_count("--episodes", self.episodes)
         folder = agent_folder(self.run_folder)

@@ -233,3 +233,11 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     (folder / "agent.onnx").unlink()
     export(other, folder, "numpy", episodes=4, margins=0)
     assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]
+
+
+def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    from rans.cli.export import Export
+
+    with pytest.raises(ConfigError, match="onnx:FILE:TASK"):
+        Export("sb3:policy.zip:go-to-pose-2d", tmp_path / "out").run()
+    assert not (tmp_path / "out").exists()

@@ -54,6 +54,11 @@ _UNGATED = {"track-velocity-3d-robust", "track-velocity-heading-3d-robust"}
 """Agents trained before filters had a gate."""
 
 
+_EXAMPLES = Path(__file__).parents[3] / "examples"
+_CONTINUED = {"land-3d": str(_EXAMPLES / "landing/glide-slope.toml")}
+"""Agents whose last training went on from another's weights, and the recipe of that training."""
+
+
 def _without_descriptions(value: object) -> object:
     """A table without the sentences that tell a reader what its conditions are."""
     if isinstance(value, dict):
@@ -71,7 +76,8 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
 
     for name in pretrained_names():
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
-        again = to_table(recipe(name, config["device"])) | {"seed": config["seed"]}
+        again = to_table(training(_CONTINUED.get(name, name), device=config["device"]))
+        again["seed"] = config["seed"]
         if config["timing"]["substeps"] == 1:  # what is chosen for all of them, and was the default
             again["timing"]["substeps"] = 1
         if name in _UNGATED:
