@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Flight, fly
@@ -88,25 +89,40 @@ def test_it_lands_without_an_engine_that_it_knows_to_be_dead() -> None:
     assert not flight.violated().any()
 
 
-def test_it_expects_the_dead_engines_of_conditions(tmp_path: Path) -> None:
-    """By name it is told of them, so that from a start with a landing it lands; without conditions none is dead."""
-    file = tmp_path / "engine-out.toml"
+def _engine_out(folder: Path) -> tuple[LoadedRun, LoadedRun]:
+    """Landing guidance by name, without conditions and under those of a dead engine."""
+    file = folder / "engine-out.toml"
     file.write_text('[faults]\nthrusters = [0]\nkinds = ["dead"]\n', encoding="utf-8")
     nominal = contestant("landing:land-3d")
-    run = nominal.under(file)
+    return nominal, nominal.under(file)
+
+
+def _lands(guidance: LandingGuidance, run: LoadedRun) -> bool:
+    """Whether it lands under the run's conditions from the first start, which has a landing."""
+    flight, _ = fly_episodes(guidance, run.judged, EVALUATION_SEED, 1, workers=1)
+    assert flight.done is not None
+    return bool(flight.done.all() and not flight.violated().any())
+
+
+def test_it_expects_the_dead_engines_of_conditions(tmp_path: Path) -> None:
+    """By name it is told of them, and lands from a start with a landing."""
+    nominal, run = _engine_out(tmp_path)
     assert run.conditions is not None
     assert run.conditions.dead == (0,)
     guidance = run.controller
     assert isinstance(guidance, LandingGuidance)
     assert guidance is not nominal.controller
     assert guidance.expecting(run.conditions) is guidance
-    back = guidance.expecting(None)
-    landed = []
-    for one in (guidance, back):
-        flight, _ = fly_episodes(one, run.judged, EVALUATION_SEED, 1, workers=1)
-        assert flight.done is not None
-        landed.append(bool(flight.done.all() and not flight.violated().any()))
-    assert landed == [True, False]
+    assert _lands(guidance, run)
+
+
+@pytest.mark.slow
+def test_without_conditions_it_expects_no_dead_engine(tmp_path: Path) -> None:
+    """Guidance that does not know of the dead engine plans again and again, and does not land."""
+    _, run = _engine_out(tmp_path)
+    guidance = run.controller
+    assert isinstance(guidance, LandingGuidance)
+    assert not _lands(guidance.expecting(None), run)
 
 
 def test_it_is_for_landers_that_wheels_turn() -> None:
