@@ -50,7 +50,7 @@ class Row:
     apart: tuple[float, ...]
     """Engines throttled one by one."""
     needed: tuple[float, ...]
-    """The same with twice the propellant, of starts without a landing."""
+    """Least propellant with twice as much in the tank, from the starts without a landing, kg."""
 
     def cells(self) -> list[str]:
         """As the table has them."""

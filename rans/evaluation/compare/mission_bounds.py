@@ -52,7 +52,7 @@ class MissionBounds:
 
     @property
     def unit(self) -> str:
-        """Of what is bounded."""
+        """Unit of the bounds: N s for impulse, kg for propellant."""
         return "N s" if self.spending == "impulse" else "kg"
 
     def spent(self, entry: Entry) -> np.ndarray:
@@ -68,7 +68,7 @@ class MissionBounds:
         return np.where(succeeded, self.spent(entry) / self.lower, np.nan)
 
     def ratios(self, entry: Entry) -> np.ndarray:
-        """The same of those of the first n flights that succeeded."""
+        """What was spent over the bound of the same start, of those of the first n flights that succeeded."""
         over = self.over(entry)
         return over[~np.isnan(over)]
 

@@ -76,7 +76,7 @@ CONTROLLERS: Registry[Maker] = Registry(
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""
 _BESIDE_LANDINGS = ("landing", "optimal")
-"""The same of landings, which the others do not fly."""
+"""Default opponents of a comparison of landings, which the other controllers do not fly."""
 
 
 def default_opponents(task: Task) -> tuple[str, ...]:

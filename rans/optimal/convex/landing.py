@@ -76,10 +76,10 @@ class Lander:
     exhaust_speed: float
     """Thrust along the axis over mass flow, m/s: canted engines waste a part of theirs."""
     corners: tuple[tuple[float, float, float], ...] = ()
-    """Of engines that are throttled one by one: what each choice of least and largest throttles gives.
+    """Thrusts of every choice of least and largest throttles, for engines that are throttled one by one.
 
-    These are mass flow times `exhaust_speed`, force along z of B, and force across it, N. The bounds of thrust
-    above are then those of the first number. Empty: all engines are throttled alike."""
+    Each has the mass flow times `exhaust_speed`, the force along z of B, and the force across it, N. The bounds of
+    thrust above are then those of the first number. Empty: all engines are throttled alike."""
 
     @classmethod
     def of(cls, craft: Spacecraft, dead: Sequence[int] = (), apart: bool = False) -> Lander:

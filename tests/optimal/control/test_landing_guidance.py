@@ -105,7 +105,7 @@ def _lands(guidance: LandingGuidance, run: LoadedRun) -> bool:
 
 
 def test_it_expects_the_dead_engines_of_conditions(tmp_path: Path) -> None:
-    """By name it is told of them, and lands from a start with a landing."""
+    """Guidance that is made by its name gets the conditions, and lands from a start that has a landing."""
     nominal, run = _engine_out(tmp_path)
     assert run.conditions is not None
     assert run.conditions.dead == (0,)
