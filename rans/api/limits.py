@@ -183,7 +183,8 @@ def certify(
         goal: state to arrive at; None: the scenario's.
         seed: random seed of the scenarios; the default has the starts that agents are evaluated on.
         control_period: time that a command is held, s.
-        seconds: time for the search; less gives a wider gap between the bounds, which hold in any case.
+        seconds: work of the search, by what a core at 3 GHz does in a second, so that every machine answers
+            the same; less gives a wider gap between the bounds, which hold in any case.
 
     Raises:
         ConfigError: one of these does not exist, or no bound is known for this task and spacecraft.

@@ -86,7 +86,8 @@ class Optimal:
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible."""
     certify_seconds: float = 20.0
-    """Seconds for each question of the certificate; less gives wider gaps."""
+    """Work for each question of the certificate, by what a core at 3 GHz does in a second, so that every machine
+    answers the same; less gives wider gaps."""
     agents: tuple[str, ...] = ()
     """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
     workers: int | None = None

@@ -38,7 +38,7 @@ from validation.records.batch import Rows, flown, study
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""
 _SETTLING = Event("settling")
-_EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
+_EFFORT = Effort(work=2.0, nozzle_work=0.3, levels=1)
 """Nearly all certificates are then exact."""
 
 

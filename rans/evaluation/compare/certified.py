@@ -18,9 +18,9 @@ from rans.optimal.certificate.problem import Effort
 from rans.progress import Progress, unseen
 from rans.scenario import each
 
-_EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
-"""Effort of each question; most take two processor seconds. With less, or on a busy machine, gaps are wider, and
-bounds hold all the same."""
+_EFFORT = Effort(work=20.0, nozzle_work=2.0, levels=4)
+"""Effort of each question; most take two processor seconds. With less gaps are wider, and bounds hold all the
+same."""
 _VERSION = 4
 """Version of the proofs: bounds of other versions are searched again."""
 

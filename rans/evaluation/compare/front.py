@@ -20,7 +20,7 @@ from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.certificate.problem import Effort
 from rans.progress import Progress, unseen
 
-_EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)
+_EFFORT = Effort(work=5.0, nozzle_work=0.5, levels=1)
 """Effort for bounds only: controls are searched at the first level of fuel only that cannot be excluded."""
 _MOST_STARTS = 64
 """Largest number of starts, whose search takes half an hour on two processors."""

@@ -34,20 +34,22 @@ class TooManyPoints(ConfigError):
 
 @dataclass(frozen=True)
 class Effort:
-    """Limits of a search; with less effort gaps are wider, and bounds hold all the same."""
+    """Limits of a search; with less effort gaps are wider, and bounds hold all the same.
 
-    seconds: float = 20.0
-    """Processor time for each level of fuel or number of periods."""
-    nozzle_seconds: float = 1.0
-    """Processor time for each attempt to find thrusters for a known attitude."""
+    Work is counted in nominal seconds: lattice points, programs and attempts, each worth what a core at
+    3 GHz needs for it. Every machine therefore finds the same, however busy it is.
+    """
+
+    work: float = 20.0
+    """Work for each level of fuel or number of periods, nominal s."""
+    nozzle_work: float = 1.0
+    """Work for each attempt to find thrusters for a known attitude, nominal s."""
     levels: int = 4
     """Amounts of fuel, or numbers of periods, tried from the first that could not be excluded."""
 
     def __post_init__(self) -> None:
-        if not (self.seconds > 0 and self.nozzle_seconds > 0 and self.levels > 0):
-            raise ConfigError(
-                f"effort: seconds, nozzle_seconds and levels must be > 0, got {self}."
-            )
+        if not (self.work > 0 and self.nozzle_work > 0 and self.levels > 0):
+            raise ConfigError(f"effort: work, nozzle_work and levels must be > 0, got {self}.")
 
 
 class Problem(NamedTuple):

@@ -200,11 +200,28 @@ def test_no_sequence_settles_before_its_bound() -> None:
 
 
 def test_thrust_is_bounded_for_25_seconds() -> None:
-    """As many pulses to turn back as to turn: two of 0.2 N s at least, which little effort shows."""
-    answer = bound(0, one_start(horizon=25.0, effort=Effort(0.1, 0.1, 1)))
-    assert answer.lower is not None
-    assert 0.0 < answer.hull <= answer.lower <= answer.upper
-    assert answer.event == Event(horizon=25.0)
+    """As many pulses to turn back as to turn: two of 0.2 N s at least, which little effort shows.
+
+    With next to none the certificate still says as much as the hull, in whole pulses.
+    """
+    for effort in (Effort(0.1, 0.1, 1), Effort(1e-9, 1e-9, 1)):
+        answer = bound(0, one_start(horizon=25.0, effort=effort))
+        assert answer.lower is not None
+        assert 0.0 < answer.hull <= answer.lower <= answer.upper
+        assert answer.lower >= 0.2
+        assert answer.event == Event(horizon=25.0)
+
+
+def test_a_bound_does_not_depend_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every call of a clock takes an hour: a slow machine finds the same bounds and commands."""
+    asked = [one_start(horizon=6.0), one_start()]
+    quick = [bound(0, one) for one in asked]
+    for name in ("process_time", "perf_counter", "monotonic", "time"):
+        monkeypatch.setattr(f"time.{name}", itertools.count(0, 3600).__next__)
+    slow = [bound(0, one) for one in asked]
+    assert [replace(one, seconds=0.0) for one in slow] == [
+        replace(one, seconds=0.0) for one in quick
+    ]
 
 
 def test_unequal_thrusters_have_no_pulse_to_round_to() -> None:

@@ -8,7 +8,6 @@ every costate it asks for gives a valid one.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,17 +68,18 @@ def ascend(
     tolerance: float,
     trust: float,
     most: int,
-    deadline: float = math.inf,
+    work: float = math.inf,
 ) -> Ascent:
     """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
 
     Where fuel is free the dual function is homogeneous, and costates are kept on the plane through the start
     on which only their direction varies. The start is a scaled costate (4,), the cuts are known planes of
     paths of the branch, the tolerance is a rise not worth another evaluation, of which there are at most so
-    many, and trust is half the edge of the first box (trust region), in scaled costate. None begins after the
-    deadline, in s of processor time (`time.process_time`).
+    many, and trust is half the edge of the first box (trust region), in scaled costate. None begins after so
+    much work, in nominal s (`Effort`).
     """
     unit = scale(relaxation)
+    limit = relaxation.work + work
     cuts = list(cuts)
     normal = towards_goal(relaxation) if relaxation.fuel == 0.0 else None
     best = relaxation.bound(start * unit, branch)
@@ -92,7 +92,7 @@ def ascend(
             return Ascent(latest, cuts, weights)
         slope = latest.gradient * unit
         cuts.append(Cut(float(latest.value - slope @ point), slope, latest.path))
-        if best.value > target or time.process_time() > deadline:
+        if best.value > target or relaxation.work > limit:
             break
         point, ceiling, weights = _highest(cuts, centre, trust, normal)
         while (

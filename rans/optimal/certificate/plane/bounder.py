@@ -9,7 +9,6 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -81,8 +80,18 @@ class PlanarBounder:
         nodes = 0
         open_levels = 0
         outcome = _Outcome()
+        loose = hull.least_fuel(
+            lattice.craft,
+            problem.aims,
+            problem.start,
+            problem.goal,
+            steps * lattice.period,
+            problem.goal_set,
+        )
+        if math.isinf(loose):
+            raise Unreachable.after(steps, lattice.period)
         relaxation, root = _root(lattice, problem, steps, 8.0 * lattice.grain, effort)
-        lower = lattice.next_fuel(root.best.value, relaxation.net)
+        lower = lattice.next_fuel(max(loose, root.best.value), relaxation.net)
         for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
             if level > (relaxation.cap or 0.0):
                 try:
@@ -168,7 +177,6 @@ def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Itera
 
 
 def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascent:
-    deadline = time.process_time() + effort.seconds
     return ascend(
         relaxation,
         relaxation.reachable(),
@@ -178,7 +186,7 @@ def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascen
         0.01 * relaxation.lattice.grain,
         trust=0.5,
         most=60,
-        deadline=deadline,
+        work=effort.work,
     )
 
 
@@ -187,10 +195,10 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
     outcome = _Outcome()
     seen = set()
     order = itertools.count()
-    deadline = time.process_time() + effort.seconds
+    limit = relaxation.work + effort.work
     heap = [_node(relaxation, root, relaxation.reachable(), level, next(order))]
     closed = True
-    while heap and time.process_time() < deadline:
+    while heap and relaxation.work < limit:
         node = heapq.heappop(heap)
         outcome.nodes += 1
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
@@ -230,7 +238,7 @@ def _commands(
         turns = relaxation.lattice.patterns.torque[path].tobytes()
         if commands is None and turns not in seen:
             seen.add(turns)
-            commands = nozzles(relaxation, path, result.best, level, effort.nozzle_seconds)
+            commands = nozzles(relaxation, path, result.best, level, effort.nozzle_work)
         if commands is not None:
             return commands
     return None

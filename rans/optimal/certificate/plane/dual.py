@@ -27,6 +27,11 @@ _MERGED = 3e-12
 _HUGE = 1e200
 """A margin (which exceeds 1e-12 of any sum) from which on sums of costs might overflow, N s."""
 
+_POINTS_PER_SECOND = 9e8
+"""Lattice points that one sweep visits in a nominal second, a pattern each."""
+_EVALUATION = 2e-3
+"""Nominal seconds of an evaluation beside its points: the path, and the linear program that asked for it."""
+
 _MOST_POINTS = 60_000_000
 """Points of the lattice, over all periods, at most: two tables of them take a gigabyte."""
 
@@ -84,7 +89,8 @@ class Relaxation:
     """The dual problem from one start to one goal, of floats, in N periods.
 
     With a cap, only controllers that burn at most this much fuel, N s, are looked at. The weight of the fuel
-    is 1, or 0 to ask only whether the goal set can be reached.
+    is 1, or 0 to ask only whether the goal set can be reached. ``work`` counts what was computed so far, in
+    nominal s (`rans.optimal.certificate.problem.Effort`).
 
     Raises:
         TooManyPoints: the lattice is too large to search.
@@ -109,6 +115,7 @@ class Relaxation:
         self.steps = steps
         self.cap = cap
         self.fuel = fuel
+        self.work = 0.0
         self.net = lattice.net_spins(goal_set, start, goal)
         from rans.optimal.certificate.plane import lattice_kernel  # compiles, with numba
 
@@ -197,6 +204,13 @@ class Relaxation:
             branch.patterns,
         )
 
+    def _sweep(self, arguments: tuple[Any, ...], value: np.ndarray, ahead: bool) -> None:
+        """Fill a table of values, and count the work: every point of the branch, a pattern each."""
+        low, high = arguments[3:5]
+        points = np.maximum(high - low, 0).sum()
+        self.work += _EVALUATION + points * len(self.lattice.patterns.torque) / _POINTS_PER_SECOND
+        self._kernel.sweep(*arguments, value, ahead)
+
     def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
         """The dual function: its value is infinite where the branch holds no path.
 
@@ -205,7 +219,7 @@ class Relaxation:
         """
         margin = self.margin(costate)
         arguments = self._arguments(costate, branch)
-        self._kernel.sweep(*arguments, self._after, False)
+        self._sweep(arguments, self._after, False)
         constant, slope = self.constant(costate)
         inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
         inner = self._after[0, self._reach, self._origin] if inside else np.inf
@@ -227,8 +241,8 @@ class Relaxation:
         """
         margin = self.margin(costate)
         arguments = self._arguments(costate, branch)
-        self._kernel.sweep(*arguments, self._after, False)
-        self._kernel.sweep(*arguments, self._before, True)
+        self._sweep(arguments, self._after, False)
+        self._sweep(arguments, self._before, True)
         limit = limit - self.constant(costate)[0] + margin
         low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
         return replace(branch, low=low, high=high)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from rans.optimal.certificate.plane.dual import DualValue, Relaxation
 
 _SIDES = 16
 """Sides of the polygon inside the goal's discs: it gives away 2 % of their radius."""
+_NODES_PER_SECOND = 300
+"""Nodes that HiGHS solves in a nominal second."""
 
 
 def nozzles(
-    relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float, seconds: float
+    relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float, work: float
 ) -> np.ndarray | None:
     """Commands (N, thrusters) that turn as a path does and end, replayed, in the goal set, if any are found.
 
@@ -23,10 +26,11 @@ def nozzles(
     the limit are not offered.
 
     Only the net torques of the path's patterns (N,) matter; the bound's costate gives the reduced costs. The
-    limit is the most fuel, N s, 0 where fuel is free; the solver has so many seconds.
+    limit is the most fuel, N s, 0 where fuel is free; the solver may branch for so much work, in
+    nominal s (`rans.optimal.certificate.problem.Effort`).
     """
     choices = _choices(relaxation, path, bound, limit)
-    chosen = _solve(relaxation, *choices, limit, seconds)
+    chosen = _solve(relaxation, *choices, limit, work)
     return None if chosen is None else flown(relaxation, choices[1][chosen], limit)
 
 
@@ -75,7 +79,7 @@ def _solve(
     speed: np.ndarray,
     way: np.ndarray,
     limit: float,
-    seconds: float,
+    work: float,
 ) -> np.ndarray | None:
     """Indices of one choice per period, in their order."""
     from scipy.optimize import Bounds, LinearConstraint, milp
@@ -98,7 +102,7 @@ def _solve(
         integrality=np.ones(count),
         bounds=Bounds(0, 1),
         constraints=constraints,
-        options={"time_limit": seconds},
+        options={"node_limit": math.ceil(work * _NODES_PER_SECOND)},
     )
     return None if answer.x is None else np.flatnonzero(answer.x > 0.5)
 

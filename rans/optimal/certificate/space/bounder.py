@@ -7,8 +7,6 @@ looked for from more fuel than needed downwards, and from the least time upwards
 from __future__ import annotations
 
 import math
-import time
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +23,7 @@ from rans.optimal.certificate.space.throttled import throttled
 _INNER = (0.4, 1.0)
 """Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
 _LEVELS = 10
-"""Numbers of periods whose processor time one search may take, throttled thrust with it."""
+"""Numbers of periods for which one search looks for commands."""
 _EVALUATIONS = 24
 """Evaluations of the dual function at most, 0.3 s each for 100 periods."""
 
@@ -69,7 +67,7 @@ class SpatialBounder:
         loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
         if math.isinf(loose):
             raise Unreachable.after(steps, lattice.period)
-        dual, nodes = _raised(relaxation, (1.04, 1.04), effort.seconds)
+        dual, nodes = _raised(relaxation, (1.04, 1.04))
         dual = max(loose, dual)
         lower = lattice.next_fuel(dual, relaxation.last)
         halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
@@ -77,7 +75,7 @@ class SpatialBounder:
             lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
 
         # Commands.
-        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
+        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.work)
         pair = 2 if lattice.settled(relaxation.last) else 1
         result = _fewer(wanted, steps, _pulses(lattice, lower), pair)
         return Found(lower, result, dual, nodes)
@@ -94,14 +92,14 @@ class SpatialBounder:
         nodes = 0
         while lower <= most_steps:
             relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0)
-            value, count = _raised(relaxation, (1.0,), effort.seconds)
+            value, count = _raised(relaxation, (1.0,))
             nodes += count
             if value <= 0.0:
                 break
             lower += 1
 
         # Commands.
-        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
+        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.work)
         return Found(lower * h, _soonest(wanted, lower, most_steps), loose, nodes)
 
 
@@ -130,11 +128,11 @@ def _pulses(lattice: SpinLattice, lower: float) -> int:
 def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
     """Commands that arrive after the fewest periods for which some are found, from the least on.
 
-    None once time is up.
+    None if that is none of the first few that throttled thrust can meet.
     """
-    deadline = time.process_time() + _LEVELS * wanted.seconds
+    searches = 0
     for steps in range(least, most + 1):
-        if time.process_time() > deadline:
+        if searches == _LEVELS:
             break
         tries = (
             throttled(
@@ -143,7 +141,10 @@ def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
             for share in _INNER
         )
         shares = [one.shares for one in next(filter(None, tries), [])]
-        result = in_time(wanted, shares) if shares else None
+        if not shares:
+            continue
+        searches += 1
+        result = in_time(wanted, shares)
         if result is not None:
             return result
     return None
@@ -158,16 +159,8 @@ def _inner(goal_set: GoalSet, share: float) -> GoalSet:
     )
 
 
-class _TimeIsUp(Exception):
-    """Ends a search whose best result so far is kept."""
-
-
-def _raised(
-    relaxation: ReachRelaxation, first: tuple[float, ...], seconds: float
-) -> tuple[float, int]:
+def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[float, int]:
     """A high bound among costates along the way, and how many were tried; for time the first above 0.
-
-    None is tried after so many seconds of processor time, but for the first.
 
     Pulls along the way by x (y (T - t) 2 / T - 1), in the units of the mass: x = y = 1 is the dual optimum of
     a straight flight of least fuel. Where fuel is free only y matters.
@@ -178,29 +171,25 @@ def _raised(
     ahead = way / max(float(np.linalg.norm(way)), 1e-300)
     best = -math.inf
     count = 0
-    deadline = time.process_time() + seconds
 
     def value(x: np.ndarray) -> float:
         nonlocal best, count
         size, slope = (1.0, x[0]) if relaxation.fuel == 0.0 else x
         if relaxation.fuel == 0.0 and best > 0.0:
             return 0.0
-        if count and time.process_time() > deadline:
-            raise _TimeIsUp
         result = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
         best = max(best, result)
         count = count + 1
         return -result
 
     simplex = np.array(first) + np.vstack([np.zeros(len(first)), 0.08 * np.eye(len(first))])
-    with suppress(_TimeIsUp):
-        minimize(
-            value,
-            first,
-            method="Nelder-Mead",
-            options={
-                "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3,
-                "initial_simplex": simplex,
-            },
-        )
+    minimize(
+        value,
+        first,
+        method="Nelder-Mead",
+        options={
+            "maxfev": _EVALUATIONS if len(first) > 1 else _EVALUATIONS // 3,
+            "initial_simplex": simplex,
+        },
+    )
     return best, count

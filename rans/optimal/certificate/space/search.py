@@ -8,7 +8,6 @@ lose how the craft turns. What counts is the replay by the engines' equations.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -28,15 +27,19 @@ _ROUNDED = np.array([0.6, 0.94, 0.57])
 """Shares of the tolerances of position, velocity and attitude that are left before instants of pulses are
 rounded to periods: half a period of one quantum of spin turns the free flyer by 1.7 degrees."""
 _TRIES = 4_000
-"""Changes of one search for few pulses, 40 ms."""
+"""Changes of one search for few pulses."""
+_SEARCHES_PER_SECOND = 25
+"""Such searches in a nominal second."""
 _DRAWS = 300
 """Draws of pulses from shares at most, until their torques cancel."""
 _JITTER = 1.0
 """Periods by which drawn pulses are moved at most."""
 _ROUNDINGS = 100
-"""Roundings of shares, 3 ms, with the best of which an attempt to arrive in few periods begins."""
+"""Roundings of shares, with the best of which an attempt to arrive in few periods begins."""
 _CHANGES = 20_000
-"""Changes of such an attempt, 10 ms."""
+"""Changes of such an attempt."""
+_ATTEMPTS_PER_SECOND = 75
+"""Such attempts in a nominal second."""
 
 
 class Wanted(NamedTuple):
@@ -48,8 +51,8 @@ class Wanted(NamedTuple):
     goal_set: GoalSet
     spins: bool
     """Whether the end must be at rest."""
-    seconds: float
-    """Processor time."""
+    work: float
+    """Work of one search, nominal s (`rans.optimal.certificate.problem.Effort`)."""
 
     @property
     def wrenches(self) -> np.ndarray:
@@ -108,7 +111,7 @@ def arrived(state: SpatialState, goal: SpatialState, goal_set: GoalSet, spins: b
 def with_pulses(
     wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.ndarray]
 ) -> np.ndarray | None:
-    """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once time is up.
+    """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once the work is done.
 
     Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
     """
@@ -121,9 +124,7 @@ def with_pulses(
         return nothing if wanted.reached(nothing) else None
     inner = _ROUNDED * radii[:3]
     when, who = np.zeros((2, pulses), dtype=np.int64)
-    deadline = time.process_time() + wanted.seconds
-    attempt = 0
-    while time.process_time() < deadline:
+    for attempt in range(int(wanted.work * _SEARCHES_PER_SECOND)):
         random = np.random.default_rng(attempt)
         first = _drawn(wanted, shares[attempt % len(shares)], pulses, random)
         miss = fewest_pulses(
@@ -146,7 +147,6 @@ def with_pulses(
         commands[when, who] = 1
         if miss <= 0.0 and wanted.reached(commands):
             return commands
-        attempt += 1
     return None
 
 
@@ -178,16 +178,14 @@ def _drawn(
 
 
 def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Commands (N, thrusters) that arrive after as many periods as shares have; None once time is up.
+    """Commands (N, thrusters) that arrive after as many periods as shares have; None once the work is done.
 
     Attempts begin with roundings of one of the shares (N, thrusters) after another.
     """
     from rans.optimal.certificate.space.kernel import anneal
 
     lattice = wanted.lattice
-    deadline = time.process_time() + wanted.seconds
-    attempt = 0
-    while time.process_time() < deadline:
+    for attempt in range(int(wanted.work * _ATTEMPTS_PER_SECOND)):
         random = np.random.default_rng(attempt)
         commands = _rounded(wanted, shares[attempt % len(shares)], random)
         miss = anneal(
@@ -204,7 +202,6 @@ def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
         )
         if miss <= 0.0 and wanted.reached(commands):
             return commands
-        attempt += 1
     return None
 
 
