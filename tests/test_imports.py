@@ -44,7 +44,7 @@ LAYERS: list[set[str]] = [
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},
-    {"validation.markdown", "validation.command"},
+    {"validation.markdown", "validation.command", "validation.two_body"},
     {"validation.study"},
     {"benchmarks"},
     {"validation.records"},

@@ -1,0 +1,109 @@
+"""Two-body gravity against Kepler's conserved quantities, closed orbits, and orbits that RANS flies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.flight import fly
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.scenario import scenarios
+from rans.tasks import Dock
+from validation.two_body import EARTH, TwoBodyMover, relative_motion
+
+N = 0.001027
+"""rad/s, AFRL's orbit."""
+RADIUS = (EARTH / N**2) ** (1 / 3)
+ORBIT = 2 * math.pi / N
+
+
+def test_a_craft_on_the_targets_orbit_stays_at_its_angle_behind() -> None:
+    angle = 0.01
+    p = RADIUS * np.array([[math.cos(angle) - 1, -math.sin(angle), 0]])
+    times = [0.3 * ORBIT, ORBIT]
+    positions, velocities = relative_motion(N, p, np.zeros((1, 3)), times)
+    # 1e-6 m on 65 km after an orbit, as the module says; a speed of a micrometre a second is n times that and more.
+    np.testing.assert_allclose(positions, [p, p], atol=1e-5)
+    np.testing.assert_allclose(velocities, 0, atol=1e-7)
+
+
+def test_a_circular_orbit_above_moves_by_keplers_third_law() -> None:
+    # 50 km above: the angle falls behind by the difference of both mean motions.
+    above = RADIUS + 5e4
+    slower = math.sqrt(EARTH / above**3)
+    time = 4000.0
+    p, v = np.array([[5e4, 0, 0]]), np.array([[0, (slower - N) * above, 0]])
+    positions, _ = relative_motion(N, p, v, [time])
+    angle = (slower - N) * time
+    expected = [above * math.cos(angle) - RADIUS, above * math.sin(angle), 0]
+    np.testing.assert_allclose(positions[0, 0], expected, atol=1e-5)
+
+
+def test_energy_and_momentum_of_coasts_are_conserved() -> None:
+    rng = np.random.default_rng(3)
+    p, v = rng.uniform(-800, 800, (16, 3)), rng.uniform(-1, 1, (16, 3))
+    times = np.linspace(1000, 2 * ORBIT, 5)
+    positions, velocities = relative_motion(N, p, v, [1e-9, *times])
+    # In axes that rotate with the target: conserved quantities are of the inertial position and velocity.
+    r = positions + np.array([RADIUS, 0, 0])
+    rate = velocities + np.cross([0, 0, N], r)
+    energy = 0.5 * (rate**2).sum(-1) - EARTH / np.linalg.norm(r, axis=-1)
+    momentum = np.cross(r, rate)[..., 2]
+    # Relative rounding of sums of 5e7 m^2/s^2 and 5e10 m^2/s, a few digits above double precision.
+    np.testing.assert_allclose(energy, np.broadcast_to(energy[0], energy.shape), rtol=1e-13)
+    np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), rtol=1e-13)
+
+
+def test_a_push_radially_outwards_acts_as_hand_computed() -> None:
+    # At short times only a t^2 / 2 and the turn of the frame, 2 n x the velocity: y = -n a t^3 / 3.
+    a, t = 0.02, 10.0
+    positions, velocities = relative_motion(
+        N, np.zeros((1, 3)), np.zeros((1, 3)), [t], np.array([[a, 0, 0]])
+    )
+    # The next terms are n^2 t^2, 1e-4, of these.
+    assert positions[0, 0, 0] == pytest.approx(a * t**2 / 2, rel=1e-4)
+    assert positions[0, 0, 1] == pytest.approx(-N * a * t**3 / 3, rel=1e-4)
+    assert velocities[0, 0, 0] == pytest.approx(a * t, rel=1e-4)
+
+
+def test_linearised_orbits_differ_by_the_square_of_the_distance() -> None:
+    # What Clohessy and Wiltshire leave out is quadratic in distance over radius.
+    rng = np.random.default_rng(4)
+    p = rng.normal(size=(8, 3))
+    v = rng.normal(size=(8, 3)) * N
+    gaps = []
+    for scale in (10.0, 20.0):
+        exact, _ = relative_motion(N, p * scale, v * scale, [3000.0])
+        linear, _ = ClohessyWiltshire(N).carry(Vec3(*(p * scale).T), Vec3(*(v * scale).T), 3000.0)
+        gaps.append(np.linalg.norm(exact[0] - np.stack(linear.columns(), axis=1), axis=1))
+    # Cubic terms are 20 m over 7,000 km of them.
+    np.testing.assert_allclose(gaps[1] / gaps[0], 4, rtol=1e-3)
+
+
+def test_dock_is_won_in_two_body_gravity() -> None:
+    craft, task = load_spacecraft("afrl-deputy"), Dock(deadline=(600.0, 600.0)).for_evaluation()
+    starts = scenarios(task, craft, 5, 2)
+    timing = replace(task.timing, episode_steps=60)
+    flight, other = (
+        fly(craft, task, MissionGuidance(craft, task), starts, timing, "two-body", mover)
+        for mover in (None, TwoBodyMover(craft, timing, N))
+    )
+    assert other.done is not None
+    assert other.done.all()
+    # Half way, before they correct the last of it, other equations differ by 1 mm (150 m in 300 s), and the same
+    # equations would differ by nothing.
+    gaps = np.stack((flight.states.p - other.states.p).columns())[:, :30]
+    assert 1e-6 < np.abs(gaps).max() < 0.05
+
+
+def test_craft_that_turn_are_refused() -> None:
+    with pytest.raises(ConfigError, match="torque"):
+        TwoBodyMover(load_spacecraft("astrobee-iss"), Timing(), N)

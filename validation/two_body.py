@@ -1,0 +1,168 @@
+"""Two-body gravity: what moves a craft near a target on a circular orbit without linearised equations.
+
+It shares no equation with RANS, which flies Clohessy-Wiltshire's: target and craft fall about the Earth in axes
+that do not rotate, and SciPy integrates the difference of their accelerations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from rans.errors import ConfigError
+from rans.model.fields import Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.parameters import StepInputs
+
+EARTH = 3.986004418e14
+"""Gravitational parameter of the Earth, m^3/s^2 (IERS Conventions 2010)."""
+_RELATIVE = 1e-12
+"""Tolerance of SciPy's integrator relative to a component."""
+_ABSOLUTE = 1e-10
+"""Its absolute tolerance, m and m/s: two orbits are then within 1e-6 m of ones at a hundredth of both."""
+
+
+def relative_motion(
+    mean_motion: float,
+    p: np.ndarray,
+    v: np.ndarray,
+    times: Sequence[float],
+    push: np.ndarray | None = None,
+    mu: float = EARTH,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of N craft in the Hill frame of a target on a circular orbit.
+
+    The Hill frame has x radially outwards, y along the track and z across it, and rotates with the target.
+
+    Args:
+        mean_motion: mean motion n of the target, rad/s; its orbit has the radius (mu / n^2)^(1/3).
+        p: positions at time 0 in the Hill frame, m, (N, 3).
+        v: velocities relative to it, m/s, (N, 3).
+        times: increasing instants above 0, s.
+        push: acceleration by thrusters, constant in the Hill frame, m/s^2, (N, 3); None: no thrust.
+        mu: gravitational parameter, m^3/s^2.
+
+    Returns:
+        Positions, m, and velocities, m/s, (times, N, 3).
+    """
+    count = len(p)
+    radius = (mu / mean_motion**2) ** (1.0 / 3.0)
+
+    def turned(vectors: np.ndarray, angle: float) -> np.ndarray:
+        """Vectors (N, 3) about z by an angle, rad."""
+        c, s = np.cos(angle), np.sin(angle)
+        x, y, z = vectors.T
+        return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+
+    def slope(t: float, flat: np.ndarray) -> np.ndarray:
+        r, rate = flat.reshape(2, count, 3)
+        target = radius * np.array([np.cos(mean_motion * t), np.sin(mean_motion * t), 0.0])
+        # The difference of both pulls in Battin's form, which subtracts no large numbers ("An Introduction to the
+        # Mathematics and Methods of Astrodynamics", 1999, section 8.4).
+        q = np.sum(r * (r + 2.0 * target), axis=1, keepdims=True) / radius**2
+        f = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
+        distance = np.linalg.norm(target + r, axis=1, keepdims=True)
+        pull = mu / distance**3 * (f * target - r)
+        if push is not None:
+            pull = pull + turned(push, mean_motion * t)
+        return np.concatenate([rate, pull]).ravel()
+
+    def rotation(vectors: np.ndarray) -> np.ndarray:
+        """Velocity (N, 3) of points that rest in the Hill frame."""
+        return mean_motion * np.stack(
+            [-vectors[:, 1], vectors[:, 0], np.zeros(len(vectors))], axis=1
+        )
+
+    solution = solve_ivp(
+        slope,
+        (0.0, times[-1]),
+        np.concatenate([p, v + rotation(p)]).ravel(),
+        "DOP853",
+        t_eval=times,
+        rtol=_RELATIVE,
+        atol=_ABSOLUTE,
+    )
+    positions, velocities = [], []
+    for t, flat in zip(solution.t, solution.y.T, strict=True):
+        r, rate = flat.reshape(2, count, 3)
+        positions.append(turned(r, -mean_motion * t))
+        velocities.append(turned(rate - rotation(r), -mean_motion * t))
+    return np.array(positions), np.array(velocities)
+
+
+class TwoBodyMover:
+    """Two-body gravity as what moves the craft of episodes: a `rans.episode.Mover`.
+
+    It is for craft that nothing turns, whose thrusters point through the centre of mass, in nominal conditions:
+    attitudes and spins stay as they are.
+
+    Args:
+        craft: what flies.
+        timing: control period and checks.
+        mean_motion: mean motion of the target's orbit, rad/s.
+        mu: gravitational parameter, m^3/s^2.
+
+    Raises:
+        ConfigError: thrusters of the craft turn it.
+    """
+
+    def __init__(
+        self, craft: Spacecraft, timing: Timing, mean_motion: float, mu: float = EARTH
+    ) -> None:
+        self._forces = np.array(
+            [thruster.force * np.array(thruster.direction) for thruster in craft.thrusters]
+        )
+        levers = (
+            np.array([thruster.position for thruster in craft.thrusters]) - craft.centre_of_mass
+        )
+        torque = np.abs(np.cross(levers, self._forces)).max()
+        # Directions are decimals that were normalised.
+        if craft.dimension != 3 or craft.wheels or torque > 1e-9:
+            raise ConfigError(
+                f"two-body gravity moves craft in space that nothing turns, but {craft.name} is in the plane, has "
+                f"wheels, or thrusters with a torque of up to {torque:.3g} N m."
+            )
+        self._mass = craft.mass
+        self._mean_motion = mean_motion
+        self._mu = mu
+        self._times = timing.control_period / timing.checks * np.arange(1, timing.checks + 1)
+
+    def __call__(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
+        """States at the checks of one control period, the last one at its end.
+
+        Raises:
+            ConfigError: there are conditions that change thrust or disturb the craft.
+        """
+        if step_inputs.lag or step_inputs.disturbance or step_inputs.failing:
+            raise ConfigError(
+                "two-body gravity moves craft in nominal conditions only: leave out delays of valves, faults and "
+                "disturbances."
+            )
+        shape = np.shape(state.p.x)
+        q = state.attitude
+        # A quaternion of SciPy has its scalar last.
+        attitude = Rotation.from_quat(_rows((q.x, q.y, q.z, q.w)))
+        push = attitude.apply(_rows(step_inputs.commands[0]) @ self._forces) / self._mass
+        moved = relative_motion(
+            self._mean_motion,
+            _rows(state.p.columns()),
+            _rows(state.v.columns()),
+            self._times,
+            push,
+            self._mu,
+        )
+        return tuple(
+            replace(state, p=Vec3(*p.T.reshape(3, *shape)), v=Vec3(*v.T.reshape(3, *shape)))
+            for p, v in zip(*moved, strict=True)
+        )
+
+
+def _rows(fields: Sequence[Any]) -> np.ndarray:
+    """Rows of plain numbers, (N, fields), from fields of one number or of N."""
+    return np.column_stack([np.ravel(x) for x in np.broadcast_arrays(*fields)])
