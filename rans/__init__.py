@@ -40,10 +40,11 @@ from rans.api import (
     validate,
     view,
 )
+from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_names
 from rans.randomization.conditions import (
@@ -55,7 +56,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.randomization.conditions_file import conditions_names, load_conditions
+from rans.randomization.conditions_file import conditions_names
 from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
@@ -75,7 +76,6 @@ from rans.tasks import (
     TrackVelocity,
     TrackVelocityHeading,
     gymnasium_ids,
-    load_task,
 )
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.registry import typed
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
 from rans.tasks.derived import example
@@ -83,7 +84,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._spec: EnvSpec | None = None
         self._seed: int | None = None
         self._episode = 0
-        loaded = None if conditions is None else load_conditions(conditions)
+        loaded = None if conditions is None else load_conditions(typed(conditions))
         self._world = World(Setup(self.craft, self.task, self.timing, loaded, guard))
         self._move = self._mover()
         self._now = None
@@ -345,13 +346,13 @@ def choose(
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
-    wanted = TASKS[task_name]
+    wanted = TASKS[typed(task_name)]
     if dimension not in USUAL:
         raise ConfigError(
             f"dimension must be 2 (in the plane) or 3 (in space), got {brief(dimension)}."
         )
     usual = wanted.spacecraft or USUAL[dimension]
-    craft = load_spacecraft(usual if spacecraft is None else spacecraft)
+    craft = load_spacecraft(usual if spacecraft is None else typed(spacecraft))
     if craft.dimension != dimension:
         raise ConfigError(
             f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import fcntl
 import glob
@@ -20,7 +21,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from rans.errors import ConfigError
 
@@ -321,16 +322,28 @@ def regular(file: Path, what: str = "") -> Path:
     Raises:
         ConfigError: it does not exist, or is a folder, a pipe or a device.
     """
+    opened(file, what).close()
+    return file
+
+
+def opened(file: Path, what: str = "") -> BinaryIO:
+    """Stream of the bytes of a regular file; `read_bytes` and the like are for files as a whole.
+
+    Raises:
+        ConfigError: it does not exist, permission is missing, or it is a folder, a pipe or a device.
+    """
     try:
-        mode = file.stat().st_mode
+        # Without O_NONBLOCK the open of a pipe waits until somebody writes into it.
+        held = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot read {what}{file}: {reason}.") from error
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(os.fstat(held).st_mode):
+        os.close(held)
         raise ConfigError(
             f"cannot read {what}{file}: it is not a file, but a folder, a pipe or a device."
         )
-    return file
+    return os.fdopen(held, "rb")
 
 
 def read_bytes(file: Path, most: int, what: str = "") -> bytes:
@@ -345,7 +358,7 @@ def read_bytes(file: Path, most: int, what: str = "") -> bytes:
         ConfigError: the file cannot be read or is too large.
     """
     try:
-        with regular(file, what).open("rb") as stream:
+        with opened(file, what) as stream:
             size = os.fstat(stream.fileno()).st_size
             content = b"" if size > most else stream.read(most + 1)
     except OSError as error:
@@ -365,8 +378,13 @@ def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
     Raises:
         ConfigError: the file cannot be read, is too large, or is not a text in UTF-8.
     """
+    content = read_bytes(file, most, what)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ConfigError(
+            f"{what}{file} is a text in UTF-16, and only UTF-8 is read: save it in that encoding."
+        )
     try:
-        text = read_bytes(file, most, what).decode("utf-8")
+        text = content.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
     except UnicodeError as error:
         raise ConfigError(
             f"{what}{file} is damaged, it is not a text in UTF-8: {error}."
@@ -380,15 +398,31 @@ def read_json(file: Path) -> Any:
     Raises:
         ConfigError: the file cannot be read, is damaged, too large or nested too deeply.
     """
-    text = read_text(file)
+    return parse_json(read_text(file), file)
+
+
+def parse_json(text: str | bytes, where: object) -> Any:
+    """Value of a JSON text from a file or a message.
+
+    Args:
+        text: the text, or its bytes in UTF-8.
+        where: name of its source in messages.
+
+    Raises:
+        ConfigError: the text is damaged, too large or nested too deeply.
+    """
+    if len(text) > LARGEST_TEXT:
+        raise ConfigError(
+            f"{where} has {len(text):,} characters of JSON, and at most {LARGEST_TEXT:,} are read."
+        )
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
+        raise ConfigError(f"{where} is damaged, it is not valid JSON: {error}.") from error
     try:
         check_depth(value)
     except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from error
+        raise ConfigError(f"{where}: {error}") from error
     return value
 
 

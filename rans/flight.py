@@ -21,6 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
+from rans.registry import typed
 from rans.scenario import Scenario
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
@@ -265,8 +266,8 @@ def fly(
             controller is not a `Controller` or belongs to another dimension, number of commands or width of
             the observation, or there are conditions without ``draws``.
     """
-    craft = load_spacecraft(craft)
-    task = load_task(task)
+    craft = load_spacecraft(typed(craft))
+    task = load_task(typed(task))
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)
     checked("timing", timing, Timing)

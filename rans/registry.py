@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, wraps
 from importlib import resources
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, distributions, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -17,6 +19,7 @@ from rans.errors import ConfigError, brief, meant
 from rans.files import first_line
 
 T = TypeVar("T")
+Given = TypeVar("Given")
 
 TRUST_VARIABLE = "RANS_TRUST"
 """Environment variable, inherited by child processes, that allows files to name code."""
@@ -34,11 +37,42 @@ def trust_files() -> None:
     os.environ[TRUST_VARIABLE] = "1"
 
 
+def are_files_trusted() -> bool:
+    """Whether files may name code: `trust_files` was called, or the user has set RANS_TRUST=1."""
+    return os.environ.get(TRUST_VARIABLE) == "1"
+
+
+_typed: set[str] = set()
+"""Every MODULE:NAME that the user, or the user's program, has named in this process."""
+
+
+def typed(name: Given) -> Given:
+    """The value, after which every `Registry` of this process may run it if it is MODULE:NAME.
+
+    Call it where a name comes from the user: a word of the command line, an argument in Python, or a class of the
+    user's program. Never call it with a text of a file.
+    """
+    if isinstance(name, str) and ":" in name:
+        _typed.add(name)
+    return name
+
+
+def by_user(load: Callable[[Given], T]) -> Callable[[Given], T]:
+    """The same function of a name, for names that the user has `typed`."""
+
+    @wraps(load)
+    def load_typed(name: Given) -> T:
+        return load(typed(name))
+
+    return load_typed
+
+
 class Registry(Mapping[str, T]):
     """Mapping of names to objects, each loaded on first use; listing names imports nothing.
 
     Names are built in, entry points of installed packages, or added by `register`. ``MODULE:NAME`` is an object of
-    any module, which may be in the current folder; for names from untrusted files call `check_file` first.
+    any module, which may be in the current folder. To load it runs code, so it is refused unless the user has
+    `typed` it or trusts files (`trust_files`); whether the module is already loaded makes no difference.
 
     Args:
         kind: kind of the objects in messages, such as "task".
@@ -49,8 +83,8 @@ class Registry(Mapping[str, T]):
         or_else: other forms that a user may give, for messages.
 
     Raises:
-        ConfigError: by ``registry[name]``: there is no such object, or it is not valid; the message names its
-            package.
+        ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
+            package), or it is a MODULE:NAME that only a file has named.
     """
 
     def __init__(
@@ -68,7 +102,6 @@ class Registry(Mapping[str, T]):
         self._or_else = or_else
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
-        self._vouched: set[str] = set()
         self.announce: Callable[[str], object] = lambda _: None
         """Callback with every name that `register` adds, for other registries."""
 
@@ -87,6 +120,7 @@ class Registry(Mapping[str, T]):
     def __getitem__(self, name: str) -> T:
         if name in self._own:
             return self._own[name]
+        self._check_trust(name)
         if name not in self._loaded:
             self._loaded[name] = self._load(name)
         return self._loaded[name]
@@ -109,29 +143,14 @@ class Registry(Mapping[str, T]):
 
         return keep
 
-    def vouch_for(self, name: str) -> None:
-        """Allow files to name this MODULE:NAME in this process, whose program has named the object itself."""
-        self._vouched.add(name)
-
-    def check_file(self, name: object, file: object) -> None:
-        """Reject MODULE:NAME from an untrusted file, because loading it would run code.
-
-        It makes no difference whether the module is already loaded. Names without a colon belong to RANS, to
-        installed packages or to `register`, and are always accepted.
-
-        Args:
-            name: name in the file.
-            file: file, for the message.
-
-        Raises:
-            ConfigError: the name has a colon, and neither `trust_files` nor `vouch_for` allows it.
-        """
-        if not isinstance(name, str) or ":" not in name:
-            return
-        if os.environ.get(TRUST_VARIABLE) or name in self._vouched:
+    def _check_trust(self, name: object) -> None:
+        """Reject MODULE:NAME that the user has not typed, because loading it would run code of a file's choice."""
+        if not isinstance(name, str):
+            raise ConfigError(f"the {self._kind} must be a name, got {brief(name)}.")
+        if ":" not in name or name in self._offered or name in _typed or are_files_trusted():
             return
         raise ConfigError(
-            f"{file} names the {self._kind} {brief(name)}, and to use it would run that "
+            f"a file names the {self._kind} {brief(name)}, and to use it would run that "
             "module's code. If you trust its author, add --trust; from Python, call "
             "rans.trust_files() first."
         )
@@ -144,7 +163,7 @@ class Registry(Mapping[str, T]):
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
         result: dict[str, list[EntryPoint]] = {}
-        for entry in sorted(entry_points(group=self._group)):
+        for entry in sorted(_entry_points(self._group)):
             result.setdefault(entry.name, []).append(entry)
         return result
 
@@ -173,6 +192,28 @@ class Registry(Mapping[str, T]):
         if others:
             raise ConfigError("two packages have this name; uninstall one of them.")
         return resolve(first.value)
+
+
+def _entry_points(group: str) -> list[EntryPoint]:
+    """Entry points of a group; a package whose list cannot be read is left out, with a warning.
+
+    Python's own `entry_points` fails for all packages if one of them has a line without "=".
+    """
+    with contextlib.suppress(Exception):
+        return list(entry_points(group=group))
+    found: dict[str, list[EntryPoint]] = {}
+    for package in distributions():
+        try:
+            found.setdefault(package.name, list(package.entry_points.select(group=group)))
+        except Exception as error:  # metadata of other packages may hold anything
+            found[package.name] = []
+            if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
+                warnings.warn(
+                    f"the entry points of the package {package.name} cannot be read, and nothing of it is "
+                    f"registered: {first_line(error)}; the usual cause is a line without '='.",
+                    stacklevel=2,
+                )
+    return [entry for several in found.values() for entry in several]
 
 
 def allow_current_folder() -> None:
@@ -219,5 +260,14 @@ def resolve(reference: str) -> Any:
         return result
     except ConfigError:
         raise
-    except Exception as error:  # the top level of a module may raise anything
+    except KeyboardInterrupt:
+        raise
+    except (
+        BaseException
+    ) as error:  # the top level of a module may raise anything, or end the process
+        if isinstance(error, SystemExit):
+            raise ConfigError(
+                f"{module} ends the process when it is imported (sys.exit({error.code!r})); a module that is "
+                "imported must not."
+            ) from error
         raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error

@@ -83,7 +83,7 @@ HUGE = "x" * 10_000_000
         lambda name: rans.load_agent(f"pretrained:{name}"),
         lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
         lambda name: rans.train("go-to-pose", device=name),
-        lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
+        lambda name: TASKS[f"{name}:{name}"],
     ],
     ids=[
         "spacecraft",

@@ -17,7 +17,7 @@ from rans.errors import ConfigError, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.randomization.conditions_file import CONDITIONS
-from rans.registry import Registry
+from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 
 MODULE = """
@@ -99,6 +99,25 @@ def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(
         found["bad"]
 
 
+@pytest.mark.parametrize(
+    "ending", ["sys.exit(0)", "sys.exit('no licence')", "raise BaseException('no')"]
+)
+def test_a_package_that_ends_the_process_is_named(install: Install, ending: str) -> None:
+    install("quitter", f"import sys\n{ending}\n", early="quitter:number")
+    with pytest.raises(ConfigError, match="'early' of the package quitter cannot be used"):
+        registry()["early"]
+
+
+def test_a_line_without_an_equals_sign_breaks_no_other_package(
+    install: Install, tmp_path: Path
+) -> None:
+    install("careful", seven="careful:number")
+    install("careless", eight="careless:number")
+    (tmp_path / "careless-1.0.dist-info/entry_points.txt").write_text("[numbers]\neight\n")
+    with pytest.warns(UserWarning, match="entry points of the package careless cannot be read"):
+        assert list(registry()) == ["byte", "seven"]
+
+
 def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(
     install: Install,
 ) -> None:
@@ -126,12 +145,12 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     found = registry()
-    assert found["beside_me:Inner.four"] == 4
+    assert found[typed("beside_me:Inner.four")] == 4
     assert "beside_me:Inner.four" not in list(found)
     with pytest.raises(
         ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"
     ):
-        found["beside_me:five"]
+        found[typed("beside_me:five")]
 
 
 def test_modules_of_the_current_folder_take_nobodys_place(
@@ -144,7 +163,7 @@ def test_modules_of_the_current_folder_take_nobodys_place(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     before = list(sys.path)
-    assert registry()["also_beside_me:four"] == 4
+    assert registry()[typed("also_beside_me:four")] == 4
     assert sys.path == [*before, str(tmp_path)]
     found = importlib.util.find_spec("this")
     assert found is not None
@@ -163,7 +182,7 @@ def test_modules_of_the_current_folder_take_nobodys_place(
 )
 def test_what_is_in_a_module_is_not_of_another_that_imported_it(name: str) -> None:
     with pytest.raises(ConfigError, match="is a module there"):
-        registry()[name]
+        registry()[typed(name)]
 
 
 class NotMade:
@@ -178,7 +197,25 @@ def test_a_class_of_the_wrong_kind_is_not_called(known: Registry[Any]) -> None:
     with pytest.raises(
         ConfigError, match=r"the class NotMade|must be a dataclass|conditions must be"
     ):
-        known["tests.test_registry:NotMade"]
+        known[typed("tests.test_registry:NotMade")]
+
+
+def test_a_name_of_a_file_is_refused_until_the_user_types_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rans.registry._typed", set())
+    name = "tests.test_registry:BYTE"
+    for trust in ("", "0", "no", "true"):
+        monkeypatch.setenv("RANS_TRUST", trust)
+        with pytest.raises(ConfigError, match="a file names the number"):
+            registry()[name]
+    found = registry()
+    assert found[typed(name)] == 8
+    monkeypatch.setattr("rans.registry._typed", set())
+    with pytest.raises(ConfigError, match="a file names the number"):
+        found[name]  # that it is loaded makes no difference
+    monkeypatch.setenv("RANS_TRUST", "1")
+    assert found[name] == 8
 
 
 def test_registered_in_python() -> None:
@@ -277,11 +314,11 @@ def no_task() -> None:
 )
 def test_what_is_no_task(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        TASKS[name]
+        TASKS[typed(name)]
 
 
 def test_a_task_by_its_module() -> None:
-    assert TASKS["tests.test_registry:Far"] is Far
+    assert TASKS[typed("tests.test_registry:Far")] is Far
 
 
 @pytest.mark.usefixtures("forgotten")

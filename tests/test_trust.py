@@ -49,9 +49,9 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("RANS_TRUST", "")
+    monkeypatch.setattr("rans.registry._typed", set())
     for registry in (TASKS, SPACECRAFT):
         monkeypatch.setattr(registry, "_loaded", {})
-        monkeypatch.setattr(registry, "_vouched", set())
     Path("strangers.py").write_text(MODULE)
     folder = Path(shutil.copytree(trained, "run"))
     table = json.loads((folder / "config.json").read_text()) | {"task": "strangers:Task"}
@@ -101,7 +101,7 @@ def test_every_such_command_can_be_told_to(name: str) -> None:
     assert getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize()).trust is False
 
 
-def test_a_module_that_is_loaded_is_not_vouched_for(run: Path) -> None:
+def test_a_module_that_is_loaded_is_not_thereby_trusted(run: Path) -> None:
     """Somebody else may have loaded it, as torch is by every training."""
     __import__("strangers")
     with pytest.raises(ConfigError, match=r"from Python, call rans\.trust_files\(\) first"):

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rans.api.names import load_spacecraft, load_task
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import USUAL, load_spacecraft
+from rans.model.spacecraft_file import USUAL
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
-from rans.tasks import Task, load_task
+from rans.tasks import Task
 from rans.tasks.derived import check_dimension
 
 if TYPE_CHECKING:

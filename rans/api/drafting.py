@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, brief
 from rans.model.actuators import Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -17,7 +18,7 @@ from rans.model.spacecraft_draft import (
     thruster_of,
     wheel_of,
 )
-from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
+from rans.model.spacecraft_file import parse_spacecraft
 
 if TYPE_CHECKING:
     from rans.model.authority import Authority

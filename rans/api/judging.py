@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent import Agent
+from rans.api.names import load_conditions, load_spacecraft
 from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import load_conditions
+from rans.registry import typed
 from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def compare(
     ):
         raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
     for name in {*(beside or ())} - {"optimal"}:
-        CONTROLLERS[name]  # a wrong name is refused before anybody flies
+        CONTROLLERS[typed(name)]  # a wrong name is refused before anybody flies
     whole("certified", certified, least=0)
     contest = contest_of(
         first,

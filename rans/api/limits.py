@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from rans.api.judging import CRAFT, SpacecraftLike
+from rans.api.names import load_spacecraft, load_task
 from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import Task, load_task
+from rans.tasks import Task
 
 if TYPE_CHECKING:
     from rans.api.trajectory import CertifiedBound, OptimalTrajectory

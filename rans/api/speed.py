@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
+from rans.registry import typed
 from rans.tasks import TASKS
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def measured(
     usual = _SIZES["cuda" if device.startswith("cuda") else "cpu"]
     sizes = tuple(num_envs) or ((1024,) if quick else usual)
     names = list(crafts)
-    for one in measurements(names, task, TASKS[task](), sizes, effort(device, quick)):
+    for one in measurements(names, task, TASKS[typed(task)](), sizes, effort(device, quick)):
         yield one
         gc.collect()  # engines hang in reference cycles, and with them the device's memory
 

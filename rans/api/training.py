@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
+from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import ConfigError, checked, one_of, whole
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import USUAL, load_spacecraft, to_toml
-from rans.randomization.conditions_file import conditions_label, load_conditions
-from rans.tasks import Task, load_task, registered_name
+from rans.model.spacecraft_file import USUAL, to_toml
+from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
+from rans.randomization.conditions_file import conditions_label
+from rans.registry import typed
+from rans.tasks import Task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
@@ -108,7 +111,9 @@ def train(
     config = changed(config, settings)
     check_loggers(log)
     check(log)
-    craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
+    craft = (
+        stored_spacecraft(config.spacecraft) if spacecraft is None else load_spacecraft(spacecraft)
+    )
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
@@ -273,7 +278,7 @@ def tune(
     from rans.files import ready_folder
     from rans.show.progress import watched
 
-    ranges(controller)
+    ranges(typed(controller))
     craft = load_spacecraft(spacecraft)
     wanted = load_task(task)
     drawn = None if conditions is None else load_conditions(conditions).or_none
@@ -335,7 +340,7 @@ def _config(
 def _name(task: str | Task) -> str:
     """The name of a task's class, or of a recipe; `ConfigError` where it is neither a name nor a task."""
     if isinstance(task, str):
-        return task
+        return typed(task)
     task = load_task(task)
     kind = type(task)
-    return registered_name(task) or f"{kind.__module__}:{kind.__qualname__}"
+    return registered_name(task) or typed(f"{kind.__module__}:{kind.__qualname__}")

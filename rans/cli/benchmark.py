@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 
 from rans.api import laboratory
+from rans.api.names import load_spacecraft
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
-from rans.model.spacecraft_file import load_spacecraft
 from rans.terminal import Terminal, table, writing_at_end
 
 if TYPE_CHECKING:

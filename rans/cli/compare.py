@@ -15,6 +15,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
+from rans.registry import typed
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages, writing_at_end
 
@@ -149,7 +150,7 @@ class Compare:
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         for name in set(self.beside or ()) - {"optimal"}:
-            CONTROLLERS[name]  # reject a wrong name before the flights
+            CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:

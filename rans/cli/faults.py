@@ -26,7 +26,7 @@ class Faults:
     def run(self) -> int:
         """Print the table; the exit code is 0."""
         from rans.api.judging import FAULT_COLUMNS, faults
-        from rans.model.spacecraft_file import load_spacecraft
+        from rans.api.names import load_spacecraft
         from rans.terminal import Terminal, table
 
         craft = load_spacecraft(self.craft)

@@ -119,9 +119,9 @@ class Init:
 
     def _asked(self) -> Draft:
         """Ask for values without an option; a wrong answer is explained and asked for again."""
+        from rans.api.names import load_spacecraft
         from rans.model.actuators import KINDS
         from rans.model.spacecraft_draft import numbers, thruster_of, wheel_of
-        from rans.model.spacecraft_file import load_spacecraft
 
         start: Spacecraft | None = None if self.base is None else load_spacecraft(self.base)
         answers: dict[str, Any] = {}

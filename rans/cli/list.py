@@ -11,10 +11,11 @@ from typing import Annotated, Any
 
 from tyro import conf
 
+from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import ConfigError, brief, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import (
     RECIPE_FOLDER,
@@ -24,8 +25,8 @@ from rans.pretrained import (
     pretrained_names,
 )
 from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import CONDITIONS, load_conditions
-from rans.registry import Registry, resolve_typed
+from rans.randomization.conditions_file import CONDITIONS
+from rans.registry import Registry, resolve_typed, typed
 from rans.show.tables.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.tables.listing import (
     Listing,
@@ -35,7 +36,7 @@ from rans.show.tables.listing import (
     thruster_listing,
 )
 from rans.structure import LARGEST_TOML, read_toml
-from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
+from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
 from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
@@ -132,7 +133,7 @@ def _kind_of_file(file: Path) -> str:
 def _kind_of_object(reference: str) -> str:
     """Kind of the object of MODULE:NAME; anything else is treated as a spacecraft, whose reader rejects it."""
     try:
-        result = resolve_typed(reference)
+        result = resolve_typed(typed(reference))
     except ConfigError as error:
         raise ConfigError(f"{reference} cannot be shown: {error}") from error
     if isinstance(result, Conditions):

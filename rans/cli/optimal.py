@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 import numpy as np
 import tyro
 
+from rans.api.names import load_spacecraft
 from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
+from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
+from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
 from rans.terminal import Terminal, progress, stages, writing_at_end
@@ -108,7 +110,7 @@ class Optimal:
         from rans.show.figures.svg import svg
 
         self._check()
-        task = TASKS[self.task]().for_evaluation()
+        task = TASKS[typed(self.task)]().for_evaluation()
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
         if task.optimal_problem == "rendezvous":
             return self._mission(craft, cast("OrbitalMission", task))

@@ -21,9 +21,9 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.cli import STARTED
 from rans.errors import ConfigError, RansError, brief
 from rans.files import command_line, inside, write_text
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
-from rans.registry import trust_files
+from rans.registry import trust_files, typed
 from rans.show.figures.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.terminal import Terminal
@@ -133,10 +133,10 @@ class Train:
 
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
+        from rans.api.names import load_conditions
         from rans.fast.learn.config import from_table, to_table
         from rans.fast.learn.recipes import by_gradient, training, training_of_quality
         from rans.fast.learn.run_folder import read_config
-        from rans.randomization.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
             raise ConfigError(
@@ -151,11 +151,11 @@ class Train:
                 )
             begun = read_config(self.config)
         elif self.quality is None:
-            begun = training(str(self.task), self.spacecraft, self.device)
+            begun = training(typed(str(self.task)), typed(self.spacecraft), self.device)
         else:
             begun = training_of_quality(
-                str(self.task),
-                self.spacecraft,
+                typed(str(self.task)),
+                typed(self.spacecraft),
                 self.quality,
                 self.device,
                 self.conditions is not None,
@@ -163,11 +163,9 @@ class Train:
         if self.algorithm == "gradient" and begun.algorithm != "gradient":
             begun = by_gradient(begun)
         table = json.loads(json.dumps(to_table(begun)))
-        if self.config is not None and self.spacecraft is None:
-            SPACECRAFT.check_file(table["spacecraft"], self.config)
         for name in ("spacecraft", "seed", "device", "total_timesteps", "algorithm"):
             if (option := getattr(self, name)) is not None:
-                table[name] = option
+                table[name] = typed(option)
         if self.conditions is not None:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
         if self.guard:

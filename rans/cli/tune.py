@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.files import command_line, ready_folder
+from rans.registry import typed
 from rans.terminal import Terminal, progress, stages, table
 
 
@@ -48,18 +49,18 @@ class Tune:
 
     def run(self) -> int:
         """Print default and tuned settings with their costs."""
+        from rans.api.names import load_conditions, load_spacecraft
         from rans.episode import Setup
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
         from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.randomization.conditions_file import conditions_label, load_conditions
+        from rans.randomization.conditions_file import conditions_label
         from rans.tasks import TASKS
 
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
-        within = ranges(self.controller)
-        task = TASKS[self.task]()
+        within = ranges(typed(self.controller))
+        task = TASKS[typed(self.task)]()
         spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
         craft = load_spacecraft(spacecraft)
         world = None if self.conditions is None else load_conditions(self.conditions)

@@ -49,10 +49,9 @@ class Twin:
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt."""
+        from rans.api.names import load_conditions, load_spacecraft
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.twin import TwinPlan, run_twin
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.randomization.conditions_file import load_conditions
         from rans.terminal import Terminal
 
         say = Terminal().say

@@ -8,9 +8,8 @@ from pathlib import Path
 from rich.text import Text
 
 from rans.api import laboratory
+from rans.api.names import load_conditions, load_spacecraft
 from rans.files import ready_folder
-from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions_file import load_conditions
 from rans.terminal import Terminal, progress, stages, verdict
 
 

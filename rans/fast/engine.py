@@ -39,6 +39,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.registry import typed
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.derived import layout
@@ -110,9 +111,9 @@ class Engine:
         seeds = seed if isinstance(seed, Sequence) else [seed]
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled, plain)
-        self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
+        self.craft, self.task = craft, task = load_spacecraft(typed(craft)), load_task(typed(task))
         self.timing = task.timing if timing is None else checked("timing", timing, Timing)
-        conditions = None if conditions is None else load_conditions(conditions)
+        conditions = None if conditions is None else load_conditions(typed(conditions))
         self.num_envs = num_envs
         self.dtype = dtype
         self.device = backend.device

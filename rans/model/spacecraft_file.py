@@ -16,7 +16,7 @@ from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.registry import Registry
+from rans.registry import Registry, typed
 from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
@@ -208,7 +208,7 @@ def to_toml(craft: Spacecraft) -> str:
 def _effector_lines(effector: Any) -> str:
     """Kind and settings of a further effector as TOML lines; the kind is then allowed in files of this process."""
     kind = f"{type(effector).__module__}:{type(effector).__qualname__}"
-    EFFECTORS.vouch_for(kind)
+    typed(kind)
     return _lines({"kind": kind} | dataclasses.asdict(effector))
 
 
@@ -298,7 +298,6 @@ def _further(tables: Any, key: str) -> tuple[Any, ...]:
         if "kind" not in table:
             raise ConfigError(f'{where}: the key "kind" is missing.')
         kind = _text(table["kind"], f"{where} kind")
-        EFFECTORS.check_file(kind, "the spacecraft file")
         settings = {name: value for name, value in table.items() if name != "kind"}
         found.append(structure(settings, EFFECTORS[kind], where))
     return tuple(found)

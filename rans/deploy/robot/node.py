@@ -7,9 +7,8 @@ import json
 import queue
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,8 @@ from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import Message
 from rans.deploy.robot.messages import TEXT, make, pack, unpack
 from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Decision, Pilot, Plan, craft_hash
-from rans.errors import ConfigError, positive
+from rans.errors import ConfigError, brief, positive
+from rans.files import parse_json, read_json
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -221,8 +221,11 @@ def _warm_up(pilot: Pilot) -> None:
 
 def planned_task(plan: Plan) -> Task:
     """Task of a plan."""
-    settings = dict(plan.task)
-    return structure(settings.pop("settings"), TASKS[settings["name"]], "settings")
+    settings = plan.task
+    try:
+        return structure(settings["settings"], TASKS[settings["name"]], "settings")
+    except KeyError as error:
+        raise ConfigError(f"the task of a flight has no {error}.") from error
 
 
 @dataclass(frozen=True)
@@ -251,11 +254,7 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
-    table = json.loads(unpack(TEXT, first.data).data)
-    if folder is not None:
-        table["folder"] = str(folder)
-    known: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in table.items()}
-    plan = Plan(**known)
+    plan = _plan_of(bag, first, folder)
     pilot = Pilot(plan, planned_task(plan))
     outputs = pilot.interface.outputs
     decisions = 0
@@ -296,3 +295,30 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
         if len(recorded) == len(outputs):
             compare()
     return Replay(decisions, equal, difference)
+
+
+def _plan_of(bag: Path, first: Entry, folder: Path | None) -> Plan:
+    """Plan in the first message of a bag, with another folder of the agent if one is given.
+
+    Raises:
+        ConfigError: the message is damaged, or it names the code of a task that is not that of the folder.
+    """
+    try:
+        table = parse_json(unpack(TEXT, first.data).data, f"{bag}, {FLIGHT_TOPIC}")
+    except ValueError as error:
+        raise ConfigError(
+            f"{bag} is damaged: the plan of its flight is no text: {error}."
+        ) from error
+    plan = structure(table, Plan, f"{bag}, {FLIGHT_TOPIC}")
+    if folder is None:
+        return plan
+    # The user trusts the agent of this folder, and not what a bag calls a task.
+    name = plan.task.get("name")
+    if isinstance(name, str) and ":" in name:
+        own = read_json(folder / "contract.json")
+        if not isinstance(own, dict) or own.get("task") != name:
+            raise ConfigError(
+                f"{bag} names the task {brief(name)}, whose code would run, and the agent in {folder} has another "
+                "one; the bag is of another agent."
+            )
+    return replace(plan, folder=str(folder))

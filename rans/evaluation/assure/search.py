@@ -24,6 +24,7 @@ from rans.policy.network import Network
 from rans.progress import Progress, unseen
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.randomization.conditions_file import load_conditions
+from rans.registry import typed
 from rans.verdict import Failure
 
 _LARGEST = 2.0
@@ -132,7 +133,7 @@ def unit(world: str) -> Conditions:
     Raises:
         ConfigError: there are none of this name, or they are a mixture or nominal, which have no size.
     """
-    conditions = load_conditions(world)
+    conditions = load_conditions(typed(world))
     if conditions.others or conditions.or_none is None:
         raise ConfigError(
             f"--search {world} gives no unit of disturbance: it must be conditions that are no "

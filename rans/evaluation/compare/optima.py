@@ -293,7 +293,6 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
         raise ConfigError(
             f"{folder} is no folder of rans optimal with trajectories that can be flown: {first_line(error)}."
         ) from error
-    TASKS.check_file(name, folder / "optimal.json")
     task = TASKS[name]().for_evaluation()
     craft = load_spacecraft(folder / "spacecraft.toml")
     like = example(task, craft.dimension, seed=0, episode=0)

@@ -24,7 +24,7 @@ from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import present_agent, pretrained_folder, pretrained_names
-from rans.registry import allow_current_folder
+from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (
@@ -65,7 +65,7 @@ def contestant(
         run = contestant(bare, default_setup=default_setup)
         return run._replace(controller=looking_ahead(run))
     if default_setup is not None and _is_controller(spec):
-        return LoadedRun(controller(spec, default_setup), *default_setup[:4])
+        return LoadedRun(controller(typed(spec), default_setup), *default_setup[:4])
     if is_user_policy(spec):
         policy, tail = split_policy(spec)
         if tail:
@@ -84,7 +84,7 @@ def contestant(
         return run._replace(controller=looking_ahead(run))
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
-        return LoadedRun(controller(kind, setup), *setup[:4])
+        return LoadedRun(controller(typed(kind), setup), *setup[:4])
     folder = agent_folder(spec)
     run = load_exported(folder) if is_exported(folder) else load_agent(folder)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
@@ -249,9 +249,9 @@ def _named_setup(name: str, spec: str) -> Setup:
     """
     name, _, spacecraft = name.partition("@")
     asked = name[-2:] if name.endswith(("-2d", "-3d")) else ""
-    result = TASKS[name.removesuffix(f"-{asked}") if asked else name]()
+    result = TASKS[typed(name.removesuffix(f"-{asked}") if asked else name)]()
     usual = result.spacecraft or USUAL[int(asked[0]) if asked else 2]
-    craft = load_spacecraft(spacecraft or usual)
+    craft = load_spacecraft(typed(spacecraft) or usual)
     if asked and craft.dimension != int(asked[0]):
         raise ConfigError(
             f"{brief(spec)} asks for {asked}, but {craft.name} moves in {craft.dimension} dimensions."

@@ -14,6 +14,7 @@ from rans.evaluation.fly.agent import run_of
 from rans.evaluation.fly.controllers import controller
 from rans.flight import Controller
 from rans.model.fields import map_leaves
+from rans.registry import typed
 
 
 class Pilot:
@@ -43,7 +44,9 @@ class Pilot:
         self._env = result
         self._space = env.action_space
         setup = Setup(result.craft, result.task, result.timing)
-        self._controller = controller(who, setup) if isinstance(who, str) else _agent(who, setup)
+        self._controller = (
+            controller(typed(who), setup) if isinstance(who, str) else _agent(who, setup)
+        )
         self.reset()
 
     def __repr__(self) -> str:

@@ -23,6 +23,7 @@ from rans.processes import Workers
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.registry import typed
 from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
@@ -184,7 +185,7 @@ def prepared(
     named = [
         _PERFECT,
         *(
-            Level(name, None, load_conditions(name))
+            Level(name, None, load_conditions(typed(name)))
             for name in dict.fromkeys(conditions)
             if name != _PERFECT.effect
         ),

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
+from rans.registry import typed
 
 _OTHERS_NAMES = {
     "lr": "ppo.learning_rate",
@@ -52,7 +53,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     Args:
         table: config from `rans.fast.learn.config.to_table`, changed in place.
         name: full name of the entry, as ``ppo.learning_rate``, or its last part if that is unique.
-        value: new value.
+        value: new value, which the user has given: names in it may be MODULE:NAME (`rans.registry.typed`).
 
     Raises:
         ConfigError: there is no such entry, or the name is not unique.
@@ -81,7 +82,16 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     inner = table
     for parent in parents:
         inner = inner[parent]
-    inner[last] = value
+    inner[last] = _typed(value)
+
+
+def _typed(value: Any) -> Any:
+    """The value, all of whose texts count as typed by the user."""
+    if isinstance(value, Mapping):
+        return {key: _typed(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(_typed, value))
+    return typed(value)
 
 
 def _suggestion(name: str, known: list[str]) -> str:

@@ -21,10 +21,9 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.fast.policy import write_policy
 from rans.files import LOCK, Lock, inside, read_json, write_json
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.architecture import Architecture
 from rans.structure import entries
-from rans.tasks import TASKS
 
 _BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
 """Config entries in which members of a batch may differ, besides numeric settings of the task."""
@@ -219,15 +218,16 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
     table = read_json(file)
     if not isinstance(table, dict) or not isinstance(table.get("configs"), list):
         raise ConfigError(f"{file} is damaged: it lists no configs.")
-    for config in filter(lambda config: isinstance(config, dict), table["configs"]):
-        TASKS.check_file(config.get("task"), file)
-        SPACECRAFT.check_file(config.get("spacecraft"), file)
     parts = table.get("parts", 1)
     if not isinstance(parts, int) or parts < 1:
         raise ConfigError(
             f"{file} is damaged: parts must be a whole number >= 1, got {brief(parts)}."
         )
-    return [from_table(config) for config in table["configs"]], str(table.get("command")), parts
+    try:
+        configs = [from_table(config) for config in table["configs"]]
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    return configs, str(table.get("command")), parts
 
 
 def check(config: TrainConfig) -> Architecture:

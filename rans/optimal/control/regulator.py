@@ -19,6 +19,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.trajectory.allocation import Allocation, check_attitude, inertia
+from rans.registry import typed
 from rans.scenario import scenarios
 from rans.tasks import Task, load_task
 from rans.tasks.base import goal_after
@@ -187,8 +188,8 @@ class ModelBased:
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
     ) -> None:
-        self._craft = load_spacecraft(craft)
-        self._task = load_task(task)
+        self._craft = load_spacecraft(typed(craft))
+        self._task = load_task(typed(task))
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:

@@ -13,6 +13,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import rounding
+from rans.registry import typed
 from rans.tasks import load_task
 from rans.tasks.base import Task
 from rans.tasks.inspect import Inspect
@@ -58,8 +59,8 @@ class Visiting:
         turn: float = 0.9,
         least: float = 0.05,
     ) -> None:
-        self.craft = load_spacecraft(craft)
-        self.task = Inspect.expected(load_task(task), "visiting flies inspections")
+        self.craft = load_spacecraft(typed(craft))
+        self.task = Inspect.expected(load_task(typed(task)), "visiting flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._distance = distance
         self._speed = speed

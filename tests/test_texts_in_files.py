@@ -1,0 +1,296 @@
+"""MODULE:NAME in place of every text of every file that is read: no code runs, whoever reads it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans
+from rans.cli import main
+from rans.deploy.robot.bag import BagWriter, Entry
+from rans.deploy.robot.messages import TEXT, make, pack
+from rans.deploy.robot.node import replay
+from rans.episode import Setup
+from rans.errors import RansError
+from rans.evaluation.compare.optima import flights
+from rans.evaluation.fly.tuned import Tuned
+from rans.fast.learn.config import ImitationSettings, to_table
+from rans.files import write_json
+from rans.model.fields import leaves
+from rans.scenario import scenario
+from rans.structure import read_toml
+from tests.support.training import CONFIG, after, ignore, tiny_trainer
+
+EVIL = "evil:E"
+MODULE = 'from pathlib import Path\nPath("ran").write_text("")\nclass E:\n    pass\n'
+
+Changed = Iterator[tuple[str, Any]]
+
+
+def texts(value: Any, path: str = "") -> Changed:
+    """Yield every copy of a nested value with one text, or one value that may be a text, replaced."""
+    if isinstance(value, str) or value is None:
+        yield path, EVIL
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            for where, changed in texts(inner, f"{path}.{key}"):
+                yield where, value | {key: changed}
+    elif isinstance(value, list):
+        for at, inner in enumerate(value[:3]):
+            for where, changed in texts(inner, f"{path}[{at}]"):
+                yield where, [*value[:at], changed, *value[at + 1 :]]
+
+
+def toml(table: dict[str, Any]) -> str:
+    """A table as TOML; inner tables are inline, and TOML writes texts and numbers as JSON does."""
+
+    def inline(value: Any) -> str:
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{key} = {inline(x)}" for key, x in value.items()) + "}"
+        if isinstance(value, list):
+            return "[" + ", ".join(map(inline, value)) + "]"
+        return json.dumps(value)
+
+    return "".join(f"{key} = {inline(value)}\n" for key, value in table.items())
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "first"
+    tiny_trainer(path).train(ignore, after(2))
+    return path
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder with a stranger's module, which Python would find."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("RANS_TRUST", "")
+    monkeypatch.setattr("rans.registry._typed", set())
+    Path("evil.py").write_text(MODULE)
+    return tmp_path
+
+
+def call(ask: Callable[[], object]) -> None:
+    """Ask, and see that no code of a file has run, whatever came out."""
+    os.environ["RANS_TRUST"] = ""  # the one before may have been asked to trust
+    try:
+        ask()
+    except RansError:
+        pass
+    finally:
+        assert not Path("ran").exists()
+        assert "evil" not in sys.modules
+
+
+def command(words: str) -> Callable[[], object]:
+    return lambda: main(words.split())
+
+
+def test_the_module_would_run_if_it_were_typed(here: Path) -> None:
+    """The traps of this file can close."""
+    with pytest.raises(rans.ConfigError, match="a task must be a dataclass"):
+        rans.load_task(EVIL)
+    assert Path("ran").exists()
+    del sys.modules["evil"]
+
+
+IMITATION = replace(
+    CONFIG,
+    algorithm="imitation",
+    imitation=ImitationSettings(expert="lqr", updates=1),
+    total_timesteps=1,
+)
+"""A training that uses everything which a config can name."""
+
+RUN = [
+    command("train --resume run"),
+    command("train --config run/config.json --run out"),
+    command("sweep --config run/config.json --seeds 1 --output out"),
+    command("report run"),
+    lambda: rans.load_agent("run"),
+]
+MORE = [
+    command("evaluate run --episodes 2"),
+    command("compare run --with lqr --episodes 2 --certified 0"),
+    command("view run --save page.html"),
+    command("stress run --only latency --episodes 2"),
+    command("assure run --episodes 2 --worst 0"),
+    command("follow run"),
+    command("export run --output shipped"),
+    command("fly run --bus udp --seconds 0.1"),
+    lambda: rans.report("run"),
+]
+
+
+def check_run(trained: Path, asks: list[Callable[[], object]]) -> None:
+    base = json.loads(json.dumps(to_table(IMITATION))) | {"about": {"command": "rans train"}}
+    count = 0
+    for where, changed in texts(base):
+        for ask in asks:
+            for folder in ("run", "out", "shipped"):
+                shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(trained, "run")
+            write_json(Path("run/config.json"), changed)
+            call(ask)
+        count += where in (".task", ".spacecraft", ".imitation.expert", ".begin_from")
+    assert count == 4
+
+
+def test_config_of_a_run(here: Path, trained: Path) -> None:
+    check_run(trained, RUN[:2])
+
+
+@pytest.mark.slow
+def test_config_of_a_run_with_every_command(here: Path, trained: Path) -> None:
+    check_run(trained, [*RUN[2:], *MORE])
+
+
+RECIPE = {
+    "base": "base-precise",
+    "task": "go-to-pose",
+    "spacecraft": "floating-platform",
+    "conditions": "lab",
+    "algorithm": "imitation",
+    "begin_from": "pretrained:go-to-pose-2d",
+    "imitation": {"expert": "convex"},
+    "gpu": {"device": "cpu"},
+}
+
+
+def test_recipe(here: Path) -> None:
+    for _, changed in texts(copy.deepcopy(RECIPE)):
+        Path("recipe.toml").write_text(toml(changed))
+        call(command("train recipe.toml --set total_timesteps=1 --set ppo.n_envs=1 --run out"))
+        call(lambda: rans.train("recipe.toml", total_timesteps=1, n_envs=1, run="out"))
+        shutil.rmtree("out", ignore_errors=True)
+
+
+def test_configs_of_a_sweep(here: Path) -> None:
+    table = json.loads(json.dumps(to_table(IMITATION)))
+    for _, changed in texts({"command": "rans sweep", "parts": 1, "configs": [table]}):
+        shutil.rmtree("sweep", ignore_errors=True)
+        write_json(Path("sweep/configs.json"), changed)
+        call(command("sweep --resume sweep"))
+
+
+def test_spacecraft_and_conditions(here: Path) -> None:
+    craft = read_toml(
+        Path(rans.__file__)
+        .with_name("data")
+        .joinpath("spacecraft/floating-platform.toml")
+        .read_text()
+    )
+    craft["effector"] = [{"kind": "torquer"}]
+    craft["solid"] = [{"shape": "box", "mesh": "platform.obj", "size": [1.0, 1.0, 1.0]}]
+    for _, changed in texts(craft):
+        Path("craft.toml").write_text(toml(changed))
+        call(command("list craft.toml"))
+        call(lambda: rans.load_spacecraft("craft.toml"))
+        call(lambda: rans.Engine("craft.toml", "go-to-pose", 1))
+    for _, changed in texts(
+        {"base": "lab", "description": "a laboratory", "others": [{"base": "lab"}]}
+    ):
+        Path("world.toml").write_text(toml(changed))
+        call(command("list world.toml"))
+        call(lambda: rans.load_conditions("world.toml"))
+
+
+CONTRACT = {
+    "format": 2,
+    "agent": "mine",
+    "task": "go-to-pose",
+    "settings": json.loads(json.dumps(to_table(CONFIG)))["settings"],
+    "spacecraft": {"name": "floating-platform", "file": "spacecraft.toml", "sha256": "0"},
+    "control_period": 0.2,
+}
+
+
+def test_contract_of_an_export(here: Path, trained: Path) -> None:
+    for _, changed in texts(CONTRACT):
+        write_json(Path("shipped/contract.json"), changed)
+        Path("shipped/agent.onnx").write_text("")
+        Path("shipped/agent.py").write_text("import evil\n")
+        shutil.copy(trained / "spacecraft.toml", "shipped/spacecraft.toml")
+        call(command("evaluate shipped --episodes 2"))
+        call(lambda: rans.load_agent("shipped"))
+        call(command("fly shipped --bus udp --seconds 0.1"))
+
+
+MEMBER = {"member": 0, "seed": 0, "solved": True, "steps": 1, "success": 1.0}
+ROW = {"contestant": "lqr", "settled": 1, "starts": 1, "flown": 1}
+HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
+LEVEL = {"size": None, "contestants": {"lqr": {"held": HELD}}}
+RESULTS: dict[str, Any] = {
+    "sweep.json": {"members": [MEMBER], "best": "0"},
+    "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [ROW]},
+    "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": LEVEL}},
+    "validation.json": {"title": "t", "checks": [], "skipped": [{"name": "n", "reason": "r"}]},
+    "card.json": {"training": "x", "agent": "y"},
+}
+
+
+def test_results(here: Path) -> None:
+    for name, table in RESULTS.items():
+        for _, changed in texts(table):
+            shutil.rmtree("results", ignore_errors=True)
+            write_json(Path("results") / name, changed)
+            call(command("report results"))
+
+
+def test_tuned_settings(here: Path) -> None:
+    shipped = Path(rans.__file__).with_name("data") / "controllers"
+    table = json.loads(min(shipped.glob("lqr*.json")).read_text())
+    setup = Setup(rans.load_spacecraft("floating-platform"), rans.GoToPose(), rans.Timing())
+    for _, changed in texts(table):
+        write_json(Path("lqr.json"), changed)
+        call(lambda: Tuned.read(Path("lqr.json")).fits("lqr", setup))
+
+
+def test_optimal_folder(here: Path, trained: Path) -> None:
+    like = scenario(rans.GoToPose(), 2, seed=0, episode=0)
+    table = {"task": "go-to-pose", "objective": "energy", "command": "c", "starts": []}
+    for _, changed in texts(table):
+        write_json(Path("optimal/optimal.json"), changed)
+        shutil.copy(trained / "spacecraft.toml", "optimal/spacecraft.toml")
+        np.savez(
+            "optimal/optimal.npz",
+            commands=np.zeros((1, 2, 8)),
+            control_period=np.full(1, 0.2),
+            starts=[leaves(like.start)],
+            goals=[leaves(like.goal)],
+        )
+        call(lambda: flights(Path("optimal")))
+        call(command("view optimal --save page.html"))
+
+
+def test_plan_of_a_bag(here: Path, trained: Path) -> None:
+    pytest.importorskip("mcap")
+    settings = CONTRACT["settings"]
+    plan = {
+        "folder": "shipped",
+        "task": {"name": "go-to-pose", "settings": settings},
+        "robot": "ros",
+    }
+    for where, changed in texts(plan):
+        Path("flight.mcap").unlink(missing_ok=True)
+        writer = BagWriter(Path("flight.mcap"))
+        writer.write(
+            Entry(1, "rans/flight", TEXT, pack(TEXT, make(TEXT, data=json.dumps(changed))))
+        )
+        writer.close()
+        call(lambda: replay(Path("flight.mcap")))
+        call(command("replay flight.mcap"))
+        if where == ".task.name":  # trust of one's own agent is none of what a bag names
+            call(command("replay flight.mcap --trust --agent mine"))
