@@ -235,6 +235,10 @@ class Engine:
         clock -= self.timing.step(clock)
         clock += self._backend.put(self.processes.mine(steps), torch.int32)
 
+    def elapsed(self) -> Tensor:
+        """Control periods since the start of the running episodes, (N,)."""
+        return torch.as_tensor(self.timing.step(self.episode.clock))
+
     def privileged(self) -> Tensor:
         """Privileged observations (N, p): quantities that a robot cannot measure, see `PrivilegedObservation`."""
         return self.privileged_of(self.episode)

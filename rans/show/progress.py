@@ -63,11 +63,15 @@ class TrainingProgress(Progress):
 
 
 def describe(row: dict[str, Any], total: int) -> str:
-    """Steps, success, return, speed, and the longest that training can still take (h:mm:ss)."""
-    reward = sum(value for key, value in row.items() if key.startswith("return/"))
+    """Steps, success, return, speed, and the longest that training can still take (h:mm:ss).
+
+    Where no episode ended since the last row, there is no return.
+    """
+    terms = [value for key, value in row.items() if key.startswith("return/")]
+    reward = f"return {sum(terms):.0f}, " if terms else ""
     left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
     return (
-        f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return {reward:.0f}, "
+        f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, {reward}"
         f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left"
     )
 

@@ -68,7 +68,7 @@ def learned(model: PPOLearner) -> dict[str, Any]:
         "random": state["generators"],
         "memory": state["memory"],
         "engine": model.engine.save_state()["buffers"],
-        "log": [statistics(numbers, model, 384, 128) for numbers in said],
+        "log": [statistics(numbers, model, 384) for numbers in said],
     }
 
 

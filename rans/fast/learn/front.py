@@ -97,7 +97,7 @@ class PPO:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
             (values,) = self.learner.learn().tolist()
             self.num_timesteps += rollout
-            self.log = statistics(values, self.learner, self.num_timesteps, rollout)
+            self.log = statistics(values, self.learner, self.num_timesteps)
             report(self)
         return self
 

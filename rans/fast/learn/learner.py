@@ -51,7 +51,8 @@ class Learner(Protocol):
 
         Returns:
             One row per member, (K, columns): `statistics`; the new step size; numbers of failed episodes, of all
-            ended ones, and of those truncated within the task's tolerances; mean reward of a step by term.
+            ended ones, and of those truncated within the task's tolerances; steps of all ended ones; mean reward
+            of a step by term.
         """
         ...
 

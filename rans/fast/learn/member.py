@@ -220,41 +220,51 @@ class Member:
 
 
 def statistics(
-    numbers: Sequence[float], learner: Learner, steps: int, rollout: int, goes_on: bool = False
+    numbers: Sequence[float], learner: Learner, steps: int, *, goes_on: bool = False
 ) -> dict[str, float]:
     """Statistics of a member by the names of SB3's log, from a row of `Learner.learn`.
 
-    Length and return of an episode are those of the whole rollout divided by the number of ended episodes; SB3 uses
-    the last hundred episodes.
+    The length of an episode is the mean over those that ended in this rollout; SB3 uses the last hundred. Its
+    return, the sum of its rewards, is this length times the mean reward of a step, as a whole and by term. Where
+    no episode ended, neither is known.
 
     Args:
         numbers: row of `Learner.learn`.
         learner: learner.
         steps: environment steps so far.
-        rollout: environment steps of the rollout.
         goes_on: whether to accept numbers that are not finite.
 
     Raises:
         NonFiniteState: a number is NaN or infinite.
     """
-    engine = learner.engine
+    names = learner.engine.term_names
     losses = dict(zip(learner.statistics, numbers, strict=False))
-    rate, failed, ended, succeeded, *terms = numbers[len(learner.statistics) :]
+    rate, failed, ended, succeeded, lengths, *rewards = numbers[len(learner.statistics) :]
     if not goes_on and not all(map(isfinite, numbers)):
+        odd = [name for name, reward in zip(names, rewards, strict=True) if not isfinite(reward)]
+        cause = "the usual cause is a learning rate or a reward that is too large"
+        # Weights that are NaN make every term NaN; a mistake in the task only its own.
+        if odd and (len(odd) < len(names) or len(names) == 1):
+            cause = (
+                f"of the task's reward terms {' and '.join(odd)} is not finite, others are: the usual cause is a "
+                "root of a negative number, a division by zero or a logarithm in it"
+            )
         raise NonFiniteState(
             f"training produced a value that is not finite after {steps} steps "
-            f"(losses {losses}); the usual cause is a learning rate or a reward that is too large."
+            f"(losses {losses}); {cause}."
         )
     table = {f"train/{name}": value for name, value in losses.items()} | {
         "train/learning_rate": rate
     }
-    if ended:
-        length = rollout / engine.processes.size / ended
-        table |= {
-            "rollout/ep_rew_mean": sum(terms) * length,
-            "rollout/ep_len_mean": length,
-            "rollout/success_rate": succeeded / ended,
-            "rollout/failure_rate": failed / ended,
-        }
-    means = zip(engine.term_names, terms, strict=True)
-    return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}
+    if not ended:
+        return table
+    length = lengths / ended
+    table |= {
+        "rollout/ep_rew_mean": sum(rewards) * length,
+        "rollout/ep_len_mean": length,
+        "rollout/success_rate": succeeded / ended,
+        "rollout/failure_rate": failed / ended,
+    }
+    return table | {
+        f"return/{name}": reward * length for name, reward in zip(names, rewards, strict=True)
+    }

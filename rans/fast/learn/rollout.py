@@ -98,12 +98,15 @@ class Rollout:
         """Number of episodes per member that ended as a success."""
         self.failed = new(members)
         """Number of episodes per member that the task ended as a failure."""
+        self._engine = engine
+        self._elapsed = new(members)
 
     def begin(self) -> None:
         """Reset the sums over the steps."""
         self.terms.zero_()
         self.succeeded.zero_()
         self.failed.zero_()
+        self._elapsed.copy_(self._by_member(self._engine.elapsed()))
 
     def uniform(self, generators: Sequence[torch.Generator]) -> Tensor:
         """Random numbers (T, N, thrusters) in [0, 1), on a CPU from one generator per member."""
@@ -126,14 +129,21 @@ class Rollout:
         return torch.cat(pair, dim=1).flatten(0, 1)
 
     def totals(self) -> Tensor:
-        """Episode counts and mean rewards in this process, (K, 3 + terms).
+        """Episode counts and mean rewards in this process, (K, 4 + terms).
 
-        Columns: episodes that failed, that ended, and that succeeded; then the mean reward per step of each
-        term.
+        Columns: episodes that failed, that ended, and that succeeded; steps of those that ended, from their
+        starts; then the mean reward per step of each term.
         """
         ended = self.all.ended.unflatten(1, (self._members, -1)).sum(dim=(0, 2))
-        counts = torch.stack([self.failed, ended, self.succeeded], dim=1)
+        # Every step adds 1 to the time of a running episode, and an end takes its length away.
+        steps = self.all.reward.numel() // self._members
+        lengths = self._elapsed + steps - self._by_member(self._engine.elapsed())
+        counts = torch.stack([self.failed, ended, self.succeeded, lengths], dim=1)
         return torch.cat((counts, self.terms / len(self.steps)), dim=1)
+
+    def _by_member(self, numbers: Tensor) -> Tensor:
+        """Sums over the environments of each member, (K,)."""
+        return numbers.unflatten(0, (self._members, -1)).sum(dim=1).to(self.terms.dtype)
 
 
 def remember(

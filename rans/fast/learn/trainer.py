@@ -279,7 +279,7 @@ class Trainer:
         self.steps += self._rollout
         try:
             self._statistics = [
-                statistics(numbers, self.learner, self.steps, self._rollout, self._goes_on)
+                statistics(numbers, self.learner, self.steps, goes_on=self._goes_on)
                 for numbers in losses
             ]
         except NonFiniteState as error:
