@@ -32,7 +32,6 @@ TERMS = {
     "fault injection": "faults",
     "Gymnasium": "environments",
     "hyper-parameter": "sweep",
-    "importance sampling": "assurance",
     "Kalman filter": "memory",
     "keep-out zone": "missions/avoid",
     "latency": "conditions",
@@ -57,6 +56,7 @@ TERMS = {
     "sensor dropout": "conditions",
     "sim-to-real": "robots",
     "Stable-Baselines3": "environments",
+    "subset simulation": "assurance",
     "test vectors": "export",
     "valve delay": "conditions",
 }

@@ -275,7 +275,8 @@ def assure(
             its count decides.
         confidence: confidence of every bound.
         worst: number of failed flights of each kind that are flown again in Drake.
-        rare: number of flights to estimate rarer failures by importance sampling; 0: none.
+        rare: number of flights, at least 1600, to estimate rarer failures by subset simulation, where every factor
+            of ten in the probability takes as many; 0: none.
         search: name of conditions; searches for the smallest disturbance that makes the agent fail, in units of
             these. None: no search.
         seed: random seed of starts, goals and conditions.
@@ -289,6 +290,7 @@ def assure(
     from rans.evaluation.assure.assurance import Assurance, chosen_device
     from rans.evaluation.assure.bounds import plan
     from rans.evaluation.assure.campaign import Campaign
+    from rans.evaluation.assure.rare import check_count
     from rans.evaluation.assure.search import unit
     from rans.evaluation.fly.contestants import contestant
     from rans.files import ready_folder, write_json
@@ -297,6 +299,8 @@ def assure(
 
     if search:
         unit(search)  # a wrong name is refused before anything flies
+    if rare:
+        check_count("rare", whole("rare", rare))
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", _ASSURED if episodes is None else episodes)
     planned = plan(confidence, episodes, failure_below)
@@ -315,7 +319,7 @@ def assure(
         made.replay(whole("worst", worst, least=0), worst)
         if rare:
             stage("rarer failures", None)
-            made.sample(whole("rare", rare), processor)
+            made.sample(rare, processor)
         if search:
             stage("the worst case", None)
             made.search(search, processor)

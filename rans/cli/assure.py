@@ -51,7 +51,8 @@ class Assure:
     worst: int = 4
     """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
     rare: int = 0
-    """Also estimate the probability of rarer failures, by importance sampling with this many flights."""
+    """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
+    1600) a factor of ten: a probability of 1e-6 takes six times as many."""
     search: str | None = None
     """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
     as lab."""
@@ -71,6 +72,7 @@ class Assure:
         """Fly, repeat failed flights, write and print the results."""
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
+        from rans.evaluation.assure.rare import check_count as check_rare
         from rans.evaluation.assure.search import unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.randomization.conditions import Conditions
@@ -80,6 +82,8 @@ class Assure:
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
+        if self.rare:
+            check_rare("--rare", self.rare)
         if self.search:
             unit(self.search)  # reject a wrong name before the flights
         episodes = (
@@ -182,7 +186,7 @@ def _show(assurance: Assurance, file: Path) -> None:
     if assurance.searched:
         console.say(f"In a search {assurance.searched.summary}.")
     if assurance.rare:
-        console.say(f"By importance sampling {assurance.rare.summary}.")
+        console.say(f"By subset simulation {assurance.rare.summary}.")
     if assurance.replays and assurance.replays.found:
         most = max(assurance.replays.found, key=lambda one: one.excess)
         console.say(f"The worst failure, at {most.excess:.3g} tolerances:")

@@ -43,7 +43,7 @@ class Assurance:
     replays: Replays | None = None
     """Failed flights, flown again; None: not yet."""
     rare: Rare | None = None
-    """Probability of failure by importance sampling; None: not asked for."""
+    """Probability of failure by subset simulation; None: not asked for."""
     searched: Searched | None = None
     """Search for the smallest disturbance that breaks the agent; None: not asked for."""
     command: str = ""
@@ -129,9 +129,9 @@ class Assurance:
         )
 
     def sample(self, count: int, device: str) -> None:
-        """Estimate the probability of failure by ``count`` flights under likely failures (importance sampling)."""
+        """Estimate the probability of failure by subset simulation; see `rans.evaluation.assure.rare.rare`."""
         chances = Chances.of(self.run.judged)
-        network = on_device(self._needed_network("importance sampling"), device)
+        network = on_device(self._needed_network("subset simulation"), device)
         self.rare = rare(
             chances.scores(network, torch.device(device)),
             len(chances.places),

@@ -1,155 +1,285 @@
-"""Probabilities of events too rare to be counted: importance sampling, learnt by cross-entropy."""
+"""Probabilities of events too rare to be counted: subset simulation by independent groups of flights.
+
+The probability of a rare event is the product of conditional ones that are not rare: that of reaching a first level
+of a score, of a second one given the first, and so on to the event. Flights beyond a level are made from those that
+reached it, by Markov chains that keep the nominal distribution and refuse what falls below (S.-K. Au and J. L. Beck,
+Probabilistic Engineering Mechanics 16(4), 2001). No form of the set of failures is assumed, so that several
+independent causes are followed at once. Sixteen groups never exchange flights. That they agree is what the
+interval stands on, and where they do not there is none.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
+from rans.errors import ConfigError
+from rans.evaluation.assure.bounds import lower, upper
 from rans.model.random import generator
 
 Score = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function of standard normal numbers (D, N) and episode numbers (N,) int32; from 1 on an event happens, (N,)."""
 
-_SHARE = 0.1
-"""Share of a round, with the highest scores, to which the next round's distribution is fitted."""
-_ROUNDS = 10
-_FEWEST = 1000
-_LEAST_RISE = 0.05
-"""Least increase of the score in a round, as a share of what is missing, for another round."""
-_KEPT = 0.3
-"""Weight of the last round's distribution in the next; without it small samples diverge."""
-_NARROWEST = 0.3
-"""Least standard deviation."""
-_AS_DRAWN = 0.3
-"""Share of the sample from the nominal distribution; its inverse bounds the weights."""
-NORMAL_99 = 2.5758
-"""99.5 % quantile of the standard normal distribution."""
-
-
-@dataclass(frozen=True)
-class Tilt:
-    """Independent normal distributions, under which events are more likely than under the nominal one."""
-
-    mean: np.ndarray
-    spread: np.ndarray
-
-    def sample(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Sample (D, N), a share of which is from the nominal distribution."""
-        z = random.standard_normal((len(self.mean), count))
-        usual = random.random(count) < _AS_DRAWN
-        return np.where(usual, z, self.mean + self.spread * z)
-
-    def weight(self, z: np.ndarray) -> np.ndarray:
-        """Likelihood ratios (N,) of the nominal distribution to that of `sample`."""
-        here = -0.5 * ((z - self.mean) / self.spread) ** 2 - np.log(self.spread)
-        likelier = np.exp(np.minimum((here + 0.5 * z**2).sum(axis=0), 700.0))
-        return 1.0 / (_AS_DRAWN + (1.0 - _AS_DRAWN) * likelier)
+GROUPS = 16
+"""Independent groups of flights: with fewer, Student's distribution makes intervals much longer."""
+_BEST = 0.1
+"""Part of the flights, with the highest scores, that sets the next level (Au and Beck's)."""
+FEWEST = 100 * GROUPS
+"""With fewer flights, a group has less than ten to continue from, and often dies out."""
+_LEVELS = 40
+"""Levels at most; a probability of 1e-12 needs twelve."""
+_COUNTABLE = 20
+"""Events among the flights as drawn from which on they are counted: to half of the number at 99 %."""
+_SAME_NOISE = 0.5
+"""Probability that a new flight keeps the noise of its sensors, which follows from its number."""
+_ACCEPTED = 0.44
+"""Part of the steps of a chain that its length is chosen for (I. Papaioannou and others, Probabilistic
+Engineering Mechanics 41, 2015)."""
+_LARGEST = 0.4
+"""Part of the sum that one group may have. Groups that followed the same causes stay below it, but for one in a
+hundred; one that alone met a frequent cause does not."""
+_LEVEL = 0.005
+"""Probability of being wrong on either side of an interval at 99 %."""
 
 
 @dataclass(frozen=True)
 class Rare:
-    """Result of importance sampling."""
+    """Result of subset simulation."""
 
-    probability: float
-    error: float
-    """Standard error."""
+    groups: tuple[float, ...]
+    """Probability of the event by each of the independent groups; 0 where a group never met it."""
     events: int
-    """Number of events in the sample."""
-    sample: int
-    """Number of flights in the sample."""
-    learning: int
-    """Number of flights before it, from which the distribution was learnt."""
+    """Events among the last flights of all groups."""
+    flights: int
+    """All flights."""
+    nominal: int
+    """Flights as drawn, the first ones."""
+    counted: int
+    """Events among these."""
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether the event is frequent enough to be counted, so that groups had nothing to do."""
+        return self.counted >= _COUNTABLE
+
+    @property
+    def differ(self) -> bool:
+        """Whether the groups met different events: some none, or one far more than all others."""
+        return min(self.groups) == 0.0 or max(self.groups) > _LARGEST * sum(self.groups)
+
+    @property
+    def probability(self) -> float:
+        """Estimate; it has no bias, whether the groups agree or not."""
+        return float(np.mean(self.groups))
+
+    @property
+    def error(self) -> float:
+        """Standard error: of the count, or from the differences between groups."""
+        if self.is_counted:
+            return math.sqrt(self.probability * (1.0 - self.probability) / self.nominal)
+        return float(np.std(self.groups, ddof=1) / math.sqrt(len(self.groups)))
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Interval at 99 % by the central limit theorem, an estimate and no proof; None without an event."""
-        if not self.events:
+        """Interval at 99 %; None where no event was met, or the groups differ.
+
+        Of events that can be counted it is Clopper and Pearson's. Otherwise the logarithms of the groups'
+        estimates are taken as normal, with Cox's interval of their mean (U. Olsson, Journal of Statistics Education
+        13(1), 2005), and it is widened to meet what counting the first flights proves. Causes to which no rising
+        score leads are in neither.
+        """
+        low = lower(self.counted, self.nominal, _LEVEL)
+        high = upper(self.counted, self.nominal, _LEVEL)
+        if self.is_counted:
+            return low, high
+        if self.differ:
             return None
-        half = NORMAL_99 * self.error
-        return max(0.0, self.probability - half), self.probability + half
+        logs = np.log(self.groups)
+        count = len(logs)
+        variance = float(logs.var(ddof=1))
+        middle = float(logs.mean()) + 0.5 * variance
+        spread = math.sqrt(variance / count + variance**2 / (2.0 * (count - 1)))
+        half = float(student.isf(_LEVEL, count - 1)) * spread
+        return min(high, math.exp(middle - half)), max(low, min(1.0, math.exp(middle + half)))
 
     @property
     def summary(self) -> str:
         """Estimate in one sentence."""
-        if self.interval is None:
+        if self.interval is not None:
+            low, high = self.interval
             return (
-                f"no failure was met in {self.sample:,} flights, after {self.learning:,} that chose "
-                "where to look, so there is no estimate"
+                f"the probability of failure is {self.probability:.3g} ({low:.3g} to {high:.3g}), with a "
+                f"gain of {self.gain:.3g} over counting"
             )
-        low, high = self.interval
+        met = sum(p > 0.0 for p in self.groups)
+        if not met:
+            return (
+                f"no failure was met in {self.flights:,} flights that went where errors are larger, so "
+                "there is no estimate"
+            )
+        if met < len(self.groups):
+            return (
+                f"only {met} of {len(self.groups)} independent groups of flights met a failure, so there is "
+                "no estimate; more flights may make them agree"
+            )
         return (
-            f"the probability of failure is {self.probability:.3g} ({low:.3g} to {high:.3g}), with a "
-            f"gain of {self.gain:.3g} over counting"
+            f"independent groups of flights differ ({min(self.groups):.3g} to {max(self.groups):.3g}), as "
+            "where there are several causes and few flights, so there is no estimate; more flights may make "
+            "them agree"
         )
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`."""
-        return asdict(self) | {"99 %": self.interval, "gain": self.gain}
+        return asdict(self) | {
+            "probability": self.probability,
+            "error": self.error,
+            "99 %": self.interval,
+            "gain": self.gain,
+        }
 
     @property
     def gain(self) -> float:
-        """Flights that counting needs for the same error, over those of the sample; NaN without an event."""
+        """Flights that counting needs for the same error, over those of all groups; NaN without an event."""
         if not self.error:
-            return float("nan")
-        return self.probability * (1.0 - self.probability) / (self.error**2 * self.sample)
+            return math.nan
+        return self.probability * (1.0 - self.probability) / (self.error**2 * self.flights)
+
+
+class _Flights(NamedTuple):
+    """Flights of all groups, G x N."""
+
+    z: np.ndarray
+    """(D, G, N)."""
+    number: np.ndarray
+    """(G, N) int32."""
+    score: np.ndarray
+    """(G, N)."""
+
+    def chosen(self, index: np.ndarray) -> _Flights:
+        """Those of an index (G, M) into each group."""
+        return _Flights(
+            np.take_along_axis(self.z, index[None], axis=2),
+            np.take_along_axis(self.number, index, axis=1),
+            np.take_along_axis(self.score, index, axis=1),
+        )
+
+
+def check_count(name: str, count: int) -> None:
+    """Raise a `ConfigError` that names a number of flights which is too small for `rare`."""
+    if count < FEWEST:
+        raise ConfigError(
+            f"{name} must be at least {FEWEST:,}, {FEWEST // GROUPS} flights for each of {GROUPS} independent "
+            f"groups, got {count:,}."
+        )
 
 
 def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
-    """Probability of an event from a sample of ``count``, after rounds of a tenth of that."""
-    random = generator(seed)
-    tilt, learning = learnt(score, dimensions, max(_FEWEST, count // 10), random)
-    return estimated(score, tilt, count, learning, random)
+    """Probability of an event, by flights of which ``count`` are as drawn, and nine tenths of that a level.
 
+    A probability of 1e-3 takes about 3 times ``count`` flights, 1e-6 about 6 times.
 
-def learnt(
-    score: Score, dimensions: int, count: int, random: np.random.Generator
-) -> tuple[Tilt, int]:
-    """Learn a distribution under which events are likely; returns the number of scores too.
+    Args:
+        score: of flights.
+        dimensions: D of the score.
+        count: of flights as drawn; rounded down to equal groups.
+        seed: of all random numbers.
 
-    The cross-entropy method (Rubinstein and Kroese, 2004, section 3.2): the distribution of the next round is
-    fitted to the tenth of a sample with the highest scores, weighted by likelihood ratios, until a tenth are
-    events, or until scores no longer increase.
+    Raises:
+        ConfigError: ``count`` is below `FEWEST`.
     """
-    tilt = Tilt(np.zeros((dimensions, 1)), np.ones((dimensions, 1)))
-    before = -np.inf
-    for number in range(1, _ROUNDS + 1):
-        z = tilt.sample(random, count)
-        scores = score(z, numbers(random, count))
-        level = min(1.0, float(np.quantile(scores, 1.0 - _SHARE, method="higher")))
-        if level < before + _LEAST_RISE * (1.0 - before):
-            return tilt, number * count
-        best = scores >= level
-        before = level
-        weight = tilt.weight(z)[best]
-        weight /= weight.sum()
-        mean = (z[:, best] * weight).sum(axis=1, keepdims=True)
-        spread = np.sqrt(((z[:, best] - mean) ** 2 * weight).sum(axis=1, keepdims=True))
-        tilt = Tilt(
-            _KEPT * tilt.mean + (1.0 - _KEPT) * mean,
-            np.maximum(_NARROWEST, _KEPT * tilt.spread + (1.0 - _KEPT) * spread),
-        )
-        if level >= 1.0:
-            return tilt, number * count
-    return tilt, _ROUNDS * count
+    check_count("count", count)
+    random = generator(seed)
+    best = int(_BEST * count / GROUPS)
+    length = round(1.0 / _BEST)
+    shape = (GROUPS, best * length)
+    z = random.standard_normal((dimensions, *shape))
+    flights = _scored(score, z, numbers(random, math.prod(shape)).reshape(shape))
+    counted = int((flights.score >= 1.0).sum())
+    flown = nominal = math.prod(shape)
+    groups = np.ones(GROUPS)
+    level = -math.inf
+    step = 0.6
+    for _ in range(_LEVELS):
+        # One level for all groups, from those that have not died out: of levels that a group sets for itself the
+        # product of its parts is biased.
+        alive = groups > 0.0
+        scores = np.sort(flights.score[alive], axis=None)
+        next_level = min(1.0, float(scores[-best * int(alive.sum())]))
+        if counted >= _COUNTABLE:
+            next_level = 1.0
+        if next_level <= level:
+            # More than a tenth have the same score, and none to follow.
+            groups[:] = 0.0
+            break
+        level = next_level
+        beyond = flights.score >= level
+        groups *= beyond.mean(axis=1)
+        if level >= 1.0 or not groups.any():
+            break
+        flights, step = _continued(score, flights, beyond, level, (best, length), step, random)
+        flown += (length - 1) * GROUPS * best
+    events = int((flights.score >= 1.0)[groups > 0.0].sum())
+    return Rare(tuple(groups.tolist()), events, flown, nominal, counted)
 
 
-def estimated(
-    score: Score, tilt: Tilt, count: int, learning: int, random: np.random.Generator
-) -> Rare:
-    """Probability of an event; the distribution of the sample changes its standard error only."""
-    z = tilt.sample(random, count)
-    events = score(z, numbers(random, count)) >= 1.0
-    values = np.where(events, tilt.weight(z), 0.0)
-    return Rare(
-        float(values.mean()),
-        float(values.std(ddof=1) / np.sqrt(count)),
-        int(events.sum()),
-        count,
-        learning,
+def _continued(
+    score: Score,
+    flights: _Flights,
+    beyond: np.ndarray,
+    level: float,
+    size: tuple[int, int],
+    step: float,
+    random: np.random.Generator,
+) -> tuple[_Flights, float]:
+    """Flights beyond a level, by chains from those that reached it; and the length of the chains' steps.
+
+    Args:
+        score: of flights.
+        flights: of all groups.
+        beyond: (G, N) which of them reached the level.
+        level: of the score.
+        size: chains of a group, and flights of a chain.
+        step: length to begin with, from 0 (stay) to 1 (draw anew).
+        random: numbers.
+    """
+    chains, length = size
+    # Each flight that reached the level starts as many chains on average; a group without any stays as it is.
+    rank = beyond.cumsum(axis=1)
+    total = np.maximum(rank[:, -1:], 1)
+    ranks = (np.arange(chains) + random.random((GROUPS, chains))) / chains * total
+    starts = np.stack(
+        [np.searchsorted(*row, side="right") for row in zip(rank, ranks, strict=True)]
     )
+    now = flights.chosen(np.minimum(starts, beyond.shape[1] - 1))
+    alive = beyond.any(axis=1)
+    states = [now]
+    for turn in range(1, length):
+        # This keeps the normal distribution, as z and the new numbers are independent and normal.
+        z = math.sqrt(1.0 - step**2) * now.z + step * random.standard_normal(now.z.shape)
+        fresh = numbers(random, now.number.size).reshape(now.number.shape)
+        number = np.where(random.random(fresh.shape) < _SAME_NOISE, now.number, fresh)
+        new = _scored(score, z, number)
+        accepted = new.score >= level
+        now = _Flights(
+            np.where(accepted, new.z, now.z),
+            np.where(accepted, new.number, now.number),
+            np.where(accepted, new.score, now.score),
+        )
+        states.append(now)
+        rate = float(accepted[alive].mean())
+        step = min(1.0, max(0.05, step * math.exp((rate - _ACCEPTED) / math.sqrt(turn))))
+    joined = (np.concatenate(part, axis=-1) for part in zip(*states, strict=True))
+    return _Flights(*joined), step
+
+
+def _scored(score: Score, z: np.ndarray, number: np.ndarray) -> _Flights:
+    scores = score(z.reshape(len(z), -1), number.ravel())
+    return _Flights(z, number, np.asarray(scores).reshape(number.shape))
 
 
 def numbers(random: np.random.Generator, count: int) -> np.ndarray:

@@ -6,6 +6,7 @@ import importlib.util
 from collections.abc import Iterator
 
 from rans.evaluation.assure.assurance import Assurance
+from rans.evaluation.assure.rare import GROUPS
 from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
 from rans.flight import Flight
 from rans.show.pages.assure_counts import counts, verdict
@@ -157,7 +158,7 @@ def _again(assurance: Assurance) -> Iterator[Section]:
 
 
 def _rare(assurance: Assurance) -> Iterator[Section]:
-    """By importance sampling."""
+    """By subset simulation."""
     result = assurance.rare
     counted = assurance.campaign.bound()
     if result is None:
@@ -178,20 +179,21 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
             None,
         ],
         [
-            "by importance sampling",
+            "by subset simulation",
             *figures,
             f"{result.events:,}",
-            f"{result.sample + result.learning:,}",
-            f"{result.gain:.3g}" if result.events else None,
+            f"{result.flights:,}",
+            f"{result.gain:.3g}" if result.interval else None,
         ],
     ]
     yield Section(
         "Rarer failures",
         (
-            "Flights that draw what leads to failures more often than chance does, weighted by how likely that "
-            "is (cross-entropy method). From and to are at 99 %, by the central limit theorem where they are not "
-            "counted: an estimate, no bound. The gain is how many times as many counted flights would tell as "
-            "much; near 1, what a flight draws before it begins says little about whether it fails."
+            f"Flights that lead to ever larger errors, in {GROUPS} independent groups (subset simulation). From "
+            "and to are at 99 %, from the differences between groups where they are not counted: an estimate, "
+            "no bound, which knows no cause of failure that errors do not grow towards. Where groups differ "
+            "too much there is none. The gain is how many times as many counted flights would tell as much; "
+            "near 1, what a flight draws before it begins says little about whether it fails."
         ),
         [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)],
     )

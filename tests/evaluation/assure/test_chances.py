@@ -1,4 +1,4 @@
-"""Given numbers against drawn ones, rare events against the normal distribution, searches by hand."""
+"""Given numbers against drawn ones, searches by hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from scipy.stats import norm
 from rans.episode import Setup
 from rans.evaluation.assure import search
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, scored, sized
-from rans.evaluation.assure.rare import rare
 from rans.evaluation.assure.replay import drawing
 from rans.evaluation.assure.search import drew, room, smallest
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -130,32 +129,6 @@ def test_size_grows_from_where_there_is_no_trouble() -> None:
     assert not isinstance(lab.thrusters.pressure, Sized)
     # At 3.6 times (0.75, 1.25) a mass is down to 0.1.
     assert room(load_conditions("lab")) == pytest.approx(3.6)
-
-
-@pytest.mark.parametrize("limit", [2.0, 4.5])
-def test_rare_events_have_the_probability_that_the_normal_distribution_gives(limit: float) -> None:
-    # The mean of 20 normal numbers, in its own standard deviation.
-    found = rare(lambda z, _: z.sum(axis=0) / np.sqrt(20) / limit, 20, 20_000, 0)
-    assert found.probability == pytest.approx(
-        norm.sf(limit), abs=4.0 * found.error
-    )  # once in 16,000
-    assert found.error < 0.1 * norm.sf(limit)
-    assert found.gain > (1.0 if limit < 3.0 else 1000.0)
-
-
-def test_where_nothing_fails_nothing_is_estimated() -> None:
-    found = rare(lambda z, _: np.zeros(z.shape[1]), 3, 2000, 0)
-    assert (found.events, found.interval, found.to_json()["99 %"]) == (0, None, None)
-    assert found.summary.startswith("no failure was met in 2,000 flights, after ")
-
-
-def test_what_has_no_cause_in_what_is_drawn_gains_nothing_but_is_estimated_right() -> None:
-    def score(_: np.ndarray, number: np.ndarray) -> np.ndarray:
-        return 1.2 * np.random.default_rng(number[:4].tolist()).random(len(number))
-
-    found = rare(score, 5, 20_000, 1)
-    assert found.probability == pytest.approx(1.0 / 6.0, abs=4.0 * found.error)
-    assert found.gain < 1.5
 
 
 def test_a_search_finds_the_nearest_place_of_failure() -> None:
