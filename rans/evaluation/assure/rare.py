@@ -2,8 +2,8 @@
 
 The probability of a rare event is the product of conditional ones that are not rare: that of reaching a first level
 of a score, of a second one given the first, and so on to the event. Flights beyond a level are made from those that
-reached it, by Markov chains that keep the nominal distribution and refuse what falls below (S.-K. Au and J. L. Beck,
-Probabilistic Engineering Mechanics 16(4), 2001). No form of the set of failures is assumed, so that several
+reached it, by Markov chains that keep the nominal distribution and refuse what falls below (S.-K. Au and J. L.
+Beck, Probabilistic Engineering Mechanics 16(4), 2001). No form of the set of failures is assumed, so that several
 independent causes are followed at once. Sixteen groups never exchange flights. That they agree is what the
 interval stands on, and where they do not there is none.
 """
