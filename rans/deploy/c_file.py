@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import platform
 import re
 import shutil
 import subprocess
@@ -15,13 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.files import write_text
+from rans.files import read_text, write_text
 from rans.policy.architecture import Architecture
 from rans.policy.program import Program, Step
 
 Shape = tuple[int, ...]
-FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
-"""What the files compile with, without a word."""
+FLAGS = (
+    *("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"),
+    *("-Wfloat-equal", "-Wshadow", "-Wdouble-promotion", "-Wcast-align", "-Wlogical-op"),
+    "-Wno-unknown-warning-option",  # clang lacks -Wlogical-op
+)
+"""The files compile without a warning with these; those of the second line are PX4's, of firmware for flight."""
 C_FILES = ("agent.h", "agent.c", "agent_check.c")
 
 _ELEMENTWISE = {
@@ -30,7 +35,7 @@ _ELEMENTWISE = {
     "Mul": "{0} * {1}",
     "Div": "{0} / {1}",
     "Neg": "-{0}",
-    "Equal": "{0} == {1}",
+    "Equal": "{0} >= {1} && {0} <= {1}",  # flight software forbids == of floats (-Wfloat-equal)
     "Greater": "{0} > {1}",
     "Less": "{0} < {1}",
     "Where": "{0} ? {1} : {2}",
@@ -150,8 +155,11 @@ def write_c(
         "SCRATCH": f"    float after[{architecture.memory}];\n" if architecture.memory else "",
         "UNUSED": "" if architecture.memory else "    (void)memory;\n    (void)after;\n",
     }
-    write_text(folder / "agent.h", _filled(_HEADER, names))
+    write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": _STACK_UNKNOWN}))
     write_text(folder / "agent.c", _filled(_SOURCE, names))
+    if stack := _measured_stack(folder):
+        known = _filled(_STACK, {"BYTES": stack, "MACHINE": platform.machine()})
+        write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": known}))
     if pairs is not None:
         write_text(folder / "agent_check.c", _check_text(pairs))
 
@@ -159,32 +167,73 @@ def write_c(
 def compiled_check(folder: Path) -> str:
     """Sentence on what agent_check.c finds, compiled by the machine's compiler, and on the size of the agent.
 
+    It is compiled twice: as C99 asks, and as for finite numbers alone, as much firmware is.
+
     Raises:
-        ConfigError: the compiler refuses the files, or some golden pairs come out wrong.
+        ConfigError: the compiler refuses the files, some golden pairs come out wrong, or numbers that are not
+            finite are flown.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    command = f"cc -O2 {' '.join(FLAGS)} agent.c agent_check.c -lm"
+    compiler = _compiler()
     if compiler is None:
+        command = f"cc -O2 {' '.join(FLAGS)} agent.c agent_check.c -lm"
         return f"There is no C compiler here: check it on yours by {command}."
+    results = []
+    size = 0
     with tempfile.TemporaryDirectory() as place:
-        built = Path(place) / "check"
+        for optimization in (("-O2", "-ffast-math"), ("-O2",)):
+            compiled = [compiler, *optimization, *FLAGS]
+            part = Path(place) / "agent.o"
+            built = Path(place) / "check"
+            for arguments in (
+                [*compiled, "-c", str(folder / "agent.c"), "-o", str(part)],
+                [*compiled, str(folder / "agent_check.c"), str(part), "-o", str(built), "-lm"],
+            ):
+                done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+                if done.returncode:
+                    raise ConfigError(
+                        f"{compiler} refuses agent.c: {(done.stderr.splitlines() or [''])[0]}."
+                    )
+            size = part.stat().st_size
+            run = subprocess.run([str(built)], capture_output=True, text=True, check=False)
+            if run.returncode:
+                flags = " ".join(optimization)
+                raise ConfigError(f"agent.c is wrong: {run.stdout.strip()} (built by {flags})")
+            results.append(run.stdout.strip())
+    stack = stack_of(folder)
+    needs = f" It needs {stack:,} bytes of stack." if stack else ""
+    return f"agent.c is {size / 1000:.0f} kB of object code and tables here; {results[-1]}{needs}"
+
+
+def stack_of(folder: Path) -> int | None:
+    """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
+    file = folder / "agent.h"
+    found = (
+        re.search(r"^#define RANS_STACK (\d+)", read_text(file), re.M) if file.exists() else None
+    )
+    return int(found[1]) if found else None
+
+
+def _compiler() -> str | None:
+    return shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+
+
+def _measured_stack(folder: Path) -> int | None:
+    """Bytes of stack of `rans_agent_act` with what it calls, by the compiler; None if none here can say."""
+    compiler = _compiler()
+    if compiler is None:
+        return None
+    with tempfile.TemporaryDirectory() as place:
         part = Path(place) / "agent.o"
-        sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
-        made = [compiler, "-O2", *FLAGS]
-        for arguments in (
-            [*made, "-c", sources[0], "-o", part],
-            [*made, *sources, "-o", built, "-lm"],
-        ):
-            done = subprocess.run(arguments, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise ConfigError(
-                    f"{compiler} refuses agent.c: {(done.stderr.splitlines() or [''])[0]}."
-                )
-        size = part.stat().st_size
-        run = subprocess.run([str(built)], capture_output=True, text=True, check=False)
-    if run.returncode:
-        raise ConfigError(f"agent.c is wrong: {run.stdout.strip()}")
-    return f"agent.c is {size / 1000:.0f} kB of object code and tables here; {run.stdout.strip()}"
+        arguments = [compiler, "-O2", "-std=c99", "-fstack-usage", "-c", str(folder / "agent.c")]
+        subprocess.run([*arguments, "-o", str(part)], capture_output=True, check=False)
+        usage = part.with_suffix(".su")
+        if not usage.exists():
+            return None
+        # A line a function: FILE:LINE:COLUMN:NAME, bytes and kind, with tabs between.
+        rows = [line.split("\t") for line in usage.read_text().splitlines()]
+    frames = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
+    own = frames.pop("rans_agent_act")
+    return own + max(frames.values())  # nothing that it calls calls another function of the file
 
 
 def _filled(text: str, names: Mapping[str, Any]) -> str:
@@ -192,8 +241,9 @@ def _filled(text: str, names: Mapping[str, Any]) -> str:
 
 
 def _words(text: str) -> str:
-    """What strangers have named, fit for a comment."""
-    return re.sub(r"[^\w .,:;()\[\]^'+-]", "?", text)[:200]
+    """A stranger's words, fit for a comment: without what ends or begins one, continues a line or is invisible."""
+    clean = re.sub(r"\*/|/\*|\\|\?\?/", "_", text)
+    return "".join(one if one.isprintable() else "_" for one in clean)[:200]
 
 
 def _number(value: float) -> str:
@@ -519,6 +569,8 @@ _HEADER = """/* @TITLE@
 #ifndef RANS_AGENT_H
 #define RANS_AGENT_H
 
+#include <stdint.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -532,8 +584,13 @@ extern "C" {
 #define RANS_SHUT 2      /* no reading is young enough, or the answer is not finite: all commands are 0 */
 #define RANS_FORGOTTEN 4 /* the memory was not finite and is forgotten */
 #define RANS_UNTRIED 8   /* the agent was not tried with such an observation */
+#define RANS_UNREADY 16  /* rans_agent_reset was never called, or the struct was overwritten: all commands are 0 */
+
+#define RANS_PATIENCE @PATIENCE@ /* control periods for which a reading may be held */
+@STACK@
 
 typedef struct {
+    uint32_t ready; /* a mark of rans_agent_reset */
     float memory[@KEPT@];
     float last[RANS_OBSERVATION];
     int held; /* control periods since a reading */
@@ -542,7 +599,8 @@ typedef struct {
 /* Begin an episode: what the agent remembers is forgotten. */
 void rans_agent_reset(rans_agent *agent);
 
-/* The commands to an observation, once every control period. */
+/* The commands to an observation, once every control period. An observation with a number that is not finite is no
+ * reading, also where the compiler assumes finite numbers (-ffast-math). */
 int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION], float command[RANS_COMMANDS]);
 
 /* The commands and the next memory, of any observation and memory, without a look at ranges. Of an agent without
@@ -556,14 +614,18 @@ void rans_agent_answer(const float observation[RANS_OBSERVATION], const float *m
 #endif
 """
 
+_STACK = """#define RANS_STACK @BYTES@ /* bytes of stack for rans_agent_act, by the compiler's -O2 on @MACHINE@;
+                          * those of tanhf and its like come on top. Measure yours by -fstack-usage. */"""
+_STACK_UNKNOWN = "/* Measure the stack that rans_agent_act needs by gcc -fstack-usage. */"
+
 _FORGET = "    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = 0.0F; }"
 _CHECK_BEFORE = """    for (int i = 0; i < RANS_MEMORY; ++i) {
-        if (!isfinite(agent->memory[i])) { status |= RANS_FORGOTTEN; }
+        if (!is_finite(&agent->memory[i])) { status |= RANS_FORGOTTEN; }
     }
     if (status & RANS_FORGOTTEN) { forget(agent); }
 """
 _CHECK_AFTER = """    for (int i = 0; i < RANS_MEMORY; ++i) {
-        if (!isfinite(after[i])) { sound = 0; }
+        if (!is_finite(&after[i])) { sound = 0; }
     }
 """
 _KEEP = """    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = after[i]; }
@@ -574,8 +636,9 @@ _SOURCE = """/* @TITLE@ */
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
-#define PATIENCE @PATIENCE@ /* control periods for which a reading may be held */
+#define READY 0x52414E53U /* "RANS", which memory that was never set is unlikely to hold */
 
 @RANGES@
 
@@ -587,6 +650,14 @@ void rans_agent_answer(const float observation[RANS_OBSERVATION], const float *m
 @UNUSED@@STEPS@
 }
 
+/* By its bits: compilers that assume finite numbers leave out every comparison that only a NaN fails. */
+static int is_finite(const float *number)
+{
+    uint32_t bits;
+    memcpy(&bits, number, sizeof bits);
+    return (bits & 0x7F800000U) != 0x7F800000U;
+}
+
 static void forget(rans_agent *agent)
 {
 @FORGET@
@@ -596,7 +667,8 @@ void rans_agent_reset(rans_agent *agent)
 {
     forget(agent);
     for (int i = 0; i < RANS_OBSERVATION; ++i) { agent->last[i] = 0.0F; }
-    agent->held = PATIENCE; /* at first there is no reading */
+    agent->held = RANS_PATIENCE; /* at first there is no reading */
+    agent->ready = READY;
 }
 
 int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION], float command[RANS_COMMANDS])
@@ -604,17 +676,22 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
     int status = 0;
     int fresh = 1;
     int sound = 1;
-@SCRATCH@    for (int i = 0; i < RANS_OBSERVATION; ++i) {
-        /* Of a number that is none every comparison is false. */
-        if (!(observation[i] >= refused_low[i] && observation[i] <= refused_high[i])) { fresh = 0; }
+@SCRATCH@    if (agent->ready != READY || agent->held < 0 || agent->held > RANS_PATIENCE + 1) {
+        for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
+        return RANS_SHUT | RANS_UNREADY;
+    }
+    for (int i = 0; i < RANS_OBSERVATION; ++i) {
+        if (!is_finite(&observation[i]) || observation[i] < refused_low[i] || observation[i] > refused_high[i]) {
+            fresh = 0;
+        }
     }
     if (fresh) {
         agent->held = 0;
         for (int i = 0; i < RANS_OBSERVATION; ++i) { agent->last[i] = observation[i]; }
-    } else if (agent->held <= PATIENCE) {
+    } else if (agent->held <= RANS_PATIENCE) {
         agent->held += 1;
     }
-    if (agent->held > PATIENCE) {
+    if (agent->held > RANS_PATIENCE) {
         forget(agent);
         for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
         return RANS_SHUT;
@@ -625,7 +702,7 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
     }
 @CHECKBEFORE@    rans_agent_answer(agent->last, @REMEMBERED@, command, @AFTER@);
     for (int i = 0; i < RANS_COMMANDS; ++i) {
-        if (!isfinite(command[i])) { sound = 0; }
+        if (!is_finite(&command[i])) { sound = 0; }
     }
 @CHECKAFTER@    if (!sound) {
         forget(agent);
@@ -636,11 +713,15 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
 }
 """
 
-_CHECK = """/* Checks agent.c by the golden pairs, and times it: cc -O2 agent.c agent_check.c -lm && ./a.out */
+_CHECK = """/* Checks agent.c by the golden pairs and by numbers that are not finite, and times it:
+ * cc -O2 agent.c agent_check.c -lm && ./a.out
+ * Build it with the flags of your firmware. */
 #include "agent.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 
 #define COUNT @COUNT@
@@ -652,6 +733,38 @@ static const float observations[COUNT * RANS_OBSERVATION] = {
     @OBSERVATIONS@};
 static const float expected[COUNT * RANS_COMMANDS] = {
     @EXPECTED@};
+
+static int is_shut(const float command[RANS_COMMANDS])
+{
+    for (int i = 0; i < RANS_COMMANDS; ++i) {
+        if (command[i] < 0.0F || command[i] > 0.0F) { return 0; }
+    }
+    return 1;
+}
+
+/* Whether NaN and the infinities are no readings in any column, and a struct without a reset commands nothing. */
+static int is_guarded(void)
+{
+    static const uint32_t wild[3] = {0x7FC00000U, 0x7F800000U, 0xFF800000U};
+    rans_agent agent;
+    float observation[RANS_OBSERVATION];
+    float command[RANS_COMMANDS];
+    int guarded = 1;
+    for (int i = 0; i < 3 * RANS_OBSERVATION; ++i) {
+        memcpy(observation, observations, sizeof observation);
+        memcpy(&observation[i % RANS_OBSERVATION], &wild[i / RANS_OBSERVATION], sizeof(float));
+        rans_agent_reset(&agent);
+        if (rans_agent_act(&agent, observation, command) != RANS_SHUT || !is_shut(command)) { guarded = 0; }
+        rans_agent_reset(&agent);
+        (void)rans_agent_act(&agent, observations, command);
+        if (!(rans_agent_act(&agent, observation, command) & (RANS_HELD | RANS_SHUT))) { guarded = 0; }
+    }
+    agent.held = INT_MIN;
+    if (!(rans_agent_act(&agent, observations, command) & RANS_SHUT) || !is_shut(command)) { guarded = 0; }
+    memset(&agent, 0, sizeof agent);
+    if (!(rans_agent_act(&agent, observations, command) & RANS_SHUT) || !is_shut(command)) { guarded = 0; }
+    return guarded;
+}
 
 int main(void)
 {
@@ -679,6 +792,10 @@ int main(void)
     printf("%d of %d golden pairs come out as they should; %.1f us a command, at most %.0f us; "
            "%u bytes of state.\\n",
            right, COUNT, whole / COUNT, longest, (unsigned)sizeof(rans_agent));
+    if (!is_guarded()) {
+        printf("Observations that are not finite, or a struct without a reset, are flown.\\n");
+        return 1;
+    }
     return right != COUNT;
 }
 """

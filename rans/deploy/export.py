@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from rans.deploy.c_file import C_FILES, write_c
+from rans.deploy.c_file import C_FILES, stack_of, write_c
 from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, is_one_task
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
@@ -127,6 +127,8 @@ def export(
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
+    if stack := stack_of(folder):
+        about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)
     write_text(folder / "golden.json", pairs)
 

@@ -6,13 +6,14 @@ import ctypes
 import json
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.deploy.c_file import C_FILES, FLAGS, compiled_check, write_c
+from rans.deploy.c_file import C_FILES, FLAGS, compiled_check, stack_of, write_c
 from rans.deploy.contract import contract, golden
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
@@ -25,7 +26,19 @@ from validation.records.exports import c_compilers
 if shutil.which("cc") is None:
     pytest.skip("needs a C compiler", allow_module_level=True)
 
-HELD, SHUT, FORGOTTEN, UNTRIED = 1, 2, 4, 8
+HELD, SHUT, FORGOTTEN, UNTRIED, UNREADY = 1, 2, 4, 8, 16
+PX4_FLAGS = (
+    *("-Wall", "-Wextra", "-Werror", "-Warray-bounds", "-Wcast-align", "-Wdisabled-optimization"),
+    *("-Wdouble-promotion", "-Wfloat-equal", "-Wformat-security", "-Winit-self", "-Wlogical-op"),
+    *("-Wpointer-arith", "-Wshadow", "-Wuninitialized", "-Wunused-variable"),
+    *("-funsafe-math-optimizations", "-fno-strict-aliasing", "-fno-math-errno"),
+)
+"""Of PX4-Autopilot, cmake/px4_add_common_flags.cmake."""
+BUILDS = {
+    "PX4": ["gcc", "-O2", "-std=gnu11", *PX4_FLAGS, "-Wbad-function-cast", "-Wstrict-prototypes"],
+    "finite numbers alone": ["gcc", "-Ofast", "-std=c99", *PX4_FLAGS],
+    "C++": ["g++", "-x", "c++", "-Ofast", "-std=c++17", *PX4_FLAGS],
+}
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +59,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def library(folder: Path) -> ctypes.CDLL:
-    built = folder / "agent.so"
-    command = ["cc", "-O2", *FLAGS, "-shared", "-fPIC", str(folder / "agent.c"), "-o", str(built)]
-    subprocess.run([*command, "-lm"], check=True)
+@cache
+def library(folder: Path, *flags: str) -> ctypes.CDLL:
+    part = folder / "agent.o"
+    built = folder / f"agent{''.join(flags)}.so"
+    source = str(folder / "agent.c")
+    subprocess.run(
+        ["cc", "-O2", *FLAGS, *flags, "-fPIC", "-c", source, "-o", str(part)], check=True
+    )
+    # Linked without the flags: with -ffast-math it would set this whole process to round small numbers to zero.
+    subprocess.run(["cc", "-shared", str(part), "-o", str(built), "-lm"], check=True)
     return ctypes.CDLL(str(built))
 
 
@@ -61,16 +80,164 @@ def test_golden_pairs_come_out_of_c(folder: Path) -> None:
     assert "500 of 500 golden pairs come out as they should" in compiled_check(folder)
 
 
-def test_golden_pairs_come_out_of_clang(folder: Path, tmp_path: Path) -> None:
+def checked(command: list[str], folder: Path, built: Path) -> str:
+    """What agent_check.c prints, built by a command."""
+    sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
+    subprocess.run([*command, *sources, "-o", str(built), "-lm"], check=True)
+    return subprocess.run([str(built)], check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.parametrize(
+    "build", ["PX4", *(pytest.param(one, marks=pytest.mark.slow) for one in [*BUILDS][1:])]
+)
+def test_golden_pairs_come_out_of_firmwares_builds(
+    folder: Path, tmp_path: Path, build: str
+) -> None:
+    command = BUILDS[build]
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"needs {command[0]}")
+    assert "500 of 500 golden pairs" in checked(command, folder, tmp_path / "check")
+
+
+@pytest.mark.parametrize("flags", [(), pytest.param(("-ffast-math",), marks=pytest.mark.slow)])
+def test_golden_pairs_come_out_of_clang(
+    folder: Path, tmp_path: Path, flags: tuple[str, ...]
+) -> None:
     """Its warnings are others than those of gcc, and errors too."""
     clang = c_compilers().get("clang")
     if clang is None:
         pytest.skip("no clang on the PATH, and no ziglang to import, whose `zig cc` is clang")
-    built = tmp_path / "check"
-    sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
-    subprocess.run([*clang, "-O2", *FLAGS, *sources, "-o", str(built), "-lm"], check=True)
-    run = subprocess.run([str(built)], check=True, capture_output=True, text=True)
-    assert "500 of 500 golden pairs" in run.stdout
+    command = [*clang, "-O2", *FLAGS, *flags]
+    assert "500 of 500 golden pairs" in checked(command, folder, tmp_path / "check")
+
+
+VECTORS = """
+extern void _start(void);
+void reset(void);
+__attribute__((section(".vectors"), used)) void *const vectors[2] = {(void *)0x20400000, reset};
+void reset(void)
+{
+    *(volatile unsigned *)0xE000ED88 |= 0xFU << 20; /* CPACR: the floating-point unit is on */
+    __asm volatile("dsb\\n isb");
+    _start();
+}
+"""
+"""Beginning of a Cortex-M without an operating system: stack at the end of 4 MB of memory, then newlib's start."""
+
+
+@pytest.mark.slow
+def test_golden_pairs_come_out_of_a_microcontroller(folder: Path, tmp_path: Path) -> None:
+    """A Cortex-M7 as qemu emulates it, with the flags of an autopilot."""
+    missing = [x for x in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(x) is None]
+    if missing:
+        pytest.skip(f"needs {' and '.join(missing)}")
+    (tmp_path / "start.c").write_text(VECTORS)
+    # "rdimon" prints through the debugger.
+    command = ["arm-none-eabi-gcc", "-O2", "-std=gnu11", *PX4_FLAGS, "--specs=rdimon.specs"]
+    command += ["-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"]
+    command += ["-Wl,--section-start=.vectors=0"]
+    sources = [folder / "agent.c", folder / "agent_check.c", tmp_path / "start.c"]
+    built = tmp_path / "check.elf"
+    subprocess.run([*command, *map(str, sources), "-o", str(built), "-lm"], check=True)
+    emulator = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-kernel", str(built)]
+    emulator += ["-semihosting-config", "enable=on,target=native", "-monitor", "none"]
+    run = subprocess.run(emulator, check=True, capture_output=True, text=True, timeout=120)
+    assert "500 of 500 golden pairs" in run.stdout + run.stderr
+
+
+@pytest.mark.slow
+def test_the_check_finds_a_guard_that_a_compiler_leaves_out(folder: Path, tmp_path: Path) -> None:
+    """The guard as it once was, by comparisons: right by the standard, gone where numbers are taken for finite."""
+    for name in C_FILES:
+        shutil.copy(folder / name, tmp_path)
+    text = (folder / "agent.c").read_text("utf-8")
+    by_bits = "return (bits & 0x7F800000U) != 0x7F800000U;"
+    assert text.count(by_bits) == 1
+    by_value = "(void)bits;\n    return isfinite(*number);"
+    (tmp_path / "agent.c").write_text(text.replace(by_bits, by_value))
+    with pytest.raises(ConfigError, match=r"are flown\. \(built by .*-ffast-math\)"):
+        compiled_check(tmp_path)
+
+
+def test_a_struct_without_a_reset_shuts_the_valves(folder: Path) -> None:
+    """Of zeros, of ones, of what an overwritten counter holds; until it is reset."""
+    code = library(folder)
+    _, _, seen = remembering()
+    row = np.ascontiguousarray(seen[0, 0])
+    for content in (0, 0xFFFFFFFF, 0x7FC00000, 0x80000000):
+        state = np.full(4096, content, np.uint32)
+        command = np.full(64, 7.0, np.float32)
+        status = code.rans_agent_act(pointer(state), pointer(row), pointer(command))
+        assert status == SHUT | UNREADY
+        assert set(command.tolist()) == {0.0, 7.0}
+    code.rans_agent_reset(pointer(state))
+    assert code.rans_agent_act(pointer(state), pointer(row), pointer(command)) == 0
+    header = (folder / "agent.h").read_text("utf-8")
+    width, memory = (defined(header, name) for name in ("OBSERVATION", "MEMORY"))
+    for held in (-(2**31), -1, 2**31 - 1):  # after the mark, the memory and the last reading
+        state.view(np.int32)[1 + memory + width] = held
+        status = code.rans_agent_act(pointer(state), pointer(row), pointer(command))
+        assert status == SHUT | UNREADY
+
+
+PAINTED = """
+#include "agent.h"
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+static rans_agent agent;
+static char painted[1 << 20] __attribute__((aligned(4096)));
+
+static void *idle(void *argument) { return argument; }
+
+static void *act(void *argument)
+{
+    float command[RANS_COMMANDS];
+    const float *observation = argument;
+    rans_agent_act(&agent, observation, command);
+    return NULL;
+}
+
+static long used_by(void *(*body)(void *), void *argument)
+{
+    pthread_t thread;
+    pthread_attr_t attributes;
+    long untouched = 0;
+    memset(painted, 0x5A, sizeof painted);
+    pthread_attr_init(&attributes);
+    pthread_attr_setstack(&attributes, painted, sizeof painted);
+    pthread_create(&thread, &attributes, body, argument);
+    pthread_join(thread, NULL);
+    while (painted[untouched] == 0x5A) { ++untouched; }
+    return (long)sizeof painted - untouched;
+}
+
+int main(void)
+{
+    static float observation[RANS_OBSERVATION];
+    rans_agent_reset(&agent);
+    printf("%ld", used_by(act, observation) - used_by(idle, NULL));
+    return 0;
+}
+"""
+"""Prints how many bytes of its stack a thread overwrites for a command."""
+
+
+@pytest.mark.slow
+def test_the_stack_is_that_of_the_compiler(folder: Path, tmp_path: Path) -> None:
+    """Painted before, and measured by what a call has overwritten: never more than agent.h says."""
+    stated = stack_of(folder)
+    assert stated is not None
+    (tmp_path / "painted.c").write_text(PAINTED)
+    built = tmp_path / "painted"
+    sources = [str(folder / "agent.c"), str(tmp_path / "painted.c")]
+    # Functions of libm are bound before the call: the binding uses the stack too.
+    command = ["cc", "-O2", "-I", str(folder), *sources, "-o", str(built), "-Wl,-z,now"]
+    subprocess.run([*command, "-lm", "-lpthread"], check=True)
+    used = int(subprocess.run([str(built)], check=True, capture_output=True, text=True).stdout)
+    # Arrays of the compiler's count may stay unused; frames of libm, below 512 bytes, are not in it.
+    assert 0.8 * stated < used < stated + 512
 
 
 @pytest.mark.slow
@@ -112,15 +279,19 @@ def test_it_needs_mathematics_alone(folder: Path, tmp_path: Path) -> None:
     }
 
 
-def test_wild_readings_are_taken_as_in_numpy(folder: Path) -> None:
+def defined(header: str, name: str) -> int:
+    """A number of agent.h."""
+    return int(header.partition(f"#define RANS_{name} ")[2].split()[0])
+
+
+@pytest.mark.parametrize("flags", [(), ("-ffast-math",)])
+def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...]) -> None:
     """Command by command, beside agent.py, with errors of measurement among the readings."""
-    code = library(folder)
+    code = library(folder, *flags)
     header = (folder / "agent.h").read_text("utf-8")
-    width, commands, memory = (
-        int(header.partition(f"#define RANS_{name} ")[2].split()[0])
-        for name in ("OBSERVATION", "COMMANDS", "MEMORY")
-    )
-    state = np.zeros(memory + width + 1, np.float32)
+    names = ("OBSERVATION", "COMMANDS", "MEMORY")
+    width, commands, memory = (defined(header, name) for name in names)
+    state = np.zeros(1 + memory + width + 1, np.float32)
     code.rans_agent_reset(pointer(state))
     agent = exported(folder)["Agent"]()
     _, _, seen = remembering()
@@ -151,16 +322,19 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path) -> None:
     assert found[23] == SHUT
     assert found[24] == found[11] == 0
     assert found[30] == UNTRIED
-    state[3] = np.nan
+    state[1 + 3] = np.nan
     agent.memory[0, 3] = np.nan
     assert code.rans_agent_act(pointer(state), pointer(rows[40].copy()), pointer(command)) == 4
     np.testing.assert_array_equal(command, agent.act(rows[40]))
     assert agent.note == "the memory was not finite and is forgotten."
-    np.testing.assert_allclose(state[:memory], agent.memory[0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(state[1 : 1 + memory], agent.memory[0], rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("title", ["*/ int main(void) { return 7; } /*", "??/\n#error"])
+@pytest.mark.parametrize(
+    "title",
+    ["*/ int main(void) { return 7; } /*", "??/\n#error", "?\\/\u2028\u202e*\\/", "/" * 300],
+)
 def test_names_of_strangers_are_no_code_in_c(title: str, tmp_path: Path) -> None:
     network, _, seen = remembering()
     craft = RunFolder(pretrained_folder("go-to-pose-2d-faults")).spacecraft()
@@ -182,6 +356,11 @@ def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     }
     header = (tmp_path / "mine/agent.h").read_text("utf-8")
     assert "6  dx, m, frame W: p_WG - p_WB: position of the goal minus own" in header
+    assert "2  v_x, m/s, frame W: v_WB, own velocity" in header
+    stated = stack_of(tmp_path / "mine")
+    about = json.loads((tmp_path / "mine/contract.json").read_text("utf-8"))
+    assert about["c"]["stack"] == stated
+    assert f"It needs {stated:,} bytes of stack." in said
 
 
 def test_an_answer_that_is_not_finite_shuts_the_valves(folder: Path, tmp_path: Path) -> None:
