@@ -64,6 +64,7 @@ class Fly:
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault."""
+        from rans.deploy.robot.bag import index_bag
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.node import fly_over, planned_task
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
@@ -136,6 +137,10 @@ class Fly:
         finally:
             bus.close()
         say(report.text())
+        try:
+            index_bag(bag)
+        except ConfigError as error:
+            say(f"The bag has no index, and tools read it from its beginning: {error}")
         say(f"The flight is recorded in {bag}; rans replay {bag} repeats its commands.")
         return 1 if report.fault else 0
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from rans.deploy.robot.messages import definition
 from rans.errors import ConfigError
+from rans.files import replace_file
 
 
 class Entry(NamedTuple):
@@ -69,6 +70,52 @@ class BagWriter:
         """Finish the bag."""
         self._writer.finish()
         self._stream.close()
+
+
+def index_bag(file: Path) -> None:
+    """Rewrite a finished bag in chunks with an index, by which tools seek in it; its messages stay as they are.
+
+    A bag that is being recorded has no chunks, so that no message waits in memory. The file is replaced as a
+    whole: where that fails it stays as it was.
+
+    Raises:
+        ConfigError: the file is no finished bag, or the disk refuses.
+    """
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, DataEnd, Message, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import CompressionType, Writer
+
+    def indexed(draft: Path) -> None:
+        with file.open("rb") as recorded, draft.open("wb") as stream:
+            writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
+            writer.start(profile="ros2", library="rans")
+            for record in StreamReader(recorded).records:
+                match record:
+                    case Schema():
+                        writer.register_schema(record.name, record.encoding, record.data)
+                    case Channel():
+                        writer.register_channel(
+                            record.topic, record.message_encoding, record.schema_id
+                        )
+                    case Message():
+                        writer.add_message(
+                            record.channel_id,
+                            record.log_time,
+                            record.data,
+                            record.publish_time,
+                            record.sequence,
+                        )
+                    case DataEnd():  # the summary follows, which is written anew
+                        break
+                    case _:
+                        pass
+            writer.finish()
+
+    try:
+        replace_file(file, indexed)
+    except (McapError, struct.error) as error:
+        raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
 
 
 def entries(file: Path) -> Iterator[Entry]:

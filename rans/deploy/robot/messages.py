@@ -61,7 +61,7 @@ uint8 reset_counter
 int8 quality
 """,
 }
-"""Fields of px4_msgs 1.15 to 1.17 (PX4-Autopilot/msg/versioned), in their order, which is their form in CDR."""
+"""Fields of px4_msgs 1.15 to 1.18 (PX4-Autopilot/msg/versioned), in their order, which is their form in CDR."""
 
 
 @cache
@@ -97,8 +97,8 @@ def unpack(kind: str, data: bytes) -> Any:
 
 
 def definition(kind: str) -> str:
-    """Text of a type and of all that it is made of, as bags hold it."""
-    text, _ = types().generate_msgdef(kind)
+    """Text of a type and of all that it is made of, as ROS 2's bags hold it."""
+    text, _ = types().generate_msgdef(kind, ros_version=2)
     return str(text)
 
 
