@@ -39,11 +39,12 @@ craft
 # %%
 # Describe what is uncertain
 # --------------------------
-# The valves open 20 to 60 ms after a command and need up to 30 ms to full force. The mass is known to 10 %, and
+# The valves open up to 60 ms after a command and need up to 30 ms to full force. The mass is known to 10 %, and
 # the motion capture has 5 mm of noise. Every episode samples its own values; the agent does not observe them.
+# Ranges begin at nominal: an agent that never flew without delay may fail there.
 conditions = rans.Conditions(
     body=rans.BodyConditions(mass=(0.9, 1.1)),
-    thrusters=rans.ThrusterConditions(latency=(0.02, 0.06), rise=(0.0, 0.03)),
+    thrusters=rans.ThrusterConditions(latency=(0.0, 0.06), rise=(0.0, 0.03)),
     sensors=rans.SensorsConditions(position=rans.SensorConditions(noise=0.005)),
 )
 conditions

@@ -11,6 +11,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.errors import ConfigError, brief
+from rans.files import read_json
 from rans.pretrained import FOLDER
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
@@ -35,8 +36,8 @@ class Export:
     episodes: int = 1024
     """Number of evaluation flights for the model card."""
     margins: int = 256
-    """Number of flights at each latency, mass and sensor noise, from which the contract states what the agent
-    tolerates. 0: it does not state it."""
+    """Number of flights at each latency, mass and sensor noise around the conditions of the training, from which
+    the contract states the intervals in which the agent holds its goal. 0: it does not state them."""
     guard: bool = False
     """Not available: exported files contain the agent without the safety filter, which needs RANS. The contract
     names the filter, and `rans fly` on the folder applies it (docs/missions/guard.md)."""
@@ -47,6 +48,7 @@ class Export:
     def run(self) -> int:
         """Write the export and print its files."""
         from rans.deploy.export import export
+        from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestants import agent_folder, picked_task
         from rans.evaluation.fly.controllers import is_user_policy
 
@@ -80,6 +82,9 @@ class Export:
         Terminal().say(
             f"{self.output} has the agent, its contract and its card, {size / 1000:.0f} kB."
         )
+        margins = read_json(self.output / "contract.json")["conditions"]["margins"]
+        for line in [] if margins is None else margin_lines(margins):
+            Terminal().say(line)
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(self.output))} && python agent.py")
         elif self.format == "onnx":

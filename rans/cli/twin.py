@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
@@ -30,8 +31,8 @@ class Twin:
     period: float = 0.2
     """Control period at which the robot takes commands, s."""
     conditions: str | None = None
-    """Latency, noise, dropouts, faults and disturbances of the robot: a name (see `rans list CONDITIONS`) or
-    your own TOML file."""
+    """Latency, noise, dropouts, faults and disturbances of the robot: a name (see `rans list CONDITIONS`), your
+    own TOML file, or the run folder of an agent, whose training's conditions are taken."""
     rate: float = 100.0
     """Number of states published per second."""
     start: tuple[float, ...] = ()
@@ -52,11 +53,16 @@ class Twin:
         from rans.api.names import load_conditions, load_spacecraft
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.twin import TwinPlan, run_twin
+        from rans.fast.learn.run_folder import RunFolder
         from rans.terminal import Terminal
 
         say = Terminal().say
         craft = load_spacecraft(self.spacecraft)
-        conditions = None if self.conditions is None else load_conditions(self.conditions)
+        conditions = None
+        if self.conditions is not None and Path(self.conditions).is_dir():
+            conditions = RunFolder(Path(self.conditions)).config().conditions
+        elif self.conditions is not None:
+            conditions = load_conditions(self.conditions)
         plan = TwinPlan(
             craft=craft,
             control_period=self.period,

@@ -135,7 +135,7 @@ def contract(
     spacecraft_text: str,
     memory: int,
     seen: np.ndarray,
-    borne: dict[str, Any] | None = None,
+    margins: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The contract of an agent with so much memory that observed (T, N, width) on flights.
 
@@ -146,7 +146,7 @@ def contract(
         spacecraft_text: file of the spacecraft.
         memory: numbers that it remembers.
         seen: observations of flights under the training's conditions.
-        borne: `rans.deploy.margins.measure_margins`; None: it was not measured.
+        margins: `rans.deploy.margins.measure_margins`; None: they were not measured.
     """
     task = config.settings
     period = config.timing.control_period
@@ -182,7 +182,7 @@ def contract(
     late = max(largest(one.delay) for one in sensors) * period
     outage = max(largest(one.outage) for one in sensors)
     return {
-        "format": 2,
+        "format": 3,
         "agent": name,
         "task": config.task,
         "settings": to_table(config)["settings"],
@@ -219,11 +219,13 @@ def contract(
         "conditions": {
             "of_training": changed_settings(conditions),
             "summary": _conditions_text(conditions),
-            "borne": borne,
-            "borne_meaning": None
-            if borne is None
-            else "holds_to: the size up to which at every size flown 99 % of the flights held the goal, all "
-            "else as designed; null: not even at the smallest",
+            "margins": margins,
+            "margins_meaning": None
+            if margins is None
+            else "training, nominal: share of flights that hold the goal under the conditions of the training, and "
+            "with everything as designed. holds: the interval around of_training, the range of the training, in "
+            "which at every value flown at least wanted_share held, all else as in the training; null: not even "
+            "in the middle of the training's range. held: the share by value.",
         },
         "readings": {
             "age_of_training": late,

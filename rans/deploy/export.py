@@ -71,9 +71,9 @@ def export(
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
     a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. For the
-    contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says
-    (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent bears. A multi-task agent's
-    are not measured.
+    contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says, around the
+    conditions of the training (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent
+    tolerates. A multi-task agent's are not measured.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -102,9 +102,9 @@ def export(
     chosen = golden(network, few, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
     _check_alone(folder, form, pairs)
-    borne = None
+    measured = None
     if margins and is_one_task(loaded.task):
-        borne = measure_margins(loaded.controller, loaded.judged, margins)
+        measured = measure_margins(loaded.controller, loaded.judged, margins)
     about = contract(
         name,
         config,
@@ -112,7 +112,7 @@ def export(
         text,
         network.architecture.memory,
         flights.observations,
-        borne,
+        measured,
     )
     write_agent(
         folder,

@@ -1,9 +1,11 @@
-"""Latency, mass error and sensor noise that an agent tolerates, measured for its export."""
+"""Latencies, masses and sensor noise that an agent tolerates around its training conditions, for its export."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from math import radians
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,92 +14,205 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.stress.effects import effects
 from rans.evaluation.stress.outcome import WANTED
 from rans.flight import Controller
-from rans.model.body import Body
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, bounds
-from rans.randomization.parameters import EpisodeParameters, draw
+from rans.randomization.parameters import mixture_parts
 from rans.scenario import draws
 
 SEED = 2028
 """Seed of the starts; no training, selection or evaluation uses it."""
-MEASURED = (
-    "latency",
-    "more mass",
-    "less mass",
-    "noise of position",
-    "noise of attitude",
-    "noise of velocity",
-    "noise of spin",
+
+Measure = Callable[[Sequence[Conditions]], list[float]]
+"""Share of the flights that hold their goal, under each of several conditions."""
+
+
+class Quantity(NamedTuple):
+    """A setting of conditions that a data sheet of a robot answers."""
+
+    name: str
+    unit: str
+    factor: float
+    """Unit, in that of the setting."""
+    nominal: float
+    path: tuple[str, ...]
+    """Names of the setting and of what holds it, from the outside."""
+    effects: tuple[str, ...]
+    """Effects of `rans stress` whose sizes are flown."""
+
+
+QUANTITIES = (
+    Quantity("latency", "s", 1.0, 0.0, ("thrusters", "latency"), ("latency",)),
+    Quantity("mass", "times", 1.0, 1.0, ("body", "mass"), ("less mass", "more mass")),
+    *(
+        Quantity(
+            f"noise of {name}", unit, factor, 0.0, ("sensors", name, "noise"), (f"noise of {name}",)
+        )
+        for name, unit, factor in (
+            ("position", "cm", 0.01),
+            ("attitude", "degrees", radians(1.0)),
+            ("velocity", "cm/s", 0.01),
+            ("spin", "degrees/s", radians(1.0)),
+        )
+    ),
 )
-"""Effects of `rans stress` that a data sheet of a robot answers."""
 
 
 def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
-    """Size of each effect up to which an agent holds its goal, everything else as designed.
+    """Interval of each `Quantity` in which an agent holds its goal, everything else as in its training.
 
     All conditions fly in one batch, each with about as many flights as asked for: every episode samples its own.
 
+    A mixture stays one: a quantity has its value in each of its parts.
+
     Args:
         controller: agent.
-        setup: what it is judged in; its conditions do not count.
-        flights: flights of each effect's every size.
+        setup: what it is evaluated in, with the conditions of its training.
+        flights: flights of each value of each quantity.
 
     Returns:
-        By effect: "holds_to", the largest size up to which at every size flown at least 99 % of the flights
-        were held (None: not even at the smallest), its "unit", and "held", the share by size. Beside them
-        "flights", "nominal" (the share held where everything is as designed) and "seed".
+        See `margins_around`; also "flights" and "seed".
     """
-    known = [one for one in effects(setup.craft, setup.timing) if one.name in MEASURED]
-    levels = [level for one in known for level in one.levels()]
-    every = [Conditions(), *(level.conditions for level in levels)]
-    mixed = replace(every[0], others=tuple(every[1:]))
-    count = flights * len(every)
-    flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
-    held = np.asarray(flown.flight.verdict.held)
-    numbers = draws(SEED, count)
-    drawn = draw(
-        mixed, setup.craft, Body.of(setup.craft), setup.timing.episode_steps, numbers.first, numbers
-    )
-    met = _signatures(drawn, setup, count)
-    shares: list[float] = []
-    for conditions in every:
-        here = np.isclose(met, _signature(conditions), rtol=0.0, atol=1e-6).all(axis=1)
-        shares.append(float(held[here].mean()) if here.any() else float("nan"))
-    by_level = dict(zip(((one.effect, one.size) for one in levels), shares[1:], strict=True))
-    result: dict[str, Any] = {
-        "flights": flights,
-        "seed": SEED,
-        "wanted_share": WANTED,
-        "nominal": round(shares[0], 4),
+
+    def measure(several: Sequence[Conditions]) -> list[float]:
+        parts = [
+            replace(part, others=(), weight=part.weight / sum(one.weight for one in every))
+            for level in several
+            for every in [(level, *level.others)]
+            for part in every
+        ]
+        levels = [k for k, level in enumerate(several) for _ in (level, *level.others)]
+        mixed = replace(parts[0], others=tuple(parts[1:]))
+        count = flights * len(several)
+        flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
+        held = np.asarray(flown.flight.verdict.held)
+        numbers = draws(SEED, count)
+        level = np.array(levels)[mixture_parts(mixed, setup.craft, numbers.first, numbers)]
+        here = [held[level == k] for k in range(len(several))]
+        return [float(one.mean()) if one.size else float("nan") for one in here]
+
+    conditions = setup.conditions or Conditions()
+    margins = margins_around(conditions, setup.craft, setup.timing, measure)
+    return {"flights": flights, "seed": SEED} | margins
+
+
+def margins_around(
+    conditions: Conditions, craft: Spacecraft, timing: Timing, measure: Measure
+) -> dict[str, Any]:
+    """Interval of each `Quantity` around training conditions in which enough flights hold their goal.
+
+    Args:
+        conditions: of the training. Under them everything is flown but the quantity whose values are tried.
+        craft: spacecraft.
+        timing: control period.
+        measure: shares of the flights that hold.
+
+    Returns:
+        "wanted_share", at least which must hold; "training" and "nominal", the shares that hold under the
+        training conditions and with everything as designed; and by quantity its "unit", the range
+        "of_training", "held", the share by value, and "holds": least and largest value of the interval around
+        the middle of the training's range in which every value flown holds, None if the middle does not.
+    """
+    sizes = {one.name: one.sizes for one in effects(craft, timing)}
+    grids = dict[str, list[float]]()
+    ranges = dict[str, tuple[float, float]]()
+    for one in QUANTITIES:
+        pairs = [bounds(_setting(part, one.path)) for part in (conditions, *conditions.others)]
+        low = min(pair[0] for pair in pairs) / one.factor
+        high = max(pair[1] for pair in pairs) / one.factor
+        ranges[one.name] = low, high
+        known = [size for effect in one.effects for size in sizes[effect]]
+        values = (low, (low + high) / 2.0, high, one.nominal, *known)
+        grids[one.name] = sorted({_rounded(value) for value in values})
+
+    tried = {
+        (one.name, value): _changed(conditions, one.path, value * one.factor)
+        for one in QUANTITIES
+        for value in grids[one.name]
     }
-    for one in known:
-        of_sizes = [by_level[one.name, size] for size in one.sizes]
-        borne = None
-        for size, share in zip(one.sizes, of_sizes, strict=True):
-            if not share >= WANTED:
-                break
-            borne = size
+    several = list(dict.fromkeys([conditions, *tried.values()]))
+    shares = dict(zip(several, measure(several), strict=True))
+    perfect = Conditions()
+    if perfect not in shares:  # apart: a mixture may differ in ranges only
+        shares |= zip([perfect], measure([perfect]), strict=True)
+
+    result: dict[str, Any] = {
+        "wanted_share": WANTED,
+        "training": round(shares[conditions], 4),
+        "nominal": round(shares[perfect], 4),
+    }
+    for one in QUANTITIES:
+        values = grids[one.name]
+        low, high = ranges[one.name]
+        held = [shares[tried[one.name, value]] for value in values]
+        middle = values.index(_rounded((low + high) / 2.0))
         result[one.name] = {
             "unit": one.unit,
-            "holds_to": borne,
-            "held": {
-                f"{size:g}": round(share, 4)
-                for size, share in zip(one.sizes, of_sizes, strict=True)
-            },
+            "of_training": [_rounded(low), _rounded(high)],
+            "holds": _around(middle, values, held),
+            "held": {f"{x:g}": round(y, 4) for x, y in zip(values, held, strict=True)},
         }
     return result
 
 
-def _signature(world: Conditions) -> list[float]:
-    """What tells one world of a single effect from another: latency, mass and the four kinds of noise."""
-    noise = [bounds(sensor.noise)[1] for sensor in world.sensors.each()]
-    return [bounds(world.thrusters.latency)[1], bounds(world.body.mass)[1], *noise]
+def margin_lines(margins: dict[str, Any]) -> list[str]:
+    """What a user of the agent should know of its margins, in a few lines."""
+    lines = [
+        f"Holds its goal in {margins['training']:.1%} of flights under its training conditions, and in "
+        f"{margins['nominal']:.1%} with everything as designed."
+    ]
+    parts = []
+    for one in QUANTITIES:
+        holds = margins[one.name]["holds"]
+        tolerated = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {one.unit}"
+        parts.append(f"{one.name} {tolerated}")
+    wanted = f"{margins['wanted_share']:.0%}"
+    lines.append(f"At least {wanted} hold, all else as in the training, at: {'; '.join(parts)}.")
+    for name, where in (
+        (
+            "training",
+            "under the conditions of its own training: train it longer, or in milder ones",
+        ),
+        (
+            "nominal",
+            "with everything as designed: its training left that out. Train with ranges that reach it, "
+            "such as latency = [0.0, 0.05], if your robot may be so",
+        ),
+    ):
+        if not margins[name] >= margins["wanted_share"]:
+            lines.append(f"Warning: it holds in only {margins[name]:.1%} of flights {where}.")
+    return lines
 
 
-def _signatures(drawn: EpisodeParameters, setup: Setup, count: int) -> np.ndarray:
-    """Signatures of the parameters that N episodes drew, (N, 6)."""
-    latency = 0.0 if drawn.lag is None else drawn.lag.latency
-    mass = drawn.body.mass / setup.craft.mass
-    noise: Any = (0.0,) * 4
-    if drawn.sensors is not None and drawn.sensors.noise is not None:
-        noise = drawn.sensors.noise
-    return np.stack([np.broadcast_to(x, count) for x in (latency, mass, *noise)], axis=1)
+def _around(middle: int, values: Sequence[float], held: Sequence[float]) -> list[float] | None:
+    """First and last of the values around the middle one, without a gap, of which enough hold."""
+    if not held[middle] >= WANTED:
+        return None
+    first = last = middle
+    while first > 0 and held[first - 1] >= WANTED:
+        first -= 1
+    while last < len(values) - 1 and held[last + 1] >= WANTED:
+        last += 1
+    return [values[first], values[last]]
+
+
+def _rounded(value: float) -> float:
+    """A value that two ways of computing it agree on."""
+    return float(f"{value:.6g}")
+
+
+def _setting(conditions: Any, path: Sequence[str]) -> Any:
+    for name in path:
+        conditions = getattr(conditions, name)
+    return conditions
+
+
+def _changed(conditions: Conditions, path: Sequence[str], value: float) -> Conditions:
+    """Conditions, and all of their mixture, with one setting at a value."""
+
+    def one(part: Any, path: Sequence[str]) -> Any:
+        inner = value if len(path) == 1 else one(getattr(part, path[0]), path[1:])
+        return replace(part, **{path[0]: inner})
+
+    changed = one(conditions, path)
+    return replace(changed, others=tuple(one(part, path) for part in conditions.others))

@@ -230,6 +230,15 @@ _STREAMS = {
 eight streams. These numbers must not change: every seed would then have other episodes."""
 
 
+def mixture_parts(
+    conditions: Conditions, craft: Spacecraft, number: Field, draws: Draws
+) -> np.ndarray:
+    """Number of the part of a mixture that each episode has, 0 for the first; see `Conditions.met`."""
+    weights = np.cumsum([part.weight for part in (conditions, *conditions.others)])
+    chance = draws.random(craft.dimension, number, _STREAMS["mixture"] * 256).unit()
+    return np.searchsorted(weights[:-1] / weights[-1], np.asarray(chance), side="right")
+
+
 def draw(
     conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field, draws: Draws
 ) -> EpisodeParameters:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+import rans
 import validation.study.study
 from rans.cli import main
 from rans.cli import train as training
@@ -19,7 +20,9 @@ from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import objective_of
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.show.progress import TrainingProgress, describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.show.tables.listing import Listing
@@ -82,6 +85,32 @@ def test_the_end_of_a_training(
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
     assert ("Another --seed may solve it" in text) is (ending == "Out of steps, not solved")
+
+
+@pytest.mark.parametrize("quick", [0.0, 1.0])
+def test_an_agent_that_fails_as_designed_is_named(
+    quick: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Solved in training; with everything as designed by all of its flights or by none."""
+    import rans.evaluation.measure.metrics as metrics
+
+    monkeypatch.setattr(metrics, "solved", lambda flight: flight.verdict.held * 0.0 + quick)
+    trained = Conditions(thrusters=ThrusterConditions(latency=0.03))
+    timing = Timing(episode_steps=5)
+    monkeypatch.setattr(
+        "rans.evaluation.fly.agent.load_agent",
+        lambda _: rans.load_agent("go-to-pose-2d").run._replace(timing=timing),
+    )
+    trainer: Any = SimpleNamespace(
+        run=SimpleNamespace(path=Path("runs/mine")),
+        config=SimpleNamespace(conditions=trained, guard=False),
+        members=[SimpleNamespace(rows=[{"success": 1.0}])],
+    )
+    text = training._nominal_hole(trainer)
+    assert ("solves 0.0%" in text) is (quick == 0.0)
+    assert bool(text) is (quick == 0.0)
+    trainer.config.conditions = Conditions()
+    assert not training._nominal_hole(trainer)
 
 
 def swept() -> Any:

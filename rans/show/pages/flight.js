@@ -16,7 +16,7 @@ function dense(name, activation, x) {
 
 class Flight {
   constructor(number) {
-    this.delay = 0;  // control periods from a decision until thrusters obey
+    this.delay = DATA.delay;  // control periods from a decision until thrusters obey; may be a fraction
     this.noise = 0;  // share of the full noise of the sensors
     this.faults = DATA.thrusters.map(() => "ok");  // or "dead", or "stuck open"
     this.restart(number);
@@ -53,9 +53,11 @@ class Flight {
     this.past.push({carried, memory, waiting: [...waiting], command, over});
     const answer = act(carried, DATA.noise.map(scale => this.noise * scale * normal()), memory);
     this.memory = answer.memory;
-    this.waiting.push(answer.command);
-    this.command = new Array(DATA.commands).fill(0);
-    while (this.waiting.length > this.delay) this.command = this.waiting.shift();
+    // Of a period that begins with an older command, the mean: the impulse is the same, its instant is not.
+    const whole = Math.floor(this.delay), share = this.delay - whole;
+    this.waiting = [...waiting, answer.command].slice(-DATA.longest - 2);
+    const before = periods => this.waiting.at(-1 - periods) ?? new Array(DATA.commands).fill(0);
+    this.command = before(whole).map((x, k) => (1 - share) * x + share * before(whole + 1)[k]);
     const after = advance(carried, this.command, this.faults.map(fault => fault === "ok" ? 1 : 0),
       this.faults.map(fault => fault === "stuck open" ? 1 : 0));
     this.carried = after.carried;

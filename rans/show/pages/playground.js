@@ -341,7 +341,7 @@ function slider(parent, label, [low, high, each], get, set, write) {
   return {show: () => { input.value = get(); value.textContent = write(get()); }};
 }
 const sliders = [
-  slider("world", "delay", [0, 5, 1], () => flight.delay, x => { flight.delay = x; }, x => `${(x * DATA.period * 1000).toFixed(0)} ms`),
+  slider("world", "delay", [0, DATA.longest, 0.05], () => flight.delay, x => { flight.delay = x; }, x => `${(x * DATA.period * 1000).toFixed(0)} ms`),
   slider("world", "noise", [0, 1, 0.05], () => flight.noise, x => { flight.noise = x; }, x => `${(100 * x).toFixed(0)} %`),
   slider("world", "speed", [0.25, 4, 0.25], () => speed, x => { speed = x; }, x => `${x} ×`),
 ];

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -33,12 +34,15 @@ from rans.optimal.control.mpc import around
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program
+from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
 from rans.show.scene.interactive import interactive_world, may_move_goal, noise_scale
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, Shape
 
+_LONGEST_DELAY = 5
+"""Control periods up to which the page's delay may be set."""
 _WEIGHTS = 80_000
 """Number of weights up to which they have 16 bits: 213 kB as base64. More of them have 8 bits."""
 
@@ -81,7 +85,9 @@ class Playground:
 
 
 def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) -> Playground:
-    """The page of an agent that flies in its task's nominal world, from the starts of a seed.
+    """The page of an agent that flies in its task, from the starts of a seed.
+
+    Everything is as designed, but the delay, which begins in the middle of that of the training's conditions.
 
     Args:
         run: a trained agent with its spacecraft and task.
@@ -254,9 +260,19 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
     tolerances = world.task.tolerances()
     controller = run.controller
     assert isinstance(controller, Agent)
+    # A delay of the training's conditions, without which the agent may not fly: the middle of its range.
+    conditions = run.conditions or Conditions()
+    every = (conditions, *conditions.others)
+    shortest = min(
+        bounds(one.thrusters.latency)[0] + bounds(one.thrusters.command_delay)[0] for one in every
+    )
+    longest = max(one.delay for one in every)
+    delay = round(0.5 * (shortest + longest) / world.timing.control_period, 6)
     return {
         "planar": craft.dimension == 2,
         "period": world.timing.control_period,
+        "delay": delay,
+        "longest": max(_LONGEST_DELAY, math.ceil(delay)),
         "checks": world.timing.checks,
         "words": seed_words(seed),
         "episode": episode,

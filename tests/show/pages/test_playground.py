@@ -26,6 +26,7 @@ from rans.model.fields import leaves, wrap
 from rans.model.random import hash4
 from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.show.pages.playground import Playground, playground
 from rans.show.scene.interactive import InteractiveFlight
 
@@ -198,6 +199,27 @@ for (let number = 0; number < 20; ++number) {{
 }}
 console.log(JSON.stringify(reached));"""
     assert answer(script, tmp_path) == [True] * 20
+
+
+@needs_node
+def test_it_begins_with_the_delay_of_the_training(tmp_path: Path) -> None:
+    """Trained at 40 to 80 ms of 200 ms: of each period 0.3 has the command before. By hand from all commands."""
+    trained = Conditions(thrusters=ThrusterConditions(latency=(0.04, 0.08)))
+    run = run_of("go-to-pose-2d")
+    assert playground(run, SEED).data["delay"] == 0.0
+    page = playground(run._replace(conditions=trained), SEED)
+    assert page.data["delay"] == pytest.approx(0.3)
+    script = f"""{page.script}
+const flight = new Flight(5), flown = [];
+for (let k = 0; k < 8; ++k) {{ flight.step(); flown.push([flight.waiting.at(-1), flight.command]); }}
+console.log(JSON.stringify(flown));"""
+    before = np.zeros(len(run.craft.commands))
+    opened = 0.0
+    for asked, given in answer(script, tmp_path):
+        np.testing.assert_allclose(given, 0.7 * np.array(asked) + 0.3 * before, rtol=0, atol=1e-12)
+        before = np.array(asked)
+        opened += before.sum()
+    assert opened > 0
 
 
 @needs_node
