@@ -5,6 +5,9 @@ Policies that other libraries trained are controllers too: an SB3 file, an ONNX 
 
 from __future__ import annotations
 
+import pickle
+import re
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,7 +20,7 @@ from rans.effectors.commands import action_space, allowed, check, of_outputs
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
-from rans.files import first_line
+from rans.files import first_line, read_bytes
 from rans.flight import Controller, informed
 from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
@@ -245,6 +248,8 @@ def _unpickled_policy(content: bytes) -> ObjectPolicy:
 def policy_of(policy: Any, craft: Spacecraft, task: Task) -> Policy:
     """The policy function of an object: SB3's ``predict``, a torch module's call, or the function itself.
 
+    Observations of an SB3 model behind a VecNormalize are scaled by it.
+
     Raises:
         ConfigError: it is none of these, or its spaces are not those of the task and the craft.
     """
@@ -256,7 +261,9 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> Policy:
             _check_spaces(
                 f"the {type(policy).__name__}", observation_space, action_space, craft, task
             )
-        return lambda observation: policy.predict(observation, deterministic=True)[0]
+        environment = getattr(policy, "get_vec_normalize_env", lambda: None)()
+        scaled = np.asarray if environment is None else environment.normalize_obs
+        return lambda observation: policy.predict(scaled(observation), deterministic=True)[0]
     if not callable(policy) or isinstance(policy, type):
         raise ConfigError(
             "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
@@ -353,7 +360,7 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
 
 
 def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
-    """Policy of any SB3 algorithm: the file names the policy's class."""
+    """Policy of any SB3 algorithm: the file names the policy's class; a VecNormalize beside it scales for it."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
     _check_file(name)
@@ -372,7 +379,67 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
         raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {reason}.") from error
     policy.set_training_mode(False)
     _check_spaces(name, *spaces, craft, task)
-    return lambda observation: policy.predict(observation, deterministic=True)[0]
+    scaled = _normalization(Path(name), craft, task)
+    if scaled is None:
+        scaled = np.asarray
+        if _met_scaled_observations(data, craft):
+            warnings.warn(
+                f"{name} was trained on observations that were scaled, as SB3's VecNormalize does, and its file "
+                "does not hold the scales: observations are passed to it as they are. Save the VecNormalize "
+                f"as {Path(name).stem}_vecnormalize.pkl beside it.",
+                stacklevel=2,
+            )
+    return lambda observation: policy.predict(scaled(observation), deterministic=True)[0]
+
+
+def _statistics_file(file: Path) -> Path | None:
+    """File of the VecNormalize that a policy's file was saved with, by the names that SB3 and its zoo use."""
+    checkpoint = re.sub(r"_(\d+_steps)$", r"_vecnormalize_\1", file.stem)
+    names = f"{file.stem}_vecnormalize.pkl", f"{checkpoint}.pkl", "vecnormalize.pkl"
+    return next((one for name in names if (one := file.with_name(name)).is_file()), None)
+
+
+_LARGEST_STATISTICS = 2**24
+"""Bytes: means and variances of some numbers, and what SB3 keeps beside them of thousands of environments."""
+
+
+def _normalization(file: Path, craft: Spacecraft, task: Task) -> Policy | None:
+    """What the VecNormalize beside a trusted SB3 file makes of observations; None: there is none."""
+    statistics = _statistics_file(file)
+    if statistics is None:
+        return None
+    content = read_bytes(statistics, _LARGEST_STATISTICS)
+    try:
+        normalizer = pickle.loads(content)
+        shape = np.shape(normalizer.obs_rms.mean) if normalizer.norm_obs else None
+        normalize: Policy = normalizer.normalize_obs
+    except Exception as error:  # a damaged pickle raises anything
+        raise ConfigError(
+            f"{statistics} lies beside {file.name} and is no VecNormalize that Stable-Baselines3 saved: "
+            f"{first_line(error).rstrip('.')}."
+        ) from error
+    width = observation_width(task, craft.dimension)
+    if shape not in (None, (width,)):
+        raise ConfigError(
+            f"{statistics} scales observations of shape {shape}, but {craft.name} has ({width},): it is "
+            "another policy's."
+        )
+    return normalize
+
+
+def _met_scaled_observations(data: dict[str, Any], craft: Spacecraft) -> bool:
+    """Whether the observations that an SB3 file holds are not a task's own.
+
+    Off-policy algorithms keep those before the scaling. Of others the last ones are kept, whose first columns
+    are a row of a rotation.
+    """
+    if data.get("_last_original_obs") is not None:
+        return True
+    last = data.get("_last_obs")
+    if not isinstance(last, np.ndarray) or last.ndim != 2:
+        return False
+    lengths = np.linalg.norm(last[:, : craft.dimension], axis=1)
+    return bool(np.any(np.abs(lengths - 1.0) > 1e-3))  # far above the rounding of float32
 
 
 def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
@@ -384,6 +451,12 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
         raise ConfigError(
             f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
             "made it, add --trust."
+        )
+    if statistics := _statistics_file(file):
+        raise ConfigError(
+            f"{statistics}, beside {file.name}, has the scales of its observations (VecNormalize) and is a pickle: "
+            "opening it runs whatever code is in it. If you know who made it, add --trust; if it is another "
+            "policy's, move it away."
         )
     network = read_policy(file).network
     _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
