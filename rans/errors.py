@@ -90,8 +90,13 @@ def whole(what: str, value: object, least: int = 1) -> int:
 
 
 def is_finite(value: object) -> bool:
-    """Whether a value is a finite real number; booleans are not."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether a value is a finite real number; booleans are not, nor whole numbers too large for a float."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def positive(what: str, value: object) -> None:

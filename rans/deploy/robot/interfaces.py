@@ -27,6 +27,7 @@ from rans.deploy.robot.messages import (
     unpack,
     vector,
 )
+from rans.deploy.robot.validator import Reading, command, frame_of_twist, numbers, unit
 from rans.deploy.robot.velocity import conjugate
 from rans.errors import ConfigError, brief
 
@@ -40,17 +41,6 @@ class Message(NamedTuple):
     topic: str
     kind: str
     data: bytes
-
-
-class Reading(NamedTuple):
-    """What one message says of the robot's motion, in RANS's frames."""
-
-    measured: int
-    """When, by the sender's clock, ns."""
-    position: np.ndarray | None = None
-    attitude: np.ndarray | None = None
-    velocity: np.ndarray | None = None
-    spin: np.ndarray | None = None
 
 
 class Interface(ABC):
@@ -88,23 +78,20 @@ class Interface(ABC):
     def commanded(self, topic: str, data: bytes) -> np.ndarray | None:
         """Command in a message of one of the outputs; None: it has none. `ValueError` if it is no message."""
 
-    def finite(self, values: np.ndarray) -> np.ndarray:
-        """A command of the craft's size, with 0 where a number is missing or not finite."""
-        result = np.zeros(self.commands)
-        count = min(self.commands, len(values))
-        result[:count] = np.nan_to_num(values[:count], nan=0.0, posinf=0.0, neginf=0.0)
-        return result
+    def checked(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
+        """A command, checked (`ValueError`) to be one: thrusters from 0 to 1, wheels from -1 to 1."""
+        low = np.where(np.arange(self.commands) < self.thrusters, 0.0, -1.0)
+        return command(values, low, np.ones(self.commands))
 
 
-def quaternion_in(message: object) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of a geometry_msgs quaternion."""
-    q = np.array([getattr(message, name) for name in "wxyz"], dtype=float)
-    return q / max(float(np.linalg.norm(q)), 1e-12)
-
-
-def vector_in(message: object) -> np.ndarray:
+def point(message: object) -> tuple[float, float, float]:
     """Three numbers of a geometry_msgs point or vector."""
-    return np.array([getattr(message, name) for name in "xyz"], dtype=float)
+    return message.x, message.y, message.z  # type: ignore[attr-defined]
+
+
+def wxyz(message: object) -> tuple[float, float, float, float]:
+    """Four numbers of a geometry_msgs quaternion."""
+    return message.w, message.x, message.y, message.z  # type: ignore[attr-defined]
 
 
 class Floats(Interface):
@@ -121,7 +108,7 @@ class Floats(Interface):
 
     def commanded(self, topic: str, data: bytes) -> np.ndarray | None:
         """See `Interface`."""
-        return self.finite(np.asarray(unpack(FLOATS, data).data, dtype=float))
+        return self.checked(unpack(FLOATS, data).data)
 
 
 class Poses(Floats):
@@ -135,8 +122,9 @@ class Poses(Floats):
         message = unpack(POSE, data)
         return Reading(
             measured_at(message),
-            position=vector_in(message.pose.position),
-            attitude=quaternion_in(message.pose.orientation),
+            position=numbers("position", point(message.pose.position)),
+            attitude=unit(wxyz(message.pose.orientation)),
+            frame=message.header.frame_id,
         )
 
     def state(self, motion: Motion, now: int) -> list[Message]:
@@ -159,8 +147,9 @@ class PosesAndTwists(Poses):
         message = unpack(TWIST, data)
         return Reading(
             measured_at(message),
-            velocity=vector_in(message.twist.linear),
-            spin=vector_in(message.twist.angular),
+            velocity=numbers("velocity", point(message.twist.linear)),
+            spin=numbers("angular velocity", point(message.twist.angular)),
+            frame=message.header.frame_id,
         )
 
     def state(self, motion: Motion, now: int) -> list[Message]:
@@ -181,14 +170,16 @@ class Odometry(Floats):
     def read(self, topic: str, data: bytes) -> Reading:
         """See `Interface`."""
         message = unpack(ODOMETRY, data)
-        attitude = quaternion_in(message.pose.pose.orientation)
-        return Reading(
-            measured_at(message),
-            vector_in(message.pose.pose.position),
-            attitude,
-            rotated(attitude, vector_in(message.twist.twist.linear)),
-            vector_in(message.twist.twist.angular),
-        )
+        frame = message.header.frame_id
+        attitude = unit(wxyz(message.pose.pose.orientation))
+        velocity = numbers("velocity", point(message.twist.twist.linear))
+        spin = numbers("angular velocity", point(message.twist.twist.angular))
+        if frame_of_twist(frame, message.child_frame_id) == "body":
+            velocity = rotated(attitude, velocity)
+        else:
+            spin = rotated(conjugate(attitude), spin)
+        position = numbers("position", point(message.pose.pose.position))
+        return Reading(measured_at(message), position, attitude, velocity, spin, frame)
 
     def state(self, motion: Motion, now: int) -> list[Message]:
         """See `Interface`."""
@@ -232,9 +223,14 @@ class PX4(Interface):
                 "both must be 1, NED"
             )
         motion = swapped(
-            Motion(message.position, message.q, message.velocity, message.angular_velocity)
+            Motion(
+                numbers("position", message.position),
+                unit(message.q),
+                numbers("velocity", message.velocity),
+                numbers("angular velocity", message.angular_velocity),
+            )
         )
-        return Reading(message.timestamp_sample * 1000, *motion)
+        return Reading(int(message.timestamp_sample) * 1000, *motion)
 
     def command(self, values: Sequence[float], now: int) -> list[Message]:
         """See `Interface`."""
@@ -289,7 +285,8 @@ class PX4(Interface):
         """See `Interface`."""
         if topic != "fmu/in/actuator_motors":
             return None
-        return self.finite(np.asarray(unpack(PX4_MOTORS, data).control, dtype=float))
+        control = np.asarray(unpack(PX4_MOTORS, data).control, dtype=float)
+        return self.checked(np.where(np.isnan(control), 0.0, control)[: self.commands])
 
 
 class RoboRAN(Poses):
@@ -324,7 +321,7 @@ class RoboRAN(Poses):
             raise ValueError(
                 f"the message has {len(row)} numbers, but must have {1 + len(self.VALVES)}"
             )
-        return row[1 + np.array(self.VALVES)]
+        return self.checked(row[1 + np.array(self.VALVES)])
 
 
 class Pingu(Poses):
@@ -354,7 +351,7 @@ class Pingu(Poses):
         row = np.asarray(unpack(FLOATS, data).data, dtype=float)
         if len(row) != 15:
             raise ValueError(f"the message has {len(row)} numbers, but must have 15")
-        return self.finite(np.array([*row[2:10], row[14]]))
+        return self.checked(np.array([*row[2:10], row[14]])[: self.commands])
 
 
 _KINDS: dict[str, type[Interface]] = {

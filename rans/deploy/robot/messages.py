@@ -146,3 +146,8 @@ def array(kind: str, values: Any, dtype: Any) -> Any:
 
     layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     return make(kind, layout=layout, data=np.asarray(values, dtype))
+
+
+def text_message(text: str) -> bytes:
+    """CDR of a std_msgs/msg/String."""
+    return pack(TEXT, make(TEXT, data=text))

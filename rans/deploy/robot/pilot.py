@@ -9,7 +9,7 @@ import hashlib
 import importlib.util
 import json
 from collections import deque
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,10 +18,11 @@ import numpy as np
 from rans.deploy.contract import PAIRED, Flights, contract, flown, golden
 from rans.deploy.export import write_agent
 from rans.deploy.robot.frames import Motion, heading_of, quaternion_of
-from rans.deploy.robot.interfaces import Interface, Message, RobotName, interface, quaternion_in
-from rans.deploy.robot.interfaces import vector_in as _vector
-from rans.deploy.robot.messages import POSE, TEXT, make, pack, unpack
+from rans.deploy.robot.interfaces import Interface, Message, RobotName, interface, point, wxyz
+from rans.deploy.robot.messages import POSE, TEXT, text_message, unpack
+from rans.deploy.robot.validator import Validator, command, description, numbers, unit
 from rans.deploy.robot.velocity import VelocityFilter
+from rans.effectors.commands import bounds
 from rans.episode import Setup, World
 from rans.errors import ConfigError, is_finite, positive
 from rans.evaluation.fly.agent import load_agent
@@ -164,6 +165,20 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
         safety_filter(Setup(craft, task, replace(task.timing, control_period=period)))
 
 
+@dataclass
+class _Part:
+    """What is known of one topic of a robot's state."""
+
+    came: int | None = None
+    """When its last reading came, ns; None: none did."""
+    moment: int | None = None
+    """When that was measured, by our clock, ns."""
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_SPREAD))
+    """s between readings."""
+    refused: tuple[int, str] | None = None
+    """When the last message came that gave no reading, and why, since the last reading."""
+
+
 class Pilot:
     """Turns messages into states, and states into commands.
 
@@ -195,114 +210,96 @@ class Pilot:
         self._filter: VelocityFilter | None = None
         if not self.interface.has_velocity:
             self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
+        self._limits = bounds(self.craft)
+        self._hash = craft_hash(self.craft)
+        self._validator = Validator(self.craft.dimension == 2, self.oldest)
         self._reading: dict[str, np.ndarray] = {}
-        self._measured = -1
-        self._came: int | None = None
-        self._intervals: deque[float] = deque(maxlen=_SPREAD)
+        self._parts = {topic: _Part() for topic in self.interface.inputs}
         self._began: int | None = None
         self._resting = True
         """Whether the agent's next command is the first of an episode."""
         self._fault = ""
-        self._troubles = ""
-        """What was wrong with messages since the last decision."""
+        self._troubles: dict[str, str] = {}
+        """What was wrong with messages since the last decision, in a sentence of each topic."""
 
     def receive(self, topic: str, data: bytes, now: int) -> None:
         """Take a message that came at a time, ns."""
-        if topic == CRAFT_TOPIC:
-            self._check_craft(data)
-            return
         try:
-            if topic == GOAL_TOPIC:
-                self._take_goal(unpack(POSE, data).pose, now)
+            if topic == CRAFT_TOPIC:
+                self._check_craft(data)
+            elif topic == GOAL_TOPIC:
+                self._take_goal(data, now)
             else:
                 self._take_state(topic, data, now)
         except ValueError as error:
-            self._troubles = f"{topic}: {error}."
+            end = "" if str(error).endswith("?") else "."
+            self._troubles[topic] = f"{topic}: {error}{end}"
+            if topic in self._parts:
+                self._parts[topic].refused = (now, f"its messages are refused: {error}")
 
     def _take_state(self, topic: str, data: bytes, now: int) -> None:
+        part = self._parts[topic]
         reading = self.interface.read(topic, data)
-        parts = {
-            name: value
-            for name in ("position", "attitude", "velocity", "spin")
-            if (value := getattr(reading, name)) is not None
-        }
-        if not all(np.isfinite(value).all() for value in parts.values()):
-            self._troubles = f"{topic}: a number is not finite."
+        verdict = self._validator.state(topic, reading, now)
+        if verdict.moment is None:  # a reading that is published again is no newer
+            stamp = f"{reading.measured * 1e-9:.6f} s"
+            part.refused = (
+                now,
+                f"messages come, but all have the time stamp {stamp}: is the sensor or its clock frozen?",
+            )
             return
-        self._reading |= parts
-        if "position" not in parts or reading.measured == self._measured:
-            return  # a reading that is published again is no newer
+        if verdict.note:
+            self._troubles[topic] = f"{topic}: {verdict.note}."
+        self._reading |= {
+            name: value for name in Motion._fields if (value := getattr(reading, name)) is not None
+        }
         if self._filter is not None:
             motion = self._filter.update(
                 reading.measured, self._reading["position"], self._reading["attitude"]
             )
             self._reading |= motion._asdict()
-        if self._came is not None:
-            self._intervals.append((now - self._came) * 1e-9)
-        self._came = now
-        self._measured = reading.measured
+        if part.came is not None:
+            part.intervals.append((now - part.came) * 1e-9)
+        part.came = now
+        part.moment = verdict.moment
+        part.refused = None
 
-    def _take_goal(self, pose: Any, now: int) -> None:
-        attitude = quaternion_in(pose.orientation)
-        self._goal = _moved_goal(self._goal, _vector(pose.position), attitude)
+    def _take_goal(self, data: bytes, now: int) -> None:
+        message = unpack(POSE, data)
+        position = numbers("position", point(message.pose.position))
+        attitude = unit(wxyz(message.pose.orientation))
+        self._validator.goal(GOAL_TOPIC, message.header.frame_id, position, attitude)
+        self._goal = _moved_goal(self._goal, position, attitude)
         self._goal_came = now
         # An episode has one goal: to another begins another one.
         self._resting = True
 
     def _check_craft(self, data: bytes) -> None:
-        try:
-            told = json.loads(unpack(TEXT, data).data)
-            digest = str(told["sha256"])
-            period = float(told["control_period"])
-            name = str(told["name"])
-        except (ValueError, KeyError, TypeError) as error:
-            self._troubles = f"{CRAFT_TOPIC}: no description of a spacecraft ({error})."
-            return
-        if digest != craft_hash(self.craft):
+        robot = description(data)
+        if robot.sha256 != self._hash:
             self._fault = (
-                f"the robot is the spacecraft {name} ({digest[:8]}), but the agent was trained for "
-                f"{self.craft.name} ({craft_hash(self.craft)[:8]}): valves shut."
+                f"the robot is the spacecraft {robot.name} ({robot.sha256[:8]}), but the agent was trained for "
+                f"{self.craft.name} ({self._hash[:8]}): valves shut."
             )
-        elif abs(period - self.period) > 1e-6:
+        elif not abs(robot.control_period - self.period) <= 1e-6:
             self._fault = (
-                f"the robot takes a command every {period:g} s, but the agent gives one every {self.period:g} s: "
-                "valves shut."
+                f"the robot takes a command every {robot.control_period:g} s, but the agent gives one every "
+                f"{self.period:g} s: valves shut."
             )
 
     def decide(self, now: int) -> Decision:
         """The command of the control period that begins at a time, ns."""
         self._began = now if self._began is None else self._began
         shut = np.zeros(len(self.craft.commands))
-        trouble, self._troubles = self._troubles, ""
+        troubles, self._troubles = self._troubles, {}
         if self._fault:
             return Decision(shut, self._fault, over=True)
-        since = self._began if self._came is None else self._came
-        age = (now - since) * 1e-9
-        if self._came is None or not {"position", "velocity"} <= self._reading.keys():
-            wanted = " and ".join(self.interface.inputs)
+        unfit = self._unfit(now, self._began)
+        if unfit is not None:
             self._resting = True
-            if age > self.plan.wait:
-                return Decision(
-                    shut, f"no state came on {wanted} for {age:.2f} s: valves shut.", over=True
-                )
-            return Decision(shut, trouble or f"waiting for a state on {wanted}: valves shut.")
-        if age > self.plan.lost_after:
-            return Decision(
-                shut, f"the robot is lost: its last state is {age:.2f} s old: valves shut.", True
-            )
-        if age > self.oldest + 1e-9:
-            self._resting = True
-            return Decision(
-                shut,
-                f"the state is {age:.2f} s old, more than the {self.oldest:g} s of the contract: valves shut.",
-            )
-        usual = float(np.median(self._intervals)) if len(self._intervals) == _SPREAD else 0.0
-        if usual > 1.5 * self.period:
-            return Decision(
-                shut,
-                f"states come every {usual:.2f} s, but the agent decides every {self.period:g} s: valves shut.",
-                over=True,
-            )
+            sentence, over = unfit
+            others = [text for topic, text in troubles.items() if topic not in self._parts]
+            return Decision(shut, " ".join([f"{sentence}: valves shut.", *others]), over)
         if self._resting:
             self.agent.reset()
             self._resting = False
@@ -310,13 +307,17 @@ class Pilot:
         since = self._began if self._goal_came is None else self._goal_came
         goal = self._task.later(self._goal, (now - since) * 1e-9)
         row = observation(self._task, state, goal)
-        command = np.asarray(self.agent.act(np.array(row, dtype=np.float32)), dtype=float)
-        note = self.agent.note or trouble
+        try:
+            given = command(self.agent.act(np.array(row, dtype=np.float32)), *self._limits)
+        except ValueError as error:
+            self._resting = True
+            return Decision(shut, f"the agent: {error}: valves shut.")
+        note = " ".join(troubles.values()) or self.agent.note
         if self._world is None:
-            return Decision(command, note)
+            return Decision(given, note)
         guard = self._world.setup.guard
         assert guard is not None
-        wanted = tuple(command.tolist())
+        wanted = tuple(given.tolist())
         admitted, changed = guard.admitted(self._world, state, goal, wanted)
         if changed:
             note = note or "the safety filter replaced the command."
@@ -326,8 +327,58 @@ class Pilot:
         """What goes over the bus for a decision."""
         sent = self.interface.command(decision.command.tolist(), now)
         if decision.note:
-            sent.append(Message(NOTE_TOPIC, TEXT, pack(TEXT, make(TEXT, data=decision.note))))
+            sent.append(Message(NOTE_TOPIC, TEXT, text_message(decision.note)))
         return sent
+
+    def shut(self, now: int) -> list[Message]:
+        """What goes over the bus to shut all valves."""
+        return self.interface.command([0.0] * len(self.craft.commands), now)
+
+    def _unfit(self, now: int, began: int) -> tuple[str, bool] | None:
+        """Why there is no state to decide by, and whether that ends the flight; None: there is one.
+
+        A state is as old as the oldest of its parts, each of which has a topic.
+        """
+        ages = {
+            topic: (now - (began if part.moment is None else part.moment)) * 1e-9
+            for topic, part in self._parts.items()
+        }
+        age = max(ages.values())
+        missing = [topic for topic, part in self._parts.items() if part.moment is None]
+        if missing:
+            on = " and ".join(missing)
+            causes = self._causes(missing, now)
+            if age > self.plan.wait:
+                return f"no state came on {on} for {age:.2f} s{causes}", True
+            return f"waiting for a state on {on}{causes}", False
+        stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
+        if stale:
+            on = " and ".join(stale)
+            causes = self._causes(stale, now)
+            if age > self.plan.lost_after:
+                return f"the robot is lost: its last state on {on} is {age:.2f} s old{causes}", True
+            return (
+                f"the state on {on} is {age:.2f} s old, more than the {self.oldest:g} s of the contract{causes}",
+                False,
+            )
+        for topic, part in self._parts.items():
+            usual = float(np.median(part.intervals)) if len(part.intervals) == _SPREAD else 0.0
+            if usual > 1.5 * self.period:
+                return (
+                    f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
+                    True,
+                )
+        return None
+
+    def _causes(self, topics: list[str], now: int) -> str:
+        """Why there is no new reading on topics on which messages come, as " (...)"; "" where none come."""
+        recent = [
+            f"{topic}: {refused[1]}"
+            for topic in topics
+            if (refused := self._parts[topic].refused) is not None
+            and (now - refused[0]) * 1e-9 <= self.plan.lost_after
+        ]
+        return f" ({'; '.join(recent)})" if recent else ""
 
     def _state(self) -> State:
         return state_of(self.craft, Motion(**self._reading))

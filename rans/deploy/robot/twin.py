@@ -16,7 +16,7 @@ import numpy as np
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import RobotName, interface
-from rans.deploy.robot.messages import FLOATS, TEXT, array, make, pack
+from rans.deploy.robot.messages import FLOATS, TEXT, array, pack, text_message
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 from rans.effectors.commands import bounds
 from rans.episode import Setup, World, step
@@ -34,6 +34,8 @@ VALVES_TOPIC = "rans/valves"
 """What the effectors do, as the twin knows it: for monitors."""
 _WATCHDOG = 2.5
 """Control periods after which a command no longer holds."""
+_MOST_CAUSES = 20
+"""Different causes for which commands were refused that are said: anybody can send more."""
 _MOST_BEHIND = 0.5
 """s by which the twin may be behind its clock before it says so."""
 
@@ -228,7 +230,7 @@ def run_twin(
         "control_period": plan.control_period,
         "name": plan.craft.name,
     }
-    announced = pack(TEXT, make(TEXT, data=json.dumps(about)))
+    announced = text_message(json.dumps(about))
     period = round(craft.period * 1e9)
     watchdog = round(_WATCHDOG * plan.control_period * 1e9)
     begun = due = time.monotonic_ns()
@@ -238,6 +240,7 @@ def run_twin(
     next_announcement = begun
     next_valves = begun
     behind = False
+    refused: set[str] = set()
     gc.collect()
     gc.freeze()
     while not stopped() and due - begun < plan.seconds * 1e9:
@@ -261,7 +264,9 @@ def run_twin(
             try:
                 found = ends.commanded(topic, data)
             except ValueError as error:
-                say(f"{topic}: {error}.")
+                if str(error) not in refused and len(refused) < _MOST_CAUSES:
+                    refused.add(str(error))
+                    say(f"{topic}: {error}.")
                 continue
             command = command if found is None else found
         if command is not None:
