@@ -16,11 +16,13 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rosidl_runtime_py.utilities import get_message
 
 from rans.deploy.robot.bus import Receive
 from rans.deploy.robot.node import fly_over
 from rans.deploy.robot.pilot import Plan
+from rans.deploy.robot.signals import stop_on_signals
 
 READS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -54,7 +56,9 @@ class RosBus:
 
 def main() -> int:
     """Fly until the node is stopped or something is wrong; the valves are shut then."""
-    rclpy.init()
+    # rclpy's own handlers end its publishers before the valves are shut.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    stop = stop_on_signals()
     node = rclpy.create_node("rans")
     robot = node.declare_parameter("robot", "ros").value
     goal = tuple(node.declare_parameter("goal", [0.0, 0.0, 0.0]).value)
@@ -64,7 +68,7 @@ def main() -> int:
     bag = Path(f"flight-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
     bus = RosBus(node)
-    report = fly_over(bus, plan, bag, None, node.get_logger().info, lambda: not rclpy.ok())
+    report = fly_over(bus, plan, bag, None, node.get_logger().info, stop.is_set)
     node.get_logger().info(report.text())
     return 1 if report.fault else 0
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +66,7 @@ class Fly:
         from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.node import fly_over, planned_task
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
+        from rans.deploy.robot.signals import stop_on_signals
         from rans.evaluation.fly.contestants import agent_folder, picked_task
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
@@ -143,12 +142,3 @@ class Fly:
             say(f"The bag has no index, and tools read it from its beginning: {error}")
         say(f"The flight is recorded in {bag}; rans replay {bag} repeats its commands.")
         return 1 if report.fault else 0
-
-
-def stop_on_signals() -> threading.Event:
-    """Event that is set when the process receives SIGINT (Ctrl-C) or SIGTERM."""
-    stop = threading.Event()
-    if threading.current_thread() is threading.main_thread():
-        for one in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(one, lambda *_: stop.set())
-    return stop

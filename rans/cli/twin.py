@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.cli.fly import Bus, Robot, stop_on_signals
+from rans.cli.fly import Bus, Robot
 
 Engine = Literal["fast", "drake"]
 
@@ -52,6 +52,7 @@ class Twin:
         """Simulate until the time is up or an interrupt."""
         from rans.api.names import load_conditions, load_spacecraft
         from rans.deploy.robot.bus import open_bus
+        from rans.deploy.robot.signals import stop_on_signals
         from rans.deploy.robot.twin import TwinPlan, run_twin
         from rans.fast.learn.run_folder import RunFolder
         from rans.terminal import Terminal

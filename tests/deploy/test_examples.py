@@ -56,6 +56,7 @@ def test_the_node_of_ros2_is_a_short_shell(monkeypatch: pytest.MonkeyPatch) -> N
         "rclpy": types.ModuleType("rclpy"),
         "rclpy.node": types.SimpleNamespace(Node=object),
         "rclpy.qos": qos,
+        "rclpy.signals": types.SimpleNamespace(SignalHandlerOptions=object),
         "rosidl_runtime_py": types.ModuleType("rosidl_runtime_py"),
         "rosidl_runtime_py.utilities": utilities,
     }.items():

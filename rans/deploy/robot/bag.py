@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import queue
 import struct
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.deploy.robot.messages import definition
 from rans.errors import ConfigError
 from rans.files import replace_file
+
+LARGEST_BAG = 2**31
+"""Bytes: some twelve hours of a flight with a hundred states a second."""
+_MOST_WAITING = 2**26
+"""Bytes that may wait for a slow disk."""
+_OVERHEAD = 31
+"""Bytes of a message in a bag beside its data: opcode, length, channel, number and two times."""
+_PATIENCE = 5.0
+"""s that the end of a flight waits for the disk, once the valves are shut."""
 
 
 class Entry(NamedTuple):
@@ -36,10 +48,15 @@ class BagWriter:
             raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
         if file.exists():
             raise ConfigError(f"{file} exists already: a bag is never written over.")
-        file.parent.mkdir(parents=True, exist_ok=True)
-        self._stream = file.open("wb")
-        self._writer = Writer(self._stream, use_chunking=False)
-        self._writer.start(profile="ros2", library="rans")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = file.open("xb")
+            self._writer = Writer(self._stream, use_chunking=False)
+            self._writer.start(profile="ros2", library="rans")
+        except OSError as error:
+            raise ConfigError(
+                f"cannot write {file}: {error.strerror or error}; is the disk full or read-only?"
+            ) from error
         self._channels: dict[str, int] = {}
         self._count = 0
 
@@ -68,8 +85,77 @@ class BagWriter:
 
     def close(self) -> None:
         """Finish the bag."""
-        self._writer.finish()
-        self._stream.close()
+        try:
+            self._writer.finish()
+        finally:
+            self._stream.close()
+
+
+class Recorder:
+    """Writes a bag in a thread of its own: a flight neither waits for its disk nor ends by an error of it.
+
+    When the disk refuses, is too slow, or the bag has its largest size, the bag ends there, and `trouble` says why.
+
+    Args:
+        file: see `BagWriter`.
+        topics: types of topics to announce.
+
+    Raises:
+        ConfigError: see `BagWriter`.
+    """
+
+    def __init__(self, file: Path, topics: Mapping[str, str]) -> None:
+        self.trouble = ""
+        """Why the bag goes on no more, in a sentence; "" while it does."""
+        self._file = file
+        self._bag = BagWriter(file)
+        self._topics = dict(topics)
+        self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()
+        self._taken = 0
+        """Bytes that came, which only the flight's thread counts."""
+        self._written = 0
+        """Bytes that are in the bag, which only the bag's thread counts."""
+        self._thread = threading.Thread(target=self._run, daemon=True, name="bag")
+        self._thread.start()
+
+    def write(self, entry: Entry) -> None:
+        """Add a message; it returns at once and never fails."""
+        if self.trouble:
+            return
+        size = len(entry.data) + _OVERHEAD
+        if self._taken + size > LARGEST_BAG:
+            self._end(f"it has {LARGEST_BAG:,} bytes, the largest size of a bag")
+        elif self._taken + size - self._written > _MOST_WAITING:
+            self._end(f"its disk is too slow, {_MOST_WAITING:,} bytes wait for it")
+        else:
+            self._taken += size
+            self._queue.put(entry)
+
+    def close(self) -> None:
+        """Finish the bag; a disk that does not answer is not waited for."""
+        self._queue.put(None)
+        self._thread.join(_PATIENCE)
+        if self._thread.is_alive() and not self.trouble:
+            self._end(f"its disk took nothing for {_PATIENCE:g} s")
+
+    def _end(self, why: str) -> None:
+        self.trouble = f"the bag {self._file} ends here: {why}. The flight goes on without it."
+        self._queue.put(None)
+
+    def _run(self) -> None:
+        try:
+            for topic, kind in self._topics.items():
+                self._bag.declare(topic, kind)
+            while (entry := self._queue.get()) is not None:
+                self._bag.write(entry)
+                self._written += len(entry.data) + _OVERHEAD
+                if self._queue.empty():
+                    self._bag.flush()
+            self._bag.close()
+        except Exception as error:  # of the disk, or of the library that writes
+            self._end(f"it cannot be written ({error})")
+            with contextlib.suppress(Exception):
+                self._bag.close()
 
 
 def index_bag(file: Path) -> None:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
+import math
 import queue
+import secrets
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from rans.deploy.robot.bag import BagWriter, Entry, entries
+from rans.deploy.robot.bag import Entry, Recorder, entries
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import Message
-from rans.deploy.robot.messages import TEXT, make, pack, unpack
-from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Decision, Pilot, Plan, craft_hash
+from rans.deploy.robot.messages import TEXT, text_message, unpack
+from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Pilot, Plan, craft_hash
+from rans.deploy.robot.validator import LARGEST_MESSAGE, announced
 from rans.errors import ConfigError, brief, positive
 from rans.files import parse_json, read_json
 from rans.structure import structure
@@ -29,8 +35,14 @@ END_TOPIC = "rans/end"
 """Last message of a bag before the valves are shut: why, "" where the time was up."""
 _LAST_WORDS = 3
 """Times that the valves are shut at the end of a flight, should a message be lost."""
-_ANNOUNCED = 1.0
+_ANNOUNCED = 0.25
 """s between two messages that say who flies."""
+_PATIENCE = 0.05
+"""s after which a flight that waits for messages asks whether it was stopped."""
+_MOST_STATES = 2000
+"""Messages a second of a topic of the robot's state: twice as many as the fastest motion capture sends."""
+_MOST_OTHERS = 50
+"""Messages a second of another topic, such as goals."""
 
 
 @dataclass
@@ -84,6 +96,9 @@ def fly_over(
 ) -> Report:
     """Fly an agent over a bus until its time is up, it is stopped or something is wrong; valves are shut then.
 
+    Before the first command it listens for another node that commands the same robot. What is written down of the
+    flight, the bag and what is said, cannot end it: a flight goes on without a bag, and says so.
+
     Args:
         bus: see `rans.deploy.robot.bus.open_bus`; it stays open.
         plan: what to fly.
@@ -93,21 +108,29 @@ def fly_over(
         stopped: whether somebody wants the flight to end.
 
     Raises:
-        ConfigError: the length is not above 0, or see `Pilot` and `BagWriter`.
+        ConfigError: the length is not above 0, another node commands the robot, or see `Pilot` and `Recorder`.
     """
     if seconds is not None:
         positive("--seconds", seconds)
     pilot = Pilot(plan, planned_task(plan))
     _warm_up(Pilot(plan, planned_task(plan)))
-    writer = None if bag is None else BagWriter(bag)
+    period = round(pilot.period * 1e9)
     report = Report(guarded=0 if plan.guard else None)
-    inbox: queue.SimpleQueue[tuple[int, str, bytes]] = queue.SimpleQueue()
+    inbox = Inbox(pilot)
+    inbox.open(bus)
+    announce = Announcements(bus, pilot)
+    announce.listen(stopped)
+    inbox.empty()
+    recorder = None
+    if bag is not None:
+        known = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
+        recorder = Recorder(bag, {FLIGHT_TOPIC: TEXT, **known})
     offset = time.time_ns() - time.monotonic_ns()
     last = 0
 
     def record(moment: int, topic: str, kind: str, data: bytes) -> None:
-        if writer is not None:
-            writer.write(Entry(moment, topic, kind, data))
+        if recorder is not None:
+            recorder.write(Entry(moment, topic, kind, data))
 
     def unique(moment: int) -> int:
         # What came and what was decided at different times differ in the bag too.
@@ -116,61 +139,45 @@ def fly_over(
         return last
 
     def take(patience: float) -> None:
-        try:
-            came, topic, data = inbox.get(timeout=patience)
-        except queue.Empty:
-            return
-        moment = unique(came)
-        record(moment, topic, pilot.inputs[topic], data)
-        pilot.receive(topic, data, moment)
+        if (arrival := inbox.next(patience)) is not None:
+            moment = unique(arrival.came)
+            record(moment, arrival.topic, pilot.inputs[arrival.topic], arrival.data)
+            pilot.receive(arrival.topic, arrival.data, moment)
 
     def tell(note: str) -> None:
         if note and (not report.notes or report.notes[-1] != note):
             report.notes.append(note)
-            say(note)
+            with contextlib.suppress(Exception):  # the terminal may be gone
+                say(note)
 
-    def send(decision: Decision, moment: int) -> None:
-        for message in pilot.messages(decision, moment):
-            bus.publish(*message)
-            record(moment, *message)
-
-    if writer is not None:
-        known = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
-        for topic, kind in known.items():
-            writer.declare(topic, kind)
     begins = unique(time.monotonic_ns())
-    about = asdict(plan)
-    record(begins, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=json.dumps(about))))
-    announcement = {
-        "sha256": craft_hash(pilot.craft),
-        "control_period": pilot.period,
-        "agent": pilot.contract["agent"],
-    }
-    announced = pack(TEXT, make(TEXT, data=json.dumps(announcement)))
-    for topic, kind in pilot.inputs.items():
-        bus.subscribe(
-            topic, kind, lambda data, topic=topic: inbox.put((time.monotonic_ns(), topic, data))
-        )
+    record(begins, FLIGHT_TOPIC, TEXT, text_message(json.dumps(asdict(plan))))
+    shut = pilot.shut(begins)
+    troubles: set[str] = set()
     collected = gc.isenabled()
     gc.collect()
     gc.disable()
-    period = round(pilot.period * 1e9)
     due = time.monotonic_ns()
     end = None if seconds is None else due + round(seconds * 1e9)
-    next_announcement = due
     try:
         while not stopped() and (end is None or due < end):
             # What comes is taken as it comes, until a decision is due.
-            while (left := due - time.monotonic_ns()) > 0:
-                take(left * 1e-9)
-            for _ in range(inbox.qsize()):
+            while (left := due - time.monotonic_ns()) > 0 and not stopped():
+                take(min(left * 1e-9, _PATIENCE))
+            if stopped():
+                break
+            for _ in range(inbox.waiting()):
                 take(0.0)
             began = time.monotonic_ns()
             used = time.thread_time_ns()
-            moment = unique(time.monotonic_ns())
+            moment = unique(began)
             decision = pilot.decide(moment)
-            send(decision, moment)
+            messages = pilot.messages(decision, moment)
+            for message in messages:
+                bus.publish(*message)
             sent = time.monotonic_ns()
+            for message in messages:
+                record(moment, *message)
             report.decisions += 1
             if report.guarded is not None:
                 report.guarded += decision.guarded
@@ -178,12 +185,17 @@ def fly_over(
             report.used.append((time.thread_time_ns() - used) * 1e-9)
             report.late.append((began - due) * 1e-9)
             report.missed += sent > due + period
+            shut = pilot.shut(moment)
             tell(decision.note)
-            if writer is not None:
-                writer.flush()
-            if sent >= next_announcement:
-                bus.publish(AGENT_TOPIC, TEXT, announced)
-                next_announcement = sent + round(_ANNOUNCED * 1e9)
+            for trouble in (
+                *inbox.refill(),
+                *announce.others(),
+                *([recorder.trouble] if recorder is not None and recorder.trouble else []),
+            ):
+                if trouble not in troubles:  # once in a flight
+                    troubles.add(trouble)
+                    tell(trouble)
+            announce.publish(due)
             if decision.over:
                 report.fault = decision.note
                 break
@@ -193,18 +205,180 @@ def fly_over(
                 due += period
                 report.missed += 1
     finally:
+        # First, and by bytes that are ready: nothing that fails or waits comes before.
+        refused = shut_valves(bus, shut)
         if collected:
             gc.enable()
-        record(
-            unique(time.monotonic_ns()), END_TOPIC, TEXT, pack(TEXT, make(TEXT, data=report.fault))
-        )
-        shut = Decision(np.zeros(len(pilot.craft.commands)))
-        for _ in range(_LAST_WORDS):
-            send(shut, unique(time.monotonic_ns()))
-            time.sleep(0.002)
-        if writer is not None:
-            writer.close()
+        record(unique(time.monotonic_ns()), END_TOPIC, TEXT, text_message(report.fault))
+        moment = unique(time.monotonic_ns())
+        for message in shut:
+            record(moment, *message)
+        if recorder is not None:
+            recorder.close()
+            if recorder.trouble not in troubles:
+                tell(recorder.trouble)
+        if refused:
+            report.fault = report.fault or refused
+            tell(refused)
     return report
+
+
+def shut_valves(bus: Bus, messages: list[Message]) -> str:
+    """Send the messages that shut all valves, several times; no error of the bus ends this.
+
+    Returns:
+        Why a message was never sent, in a sentence; "" where each was sent at least once.
+    """
+    left = {message.topic for message in messages}
+    why = ""
+    for _ in range(_LAST_WORDS):
+        for message in messages:
+            try:
+                bus.publish(*message)
+                left.discard(message.topic)
+            except Exception as error:  # whatever a bus raises
+                why = str(error) or type(error).__name__
+        time.sleep(0.002)
+    if not left:
+        return ""
+    return f"the bus did not take the command that shuts the valves ({why}): the robot's watchdog must do it."
+
+
+class Arrival(NamedTuple):
+    """A message that came over the bus."""
+
+    came: int
+    """When, by the monotonic clock, ns."""
+    topic: str
+    data: bytes
+
+
+class Inbox:
+    """What came over the bus and was not taken yet.
+
+    Everybody on a bus may send: what comes is bounded in size and rate, so that neither memory nor the bag grow
+    with what strangers send, and what is dropped is said.
+
+    Args:
+        pilot: whose topics to listen to.
+    """
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._kinds = pilot.inputs
+        self._queue: queue.SimpleQueue[Arrival] = queue.SimpleQueue()
+        rates = {
+            topic: _MOST_STATES if topic in pilot.interface.inputs else _MOST_OTHERS
+            for topic in self._kinds
+        }
+        self._most = {topic: math.ceil(rate * pilot.period) for topic, rate in rates.items()}
+        self._rates = rates
+        self._room = dict(self._most)
+        self._dropped: set[str] = set()
+
+    def open(self, bus: Bus) -> None:
+        """Listen."""
+        for topic, kind in self._kinds.items():
+            bus.subscribe(topic, kind, lambda data, topic=topic: self._put(topic, data))
+
+    def _put(self, topic: str, data: bytes) -> None:
+        # In a thread of the bus.
+        if len(data) > LARGEST_MESSAGE:
+            self._dropped.add(
+                f"{topic}: a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read: dropped."
+            )
+        elif self._room[topic] <= 0:
+            self._dropped.add(
+                f"{topic}: more than {self._rates[topic]:,} messages a second: the others are dropped."
+            )
+        else:
+            self._room[topic] -= 1
+            self._queue.put(Arrival(time.monotonic_ns(), topic, data))
+
+    def next(self, patience: float) -> Arrival | None:
+        """The next message, for which it waits so many s; None: none came."""
+        try:
+            return self._queue.get(timeout=patience)
+        except queue.Empty:
+            return None
+
+    def waiting(self) -> int:
+        """How many messages were not taken."""
+        return self._queue.qsize()
+
+    def empty(self) -> None:
+        """Drop what was not taken."""
+        while self.next(0.0) is not None:
+            pass
+        self.refill()
+
+    def refill(self) -> list[str]:
+        """Allow for the messages of another control period, and return what was dropped, in sentences."""
+        self._room = dict(self._most)
+        dropped, self._dropped = self._dropped, set()
+        return sorted(dropped)
+
+
+class Announcements:
+    """Tells the bus who commands the robot, and hears who else does.
+
+    Args:
+        bus: where.
+        pilot: who.
+    """
+
+    def __init__(self, bus: Bus, pilot: Pilot) -> None:
+        self._bus = bus
+        self._period = pilot.period
+        self._topics = sorted(pilot.interface.outputs)
+        identity = secrets.token_hex(8)
+        about = {
+            "sha256": craft_hash(pilot.craft),
+            "control_period": pilot.period,
+            "agent": pilot.contract["agent"],
+            "topics": self._topics,
+            "node": identity,
+        }
+        self._message = text_message(json.dumps(about))
+        self._next = 0
+        self._heard: deque[bytes] = deque(maxlen=16)
+
+        def hear(data: bytes) -> None:
+            if identity.encode() not in data and len(data) <= LARGEST_MESSAGE:  # some buses echo
+                self._heard.append(data)
+
+        bus.subscribe(AGENT_TOPIC, TEXT, hear)
+
+    def publish(self, now: int) -> None:
+        """Say it again, if it is time."""
+        if now >= self._next:
+            self._bus.publish(AGENT_TOPIC, TEXT, self._message)
+            self._next = now + round(_ANNOUNCED * 1e9)
+
+    def listen(self, stopped: Callable[[], bool]) -> None:
+        """Hear for a moment who else commands the robot.
+
+        Raises:
+            ConfigError: somebody does.
+        """
+        # Another node announces itself with its commands, every quarter of a second or every control period.
+        until = time.monotonic() + 2.0 * (_ANNOUNCED + self._period)
+        while time.monotonic() < until and not stopped():
+            self.publish(time.monotonic_ns())
+            for sentence in self.others():
+                raise ConfigError(f"{sentence} End it, or fly in another --domain.")
+            time.sleep(0.02)
+
+    def others(self) -> list[str]:
+        """Who else commands this robot, in sentences."""
+        found = []
+        while self._heard:
+            try:
+                agent, topics = announced(self._heard.popleft())
+            except ValueError:  # no node's
+                continue
+            if set(topics) & set(self._topics):
+                found.append(f"another node commands this robot, with the agent {agent}.")
+        return found
 
 
 def _warm_up(pilot: Pilot) -> None:

@@ -1,0 +1,476 @@
+"""Whatever fails around a flight, its last command shuts all valves: disks, terminals, buses, agents, signals."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import gc
+import io
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rans.deploy.robot.bag import entries
+from rans.deploy.robot.bus import Receive, UDPBus
+from rans.deploy.robot.interfaces import RobotName, interface
+from rans.deploy.robot.messages import FLOATS, text_message, unpack
+from rans.deploy.robot.node import Report, fly_over, replay
+from rans.deploy.robot.pilot import AGENT_TOPIC, GOAL_TOPIC, Plan
+from rans.errors import ConfigError
+from tests.support.robots import AWAY
+
+OPEN = np.ones(8)
+
+
+class Wide:
+    """An agent that opens every valve, and may fail at one of its decisions."""
+
+    note = ""
+
+    def __init__(self, fails_at: int = 10**9) -> None:
+        self.calls = 0
+        self.fails_at = fails_at
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        if self.calls > self.fails_at:
+            raise MemoryError
+        return OPEN.astype(np.float32)
+
+
+class Robot:
+    """A bus with a robot, which answers each command with a state and remembers the commands that it took."""
+
+    def __init__(self, robot: RobotName = "ros", fails_at: int = 10**9, fails: int = 1) -> None:
+        self.ends = interface(robot, 8, 8)
+        self.commands: list[np.ndarray] = []
+        self.receivers: dict[str, Receive] = {}
+        self.published: dict[str, int] = {}
+        self.fails = range(fails_at, fails_at + fails)
+        self.attempts = 0
+
+    def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
+        self.receivers[topic] = receive
+
+    def publish(self, topic: str, kind: str, data: bytes) -> None:
+        self.published[topic] = self.published.get(topic, 0) + 1
+        if topic in self.ends.outputs:
+            self.attempts += 1
+            if self.attempts in self.fails:
+                raise OSError(errno.ENETDOWN, "Network is down")
+            command = self.ends.commanded(topic, data)
+            if command is not None:
+                self.commands.append(command)
+        for message in self.ends.state(AWAY, time.time_ns()):
+            self.send(message.topic, message.data)
+
+    def send(self, topic: str, data: bytes) -> None:
+        if topic in self.receivers:
+            self.receivers[topic](data)
+
+    def close(self) -> None:
+        self.receivers.clear()
+
+
+class Disk(io.RawIOBase):
+    """A disk on which some writes fail: from one on, only one, or one never returns."""
+
+    def __init__(self, fails: Callable[[int], bool], hangs: bool, error: int) -> None:
+        self.writes = 0
+        self.fails = fails
+        self.hangs = hangs
+        self.error = error
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return 0
+
+    def write(self, data: Any) -> int:
+        self.writes += 1
+        if self.fails(self.writes):
+            if self.hangs:
+                threading.Event().wait(30.0)
+            raise OSError(self.error, os.strerror(self.error))
+        return len(data)
+
+
+class OnDisk(type(Path())):  # type: ignore[misc]
+    """Name of a file on such a disk."""
+
+    disk: Disk
+
+    def open(self, *arguments: Any, **named: Any) -> Any:
+        return io.BufferedWriter(self.disk, 64)
+
+
+@pytest.fixture(scope="module")
+def quick(agent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The agent at 100 Hz."""
+    folder = tmp_path_factory.mktemp("quick")
+    about = json.loads((agent / "contract.json").read_text("utf-8"))
+    about["control_period"] = 0.01
+    (folder / "contract.json").write_text(json.dumps(about), "utf-8")
+    (folder / "spacecraft.toml").write_bytes((agent / "spacecraft.toml").read_bytes())
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other nodes are listened for, and disks waited for, in no time; every valve is opened."""
+    monkeypatch.setattr("rans.deploy.robot.node._ANNOUNCED", 0.001)
+    monkeypatch.setattr("rans.deploy.robot.bag._PATIENCE", 0.05)
+    monkeypatch.setattr("rans.deploy.robot.pilot.exported_agent", lambda _: Wide())
+    monkeypatch.setattr("rans.deploy.robot.node._warm_up", lambda _: None)
+    monkeypatch.setattr(gc, "collect", lambda _=2: 0)  # of all that the tests have imported
+
+
+def plan(folder: Path, **changes: Any) -> Plan:
+    return Plan(str(folder), {"name": "go-to-pose", "settings": {}}, **changes)
+
+
+def flight(bus: Any, folder: Path, bag: Path | None, **changes: Any) -> Report:
+    said: list[str] = changes.pop("said", [])
+    return fly_over(bus, plan(folder, **changes), bag, 0.04, said.append)
+
+
+# Disks
+
+
+@pytest.mark.parametrize(
+    "robot",
+    ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
+)
+def test_no_failing_disk_leaves_a_valve_open(robot: RobotName, quick: Path, tmp_path: Path) -> None:
+    """50 flights with disks that are full from some write on, at one write, or hang there."""
+    chance = random.Random(robot)
+    for number in range(50):
+        at = chance.randint(1, 40)
+        from_then_on = chance.random() < 0.5
+        disk = Disk(
+            (lambda k, at=at: k >= at) if from_then_on else (lambda k, at=at: k == at),
+            hangs=number % 10 == 0,
+            error=chance.choice([errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS]),
+        )
+        file = OnDisk(tmp_path / f"{number}.mcap")
+        file.disk = disk
+        bus = Robot(robot)
+        said: list[str] = []
+        report = flight(bus, quick, file, robot=robot, said=said)
+        assert any(command.any() for command in bus.commands)
+        assert not bus.commands[-1].any()
+        assert report.fault == ""  # it went on
+        assert report.decisions >= 3
+        # A disk that failed was told of, once.
+        failed = disk.writes >= at
+        assert sum("the bag" in text for text in said) == failed
+
+
+def test_no_error_of_bookkeeping_skips_the_shut(
+    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Should the recorder itself raise, at any of its calls, for good."""
+    from rans.deploy.robot.bag import Recorder
+
+    opened = False
+    for at in range(1, 40, 3):
+        calls = 0
+
+        def write(self: Any, entry: Any, at: int = at) -> None:
+            nonlocal calls
+            calls += 1
+            if calls >= at:
+                raise MemoryError
+
+        monkeypatch.setattr(Recorder, "write", write)
+        bus = Robot()
+        with contextlib.suppress(MemoryError):
+            flight(bus, quick, tmp_path / f"{at}.mcap")
+        assert not any(command.any() for command in bus.commands[-1:])
+        opened = opened or any(command.any() for command in bus.commands)
+    assert opened
+
+
+def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    for bag in (tmp_path / "file" / "bag.mcap", tmp_path / "file"):
+        bus = Robot()
+        with pytest.raises(ConfigError, match=r"cannot write|exists already"):
+            flight(bus, quick, bag)
+        assert not any(command.any() for command in bus.commands)
+
+
+def test_a_bag_has_a_largest_size(
+    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends there, whole, and says so; the flight goes on."""
+    monkeypatch.setattr("rans.deploy.robot.bag.LARGEST_BAG", 2500)
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    bus = Robot()
+    report = fly_over(bus, plan(quick), bag, 0.2, said.append)
+    assert report.fault == ""
+    assert [text for text in said if "the largest size" in text] != []
+    assert sum(len(entry.data) for entry in entries(bag)) <= 2500
+    again = replay(bag)
+    assert 0 < again.equal == again.decisions < report.decisions
+
+
+# Terminals, agents and buses
+
+
+def test_a_lost_terminal_does_not_end_a_flight(quick: Path) -> None:
+    def say(text: str) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    bus = Robot()
+    bus.send(GOAL_TOPIC, b"nonsense")
+    report = fly_over(bus, plan(quick), None, 0.04, say)
+    assert report.fault == ""
+    assert not bus.commands[-1].any()
+
+
+def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for at in range(3):
+        monkeypatch.setattr("rans.deploy.robot.pilot.exported_agent", lambda _, at=at: Wide(at))
+        bus = Robot()
+        with pytest.raises(MemoryError):
+            fly_over(bus, plan(quick), None, 0.5, lambda _: None)
+        assert len(bus.commands) >= at
+        assert not bus.commands[-1].any()
+
+
+@pytest.mark.parametrize("robot", ["ros", "px4"])
+def test_a_bus_that_fails_is_tried_again(robot: RobotName, quick: Path) -> None:
+    """A message that is not taken ends the flight; of the last ones each is tried by itself."""
+    for at in range(1, 14):
+        bus = Robot(robot, fails_at=at)
+        with contextlib.suppress(OSError):
+            flight(bus, quick, None, robot=robot)
+        assert not bus.commands[-1].any()
+
+
+def test_a_bus_that_takes_no_last_word_is_said(quick: Path) -> None:
+    bus = Robot(fails_at=4, fails=1000)
+    said: list[str] = []
+    with pytest.raises(OSError, match="Network is down"):
+        flight(bus, quick, None, said=said)
+    assert "the robot's watchdog must do it" in said[-1]
+
+
+# Signals
+
+_ENDED = """
+import importlib.util, os, resource, signal, sys
+spec = importlib.util.spec_from_file_location("signals", "rans/deploy/robot/signals.py")
+module = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+handled = len(sys.argv) > 1
+stop = module.stop_on_signals() if handled else None
+ended = []
+for number in sorted(signal.valid_signals()):
+    child = os.fork()
+    if child == 0:
+        os.kill(os.getpid(), number)
+        os._exit(7 if handled and stop.is_set() else 0)
+    _, status = os.waitpid(child, os.WUNTRACED)
+    if os.WIFSTOPPED(status):
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    how = os.WIFSIGNALED(status) or os.WIFSTOPPED(status)
+    ended.append((int(number), "ended" if how else str(os.WEXITSTATUS(status))))
+print(ended)
+"""
+
+
+def _signals(*arguments: str, begin: str = "") -> dict[int, str]:
+    text = subprocess.run(
+        [sys.executable, "-c", begin + _ENDED, *arguments],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout
+    return dict(eval(text))  # a list of our own
+
+
+def test_every_signal_that_ends_a_process_ends_a_flight() -> None:
+    """Against the system: of each signal what it does to a process that does not catch it."""
+    without = _signals()
+    caught = _signals("handled")
+    uncatchable = {signal.SIGKILL, signal.SIGSTOP}
+    faulty = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
+    background = {signal.SIGTTIN, signal.SIGTTOU}
+    for number, what in without.items():
+        ends = what == "ended" or number == signal.SIGINT  # Python makes an exception of it
+        if number in uncatchable | faulty:
+            assert caught[number] == "ended"
+        elif number in background:
+            assert caught[number] == "0"  # a flight goes on without the terminal
+        else:
+            assert caught[number] == ("7" if ends else "0"), signal.Signals(number).name
+
+
+def test_nohup_goes_on_after_a_hangup() -> None:
+    begin = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    assert _signals("handled", begin=begin)[signal.SIGHUP] == "0"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGQUIT", "SIGUSR1", "SIGXCPU", "SIGTSTP", "SIGTERM"])
+def test_a_signal_shuts_the_valves_of_a_node(name: str, agent: Path, tmp_path: Path) -> None:
+    """A process over UDP, with valves open when the signal comes."""
+    domain = 150 + list(signal.Signals).index(signal.Signals[name])
+    robot = UDPBus(domain)
+    ends = interface("ros", 8, 8)
+    commands: list[bool] = []
+    stop = threading.Event()
+    robot.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
+
+    def publish() -> None:
+        while not stop.wait(0.02):
+            for message in ends.state(AWAY, time.time_ns()):
+                robot.publish(*message)
+
+    sender = threading.Thread(target=publish)
+    sender.start()
+    node = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
+            *("--domain", str(domain), "--output", str(tmp_path / "flight")),
+        ],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while not any(commands[-3:]):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        node.send_signal(signal.Signals[name])
+        text, _ = node.communicate(timeout=30)
+        assert node.returncode == 0, text
+        assert not any(commands[-3:])
+    finally:
+        node.kill()
+        node.communicate()
+        stop.set()
+        sender.join()
+        robot.close()
+
+
+# Other nodes, and strangers
+
+
+def announcement(node: str, topics: list[str]) -> bytes:
+    return text_message(json.dumps({"agent": "another", "topics": topics, "node": node}))
+
+
+def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first is told; a node of another robot is none of its business."""
+    monkeypatch.setattr("rans.deploy.robot.node._ANNOUNCED", 0.05)
+    first, second = Robot(), Robot()
+    said: list[str] = []
+    reports: list[Report] = []
+
+    # Each hears what the other publishes, and itself.
+    for one in (first, second):
+
+        def publish(topic: str, kind: str, data: bytes, one: Robot = one) -> None:
+            Robot.publish(one, topic, kind, data)
+            if topic == AGENT_TOPIC:
+                for robot in (first, second):
+                    robot.send(topic, data)
+
+        one.publish = publish  # type: ignore[method-assign]
+    thread = threading.Thread(
+        target=lambda: reports.append(fly_over(first, plan(quick), None, 1.0, said.append))
+    )
+    thread.start()
+    while not first.commands:
+        time.sleep(0.01)
+    with pytest.raises(ConfigError, match="another node commands this robot, with the agent"):
+        flight(second, quick, None)
+    assert second.commands == []
+    thread.join()
+    assert reports[0].fault == ""
+    assert sum("another node commands this robot" in text for text in said) == 1
+
+    alone = Robot()
+    other = announcement("other", ["fmu/in/actuator_motors"])
+    alone.publish = lambda *message: (
+        Robot.publish(alone, *message),
+        alone.send(AGENT_TOPIC, other),
+    )  # type: ignore[method-assign,assign]
+    assert not any("another node" in note for note in flight(alone, quick, None).notes)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"nonsense",
+        text_message("[" * 4000),
+        text_message("{}"),
+        text_message('{"agent": 1, "topics": ["commands"]}'),
+        text_message('{"agent": "a", "topics": {"commands": 1}}'),
+        text_message('{"agent": "a", "topics": [["commands"]]}'),
+        text_message("x" * 100_000),
+    ],
+)
+def test_strangers_do_not_keep_a_node_from_flying(data: bytes, quick: Path) -> None:
+    bus = Robot()
+    bus.publish = lambda *message: (Robot.publish(bus, *message), bus.send(AGENT_TOPIC, data))  # type: ignore[method-assign,assign]
+    assert flight(bus, quick, None).decisions >= 3
+    assert any(command.any() for command in bus.commands)
+
+
+def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
+    """10,000 messages before each decision, and large ones: neither memory nor the bag grow with them."""
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    bus = Robot()
+    pose = bus.ends.state(AWAY, time.time_ns())[-1].data
+    large = text_message("x" * 60_000)
+
+    def publish(*message: Any) -> None:
+        Robot.publish(bus, *message)
+        if message[0] == "commands":
+            for _ in range(10_000):
+                bus.send("pose", pose)
+            bus.send("rans/craft", large)
+
+    bus.publish = publish  # type: ignore[method-assign]
+    report = fly_over(bus, plan(quick), bag, 0.3, said.append)
+    assert report.decisions >= 2
+    assert any("pose: more than 2,000 messages a second" in text for text in said)
+    assert any("rans/craft: a message has 60," in text for text in said)
+    kept = [entry for entry in entries(bag) if entry.topic == "pose"]
+    # 2,000 a second of 0.01 s are 20 a control period.
+    assert len(kept) <= 20 * (report.decisions + 1)
+    assert not bus.commands[-1].any()
