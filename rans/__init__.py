@@ -90,6 +90,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight, fly
+    from rans.optimal.control.circumnavigation import Circumnavigation
     from rans.optimal.control.convex_guidance import ConvexGuidance
     from rans.optimal.control.guidance import VelocityToGain
     from rans.optimal.control.landing_guidance import LandingGuidance
@@ -124,6 +125,7 @@ _LAZY = {
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
+    "Circumnavigation": "rans.optimal.control.circumnavigation",
     "ConvexGuidance": "rans.optimal.control.convex_guidance",
     "MissionGuidance": "rans.optimal.control.mission_guidance",
     "VelocityToGain": "rans.optimal.control.guidance",
@@ -197,6 +199,7 @@ __all__ = [
     "ObserverMPC",
     "MPPI",
     "MissionGuidance",
+    "Circumnavigation",
     "VelocityToGain",
     "Visiting",
     "Lookahead",

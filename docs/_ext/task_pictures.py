@@ -28,7 +28,7 @@ CONTROLLERS = {
     "dock": "guidance",
     "hold": "guidance",
     "rendezvous": "guidance",
-    "inspect": "visiting",
+    "inspect": "circumnavigation",
 }
 """Who flies a task that no agent of RANS is for."""
 PATHS = "#0b61a4"

@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 _FIRST = (
     "settled",
     "mission won",
+    "limit broken",
     "settling time",
-    "impulse of the episode",
+    "time of success",
+    "impulse",
+    "propellant",
 )
 """Beginnings of the names of scores that are printed without ``--full``, besides errors."""
 
@@ -50,7 +53,7 @@ class Compare:
         tuple[str, ...] | None, tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")
     ] = None
     """Controllers that join, and optimal: optimal trajectories and certified bounds. By default lqr switching mpc
-    optimal, for landings landing optimal."""
+    optimal, for landings landing optimal, for inspections circumnavigation visiting optimal."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
     (none), or your own TOML file; by default those that the first contestant was trained in."""

@@ -158,11 +158,14 @@ class Task(Settings, ABC):
     """Dimensions in which the task can be flown."""
     spacecraft: ClassVar[str | None] = None
     """Name of the default spacecraft of the task; None: the default one of the dimension."""
-    optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing"]] = "trajectory"
+    optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing", "inspection"]] = (
+        "trajectory"
+    )
     """Problem that ``rans optimal`` solves. "trajectory": the best trajectory, by nonlinear programming.
     "rendezvous": the least impulse to a position near an orbiting target, for tasks derived from
     `rans.tasks.orbital.OrbitalMission`. "landing": the least propellant of a landing, for tasks derived from
-    `rans.tasks.land.Land`. The latter two are convex programs."""
+    `rans.tasks.land.Land`. These two are convex programs. "inspection": none, but comparisons have a lower bound of
+    the impulse of an `rans.tasks.inspect.Inspect`."""
 
     @property
     def draws_trade_off(self) -> bool:

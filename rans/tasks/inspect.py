@@ -105,6 +105,7 @@ class Inspect(SingleTask):
     thrust_weight: float = 0.0
     """Reward lost per step and open thruster; zero because impulse has a price."""
 
+    optimal_problem = "inspection"
     symmetric = False
     flag = 11
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)

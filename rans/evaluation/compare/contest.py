@@ -113,9 +113,13 @@ class Contest:
         )
         if self.guard is not None:
             world += "; behind a safety filter"
+        time = f"{self.duration:g} s"
+        if self.task.optimal_problem == "rendezvous":
+            deadlines = np.asarray(self.starts.goal.notes[0])
+            time = f"deadlines of {deadlines.min():,.0f} to {deadlines.max():,.0f} s"
         return (
             f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
-            f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}"
+            f"{time} at {1.0 / self.timing.control_period:g} Hz{world}"
         )
 
 
@@ -146,6 +150,24 @@ class Entry:
     def name(self) -> str:
         """Name of the contestant."""
         return self.contestant.name
+
+    @property
+    def ends(self) -> bool:
+        """Whether the flights are of a mission that ends with its success."""
+        return self.flight.done is not None
+
+    @cached_property
+    def won(self) -> np.ndarray:
+        """(N,) whether each flight of a mission that ends succeeded without breaking a limit."""
+        done = self.flight.done
+        assert done is not None
+        return done & ~self.flight.violated() if self.flight.margins else done
+
+    @cached_property
+    def success(self) -> np.ndarray:
+        """Time at which each of these flights succeeded, (N,) s; infinite if it did not."""
+        assert self.flight.lengths is not None
+        return np.where(self.won, self.flight.lengths * self._period, np.inf)
 
     @cached_property
     def settling(self) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""Lower bounds of what missions spend, beside flights: impulse of missions on an orbit, propellant of landings."""
+"""Lower bounds of what missions spend, beside flights: impulse in orbits, propellant of landings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -13,17 +13,16 @@ from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.dynamics import State
-from rans.model.fields import leaves
-from rans.optimal.convex.landing import Descent, Lander, best_landing, landing
+from rans.model.fields import leaves, map_leaves
+from rans.optimal.convex.inspection import least_impulse
+from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing, landing
 from rans.optimal.convex.rendezvous import Meeting, rendezvous
 from rans.progress import Progress, unseen
 
 _TIMES = 8
-"""Times at which the front of a start on an orbit is bounded."""
+"""Times at which the front of a start on an orbit is bounded, from the earliest deadline of the task on."""
 _ROUNDING = 1e-6
 """Relative error of what is spent and of a bound by rounding."""
-_EARLIEST = 0.25
-"""Earliest of these times, as a share of the deadline."""
 _AROUND = (8.0, 16.0)
 """How long before and after the landing of least propellant the front is bounded, in every control period, s."""
 _SHORTEST = 2.0
@@ -34,9 +33,9 @@ _SHORTEST = 2.0
 class MissionBounds:
     """Lower bounds for the first starts of a comparison.
 
-    On an orbit they are of the impulse, without limits such as cones and keep-out balls. Of landings they are of
-    the propellant, within the limits of the task, for a craft that has to turn and whose engines may be throttled
-    one by one (`rans.optimal.convex.landing`).
+    On an orbit they are of the impulse, without limits such as cones and keep-out balls, and of inspections too
+    (`rans.optimal.convex.inspection`). Of landings they are of the propellant, within the limits of the task, for a
+    craft that has to turn and whose engines may be throttled one by one (`rans.optimal.convex.landing`).
     """
 
     lower: np.ndarray
@@ -49,6 +48,8 @@ class MissionBounds:
     """What is bounded: impulse, N s, or propellant, kg."""
     path: np.ndarray | None = None
     """(N + 1, 3) m: the positions of the landing that gives the bound of the first start; None: no landing."""
+    deadlines: np.ndarray | None = None
+    """(n,) s: deadline of each of these starts; None: the end of the episode."""
 
     @property
     def unit(self) -> str:
@@ -61,29 +62,39 @@ class MissionBounds:
         return amounts(entry.flight)[: len(self.lower)]
 
     def over(self, entry: Entry) -> np.ndarray:
-        """What was spent over the lower bound of the same start, (n,); NaN where the flight did not succeed."""
+        """What was spent over the lower bound of the same start, (n,); NaN without a success, or a bound of 0."""
         flight = entry.flight
         assert flight.done is not None
         succeeded = (flight.done & ~flight.violated())[: len(self.lower)]
-        return np.where(succeeded, self.spent(entry) / self.lower, np.nan)
+        lower = np.where(self.lower > 0.0, self.lower, np.nan)
+        return np.where(succeeded, self.spent(entry) / lower, np.nan)
 
     def ratios(self, entry: Entry) -> np.ndarray:
-        """What was spent over the bound of the same start, of those of the first n flights that succeeded."""
+        """What was spent over the bound of the same start (> 0), of those of the first n flights that succeeded."""
         over = self.over(entry)
         return over[~np.isnan(over)]
 
     def table(self, entries: Sequence[Entry]) -> tuple[tuple[str, ...], list[list[str]]]:
-        """Headings, and a row for each start: its bound, and what each contestant spent, with the ratio."""
+        """Headings, and a row for each start: deadline, bound, and what each contestant spent, with the ratio."""
         rows = []
         over = [self.over(entry) for entry in entries]
-        spent = [self.spent(entry) for entry in entries]
         for k, lower in enumerate(self.lower):
             cells = [
-                "did not succeed" if math.isnan(ratio[k]) else f"{used[k]:.1f} ({ratio[k]:.3f})"
-                for ratio, used in zip(over, spent, strict=True)
+                self._cell(entry, k, float(ratio[k]))
+                for entry, ratio in zip(entries, over, strict=True)
             ]
-            rows.append([str(k), f"{lower:.1f}" if math.isfinite(lower) else "impossible", *cells])
-        return ("start", f"least {self.spending}, {self.unit}", *(e.name for e in entries)), rows
+            deadline = [] if self.deadlines is None else [f"{self.deadlines[k]:,.0f}"]
+            least = f"{lower:.3g}" if math.isfinite(lower) else "impossible"
+            rows.append([str(k), *deadline, least, *cells])
+        headings = ["start"] if self.deadlines is None else ["start", "deadline, s"]
+        return (*headings, f"least {self.spending}, {self.unit}", *(e.name for e in entries)), rows
+
+    def _cell(self, entry: Entry, k: int, ratio: float) -> str:
+        """What a contestant spent from a start, and the ratio to the bound, if there is one."""
+        if not entry.won[k]:
+            return "did not succeed"
+        spent = f"{self.spent(entry)[k]:.3g}"
+        return spent if math.isnan(ratio) else f"{spent} ({ratio:.3f})"
 
     def sentence(self, entries: Sequence[Entry]) -> str:
         """Mean ratio of every contestant, in a sentence."""
@@ -110,6 +121,7 @@ class MissionBounds:
         """Data for `rans.files.write_json`; what is impossible is None."""
         return {
             "spending": self.spending,
+            "deadlines": None if self.deadlines is None else self.deadlines.tolist(),
             "lower": [x if np.isfinite(x) else None for x in self.lower.tolist()],
             "times": self.times.tolist(),
             "front": [x if np.isfinite(x) else None for x in self.front.tolist()],
@@ -122,72 +134,116 @@ def bounded(contest: Contest) -> bool:
     Landings have them also with engines that are dead in every episode from the start.
     """
     nominal = contest.conditions is None
+    problem = contest.task.optimal_problem
     try:
-        if contest.task.optimal_problem == "landing":
+        if problem == "landing":
             Lander.of(contest.craft, _dead(contest), apart=True)
             return contest.conditions is None or contest.conditions.only_dead
-        if nominal and contest.task.optimal_problem == "rendezvous":
+        if nominal and problem == "rendezvous":
             _meeting(contest, contest.start(0).goal)
             return True
     except ConfigError:
         pass
-    return False
+    return nominal and problem == "inspection" and contest.craft.propellant is None
 
 
-def mission_bounds(contest: Contest, count: int, progress: Progress = unseen) -> MissionBounds:
+def mission_bounds(
+    contest: Contest, count: int, progress: Progress = unseen, before: MissionBounds | None = None
+) -> MissionBounds:
     """Bounds of the first ``count`` starts, and of the front of the first.
+
+    Args:
+        contest: one that is `bounded`.
+        count: number of starts.
+        progress: reports every bound.
+        before: bounds of fewer starts of this contest, which are not computed again.
 
     Raises:
         ConfigError: see `Meeting.of`, or of a landing `Lander.of`.
     """
     count = min(count, contest.episodes)
-    if contest.task.optimal_problem == "landing":
-        return _landing_bounds(contest, count, progress)
-    lower = []
-    for k in range(count):
-        lower.append(_least(contest, k, _deadline(contest, k)))
+    if before is None:
+        before = _first_bounds(contest, progress)
+    lower = [*before.lower]
+    for k in range(len(lower), count):
+        lower.append(_lower(contest, k))
         progress(1)
-    times = np.linspace(_EARLIEST, 1.0, _TIMES) * _deadline(contest, 0)
+    deadlines = None
+    if contest.task.optimal_problem == "rendezvous":
+        deadlines = np.array([_deadline(contest, k) for k in range(len(lower))])
+    return replace(before, lower=np.array(lower), deadlines=deadlines)
+
+
+def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
+    """Bounds of the first start, and of its front."""
+    if contest.task.optimal_problem == "landing":
+        return _landing_bounds(contest, progress)
+    lower = _lower(contest, 0)
+    progress(1)
+    if contest.task.optimal_problem == "inspection":
+        times = np.linspace(0.0, contest.duration, _TIMES + 1)[1:]
+    else:
+        last = _deadline(contest, 0)
+        task: Any = contest.task
+        times = np.unique(np.linspace(min(task.deadline[0], last), last, _TIMES))
     front = []
     for time in times:
-        front.append(_least(contest, 0, float(time)))
+        front.append(_lower(contest, 0, float(time)))
         progress(1)
-    return MissionBounds(np.array(lower), times, np.array(front))
+    return MissionBounds(np.array([lower]), times, np.array(front))
+
+
+def _lower(contest: Contest, k: int, by: float | None = None) -> float:
+    """Lower bound of start number k, of a success by a time, s; None: by its deadline or the end of the episode."""
+    problem = contest.task.optimal_problem
+    if problem == "landing":
+        best = _best_landing(contest, k)
+        return math.inf if best is None else best.dual
+    if problem == "inspection":
+        start = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
+        within = contest.duration if by is None else by
+        task: Any = contest.task
+        return least_impulse(contest.craft, task, start.start, start.goal, within, contest.timing)
+    return _least(contest, k, _deadline(contest, k) if by is None else by)
 
 
 def steps_of(contest: Contest, count: int) -> int:
-    """How often `mission_bounds` reports progress."""
+    """How often `mission_bounds` reports progress at most."""
     landed = contest.task.optimal_problem == "landing"
     return min(count, contest.episodes) + (1 if landed else _TIMES)
 
 
-def _landing_bounds(contest: Contest, count: int, progress: Progress) -> MissionBounds:
-    """Bounds of landings; the certified ones are those that the dual solutions prove."""
+def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
+    """Bounds of the first landing; the certified ones are those that the dual solutions prove."""
     task: Any = contest.task
     lander = Lander.of(contest.craft, _dead(contest), apart=True)
     descent = Descent.of(task, craft=contest.craft)
     period = contest.timing.control_period
-    times = _SHORTEST, contest.duration
-    lower = []
-    first = None
-    for k in range(count):
-        best = best_landing(lander, descent, _beside(contest, k), period, "bound", times)
-        lower.append(math.inf if best is None else best.dual)
-        first = best if k == 0 else first
-        progress(1)
+    first = _best_landing(contest, 0)
+    progress(1)
     if first is None:
         progress(1)
-        return MissionBounds(np.array(lower), np.zeros(0), np.zeros(0), "propellant")
+        return MissionBounds(np.array([math.inf]), np.zeros(0), np.zeros(0), "propellant")
     early, late = (round(seconds / period) for seconds in _AROUND)
     around = first.time + period * np.arange(-early, late + 1)
     around = around[(around >= _SHORTEST) & (around <= contest.duration)]
-    found = [
+    landings = [
         landing(lander, descent, _beside(contest, 0), float(time), period, "bound")
         for time in around
     ]
     progress(1)
-    front = np.array([math.inf if one is None else one.dual for one in found])
-    return MissionBounds(np.array(lower), around, front, "propellant", first.p)
+    front = np.array([math.inf if one is None else one.dual for one in landings])
+    return MissionBounds(np.array([first.dual]), around, front, "propellant", first.p)
+
+
+def _best_landing(contest: Contest, k: int) -> Landing | None:
+    """The landing that gives the bound of start number k; None: there is none."""
+    task: Any = contest.task
+    lander = Lander.of(contest.craft, _dead(contest), apart=True)
+    descent = Descent.of(task, craft=contest.craft)
+    times = _SHORTEST, contest.duration
+    start = _beside(contest, k)
+    return best_landing(lander, descent, start, contest.timing.control_period, "bound", times)
 
 
 def _dead(contest: Contest) -> tuple[int, ...]:

@@ -173,6 +173,10 @@ class Comparison(NotebookRepr):
         for spec, one in contestants.items():
             with _noted(self, spec):
                 self.entries.append(_entry(self, one, stages, workers))
+        of_mission = "optimal" in beside and bounded(self.contest)
+        if of_mission and certified:
+            # Before the others, which may be slow: an interrupted comparison has this bound.
+            _bound_mission(self, 1, stages)
         for name in dict.fromkeys(name for name in beside if name != "optimal"):
             with _noted(self, name):
                 simple = entrants.simple_controller(name, self.contest)
@@ -181,8 +185,12 @@ class Comparison(NotebookRepr):
                 self.curve += [
                     _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
                 ]
-        if "optimal" in beside and bounded(self.contest):
-            _bound_mission(self, certified, stages)
+        if of_mission:
+            if certified > 1:
+                _bound_mission(self, certified, stages)
+            if self.mission is not None:
+                self.notes.append(self.mission.sentence(self.entries))
+                self.failures += self.mission.impossible(self.entries)
         elif "optimal" in beside and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
         elif "optimal" in beside:
@@ -293,9 +301,7 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
 def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
     step = stages("certified bounds", steps_of(comparison.contest, count))
     with _noted(comparison, "certified bounds"):
-        comparison.mission = mission_bounds(comparison.contest, count, step)
-        comparison.notes.append(comparison.mission.sentence(comparison.entries))
-        comparison.failures += comparison.mission.impossible(comparison.entries)
+        comparison.mission = mission_bounds(comparison.contest, count, step, comparison.mission)
 
 
 def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:

@@ -70,6 +70,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "convex": "rans.optimal.control.convex_guidance:ConvexGuidance",
         "landing": "rans.optimal.control.landing_guidance:LandingGuidance",
         "mission": "rans.optimal.control.mission_guidance:MissionGuidance",
+        "circumnavigation": "rans.optimal.control.circumnavigation:Circumnavigation",
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,
@@ -78,13 +79,16 @@ CONTROLLERS: Registry[Maker] = Registry(
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""
-_BESIDE_LANDINGS = ("landing", "optimal")
-"""Default opponents of a comparison of landings, which the other controllers do not fly."""
+_BESIDE_OTHERS = {
+    "landing": ("landing", "optimal"),
+    "inspection": ("circumnavigation", "visiting", "optimal"),
+}
+"""Default opponents of comparisons of missions that those controllers do not fly, by kind of optimal problem."""
 
 
 def default_opponents(task: Task) -> tuple[str, ...]:
     """Names of controllers that fly a task beside the contestants of a comparison, and "optimal"."""
-    return _BESIDE_LANDINGS if task.optimal_problem == "landing" else BESIDE
+    return _BESIDE_OTHERS.get(task.optimal_problem, BESIDE)
 
 
 def controller(name: str, setup: Setup) -> Controller:

@@ -35,6 +35,15 @@ TEXT = (
 )
 """The protocol in short; docs/protocol.md has all of it."""
 
+_MISSION_TEXT = (
+    "All fly the same craft from the same starts at the same rate, until the mission succeeds or fails. A flight "
+    "that succeeds without breaking a limit wins; one that does not counts as infinitely late. Impulse is force "
+    "times open time, summed over the thrusters. Bounds hold for every flight from the same start that succeeds "
+    "by its deadline, with any control law. Shares have Wilson's 95 % intervals, the others bootstrap intervals "
+    "over starts, latency the middle 90 % of the actions."
+)
+"""The same for missions that end with their success."""
+
 _FRONT = (
     "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "
     "whole episode), impulse the mean over whole episodes. Positions of a trade-off are joined by "
@@ -59,18 +68,14 @@ def page(comparison: Comparison, command: str = "") -> Page:
         hero, tiles = _headline(comparison)
         if (replay := _race(comparison)) is not None:
             sections.insert(0, Section("Replay", race=replay))
-        errors = Picture.of(
-            figures.final_error_curves(comparison.entries),
-            "Distribution of final errors over all starts.",
-        )
         if comparison.front:
             sections.append(_front(comparison, comparison.front))
         sections += [
             *_mission(comparison),
-            _plane(comparison),
+            *_plane(comparison),
             *_gaps(comparison),
             _starts(comparison),
-            Section("Final errors", pictures=[errors]),
+            *_final_errors(comparison),
             _returns(comparison),
             *_differences(comparison),
         ]
@@ -107,6 +112,16 @@ def page(comparison: Comparison, command: str = "") -> Page:
         hero=hero,
         tiles=tiles,
     )
+
+
+def _final_errors(comparison: Comparison) -> Iterator[Section]:
+    """Errors over the last fifth of flights that have no end before."""
+    if not comparison.entries[0].ends:
+        errors = Picture.of(
+            figures.final_error_curves(comparison.entries),
+            "Distribution of final errors over all starts.",
+        )
+        yield Section("Final errors", pictures=[errors])
 
 
 _BOUNDED = {
@@ -176,16 +191,19 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     board = tables.scoreboard(comparison)
     first, *others = comparison.entries
     own = board[first.name]
-    settled = own["settled, %"]
-    settling = own["settling time, s"]
+    verb, often, time = "settles", "settled, %", "settling time, s"
+    if first.ends:
+        verb, often, time = "succeeds", "mission won, %", "time of success, s"
+    settled = own[often]
+    settling = own[time]
     thrust = own["impulse of the episode, N s"]
     rival = min(
         (entry.name for entry in others),
-        key=lambda name: board[name]["settling time, s"].value,
+        key=lambda name: board[name][time].value,
         default=None,
     )
     parts = [
-        f"{first.name} settles from {settled.value:.4g} % of {counted(len(first.settling), 'start')} "
+        f"{first.name} {verb} from {settled.value:.4g} % of {counted(comparison.contest.episodes, 'start')} "
         f"({settled.low:.3g} to {settled.high:.3g} %)"
     ]
     if np.isfinite(settling.value):
@@ -193,10 +211,10 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     hero = ", ".join(parts)
     if rival is not None:
         theirs = board[rival]
-        if np.isfinite(theirs["settling time, s"].value):
+        if np.isfinite(theirs[time].value):
             hero += (
                 f"; the quickest of the others, {rival}, takes "
-                f"{_amount(theirs['settling time, s'], 's')} with "
+                f"{_amount(theirs[time], 's')} with "
                 f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
@@ -221,6 +239,9 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
 _TILES = {
     "settled, %": "settled",
     "settling time, s": "settling time",
+    "mission won, %": "mission won",
+    "limit broken, %": "limit broken",
+    "time of success, s": "time of success",
     "impulse of the episode, N s": "impulse of the episode",
     "duty cycle, %": "duty cycle",
     "position error, cm": "position error",
@@ -259,7 +280,7 @@ def _race(comparison: Comparison) -> Race | None:
     """The median start of the first contestant and its slowest ones; None for tasks without a place."""
     contest = comparison.contest
     first = comparison.entries[0]
-    if "position" not in first.errors:
+    if "position" not in first.flight.errors():
         return None
     certified = comparison.certified_starts()
     middle = sorted(certified or range(contest.episodes), key=lambda k: first.arrival[k])
@@ -310,7 +331,8 @@ def _summary(comparison: Comparison) -> Section:
         if rows
         else []
     )
-    return Section("Contestants", TEXT, result, findings=findings)
+    text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT
+    return Section("Contestants", text, result, findings=findings)
 
 
 def _front(comparison: Comparison, front: Front) -> Section:
@@ -331,7 +353,10 @@ def _front(comparison: Comparison, front: Front) -> Section:
     )
 
 
-def _plane(comparison: Comparison) -> Section:
+def _plane(comparison: Comparison) -> Iterator[Section]:
+    """Time and impulse of the first arrival; missions that end have figures of their own."""
+    if comparison.entries[0].ends and not comparison.certified_starts():
+        return
     text = (
         (
             "In the shaded range no controller's median can be. The bars are medians of what each start needs "
@@ -342,7 +367,7 @@ def _plane(comparison: Comparison) -> Section:
         if comparison.certified_starts()
         else ""
     )
-    return Section("Time and thrust", text, charts=[plane_chart(comparison)])
+    yield Section("Time and thrust", text, charts=[plane_chart(comparison)])
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:

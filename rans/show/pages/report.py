@@ -314,7 +314,8 @@ def _title(file: Path) -> str:
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
-    text = f"settles from {row['settled']} of {counted(row['starts'], 'start')}"
+    verb = "succeeds" if row.get("ends") else "settles"
+    text = f"{verb} from {row['settled']} of {counted(row['starts'], 'start')}"
     for key, what in (
         ("median_settling_time", "s (median)"),
         ("mean_impulse", "N s of thrust (mean)"),

@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
@@ -29,7 +30,16 @@ RETURN = "return, % of relaxed optimum"
 
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
-    """What is compared start by start, by heading; arrival is named by what the task's goal set asks for."""
+    """What is compared start by start, by heading; arrival is named by what the task's goal set asks for.
+
+    Missions that end have other measures: when they succeed without breaking a limit, and what they spend.
+    """
+    if ends(task):
+        return {
+            "time of success, s": lambda entry: entry.success,
+            "impulse of the episode, N s": lambda entry: entry.thrust,
+            "return": lambda entry: entry.returns,
+        }
     result: dict[str, Callable[[Entry], np.ndarray]] = {
         "settling time, s": lambda entry: entry.settling
     }
@@ -45,8 +55,55 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     return result
 
 
-def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
+def ends(task: Task) -> bool:
+    """Whether a task is a mission that ends with its success."""
+    return type(task).done is not Task.done
+
+
+def scores(
+    entry: Entry,
+    bootstrap: Bootstrap,
+    optimum: np.ndarray | None = None,
+    mission: MissionBounds | None = None,
+) -> Scores:
     """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
+    if entry.ends:
+        result = _mission_scores(entry, bootstrap, mission)
+    else:
+        result = _goal_scores(entry, bootstrap)
+    if optimum is not None:
+        known = np.isfinite(optimum)
+        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
+        result[RETURN] = ratio.scaled(100.0)
+    middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
+    return result | {"latency, ms": Estimate(*middle)}
+
+
+def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:
+    """Of a mission that ends: errors at an end say nothing, because its flights end at different times."""
+    result = {"mission won, %": share(entry.won).scaled(100.0)}
+    if entry.flight.margins:
+        result["limit broken, %"] = share(entry.flight.violated()).scaled(100.0)
+    result["time of success, s"] = bootstrap.median(entry.success)
+    spent = entry.thrust[entry.won]
+    result["impulse of successes, N s"] = _mean(spent)
+    if mission is not None:
+        ratios = mission.ratios(entry)
+        result[f"{mission.spending} over the bound"] = _mean(ratios)
+        worst = float(ratios.max(initial=-math.inf)) if len(ratios) else math.nan
+        result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
+    result["impulse of the episode, N s"] = bootstrap.mean(entry.thrust)
+    result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
+    return result
+
+
+def _mean(values: np.ndarray) -> Estimate:
+    """Mean of some flights; NaN if there are none."""
+    return Bootstrap(len(values)).mean(values) if len(values) else Estimate(*(math.nan,) * 3)
+
+
+def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
+    """Of a task that lasts to the end of the episode."""
     result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
     if asks_rest(entry.flight.task):
         result["at rest for good, %"] = share(entry.stays).scaled(100.0)
@@ -59,19 +116,15 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
     for name, error in entry.errors.items():
         factor, unit = QUANTITIES[name].display
         result[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
-    if optimum is not None:
-        known = np.isfinite(optimum)
-        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
-        result[RETURN] = ratio.scaled(100.0)
-    middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
-    return result | {"latency, ms": Estimate(*middle)}
+    return result
 
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
     """The scores of every contestant over all starts."""
     bootstrap = Bootstrap(comparison.contest.episodes)
     optimum = best_returns(comparison)
-    return {entry.name: scores(entry, bootstrap, optimum) for entry in comparison.entries}
+    mission = comparison.mission
+    return {entry.name: scores(entry, bootstrap, optimum, mission) for entry in comparison.entries}
 
 
 def best_returns(comparison: Comparison) -> np.ndarray | None:
@@ -218,15 +271,16 @@ def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...
 def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
     """A row per contestant."""
     for entry in comparison.entries:
-        count = len(entry.settling)
+        times = entry.success if entry.ends else entry.settling
         row = board[entry.name]
         yield {
             "contestant": entry.name,
             "kind": "controller",
-            "starts": count,
-            "flown": count,
-            "settled": int(np.isfinite(entry.settling).sum()),
-            "median_settling_time": row["settling time, s"].value,
+            "ends": entry.ends,
+            "starts": len(times),
+            "flown": len(times),
+            "settled": int(np.isfinite(times).sum()),
+            "median_settling_time": float(np.median(times)),
             "mean_impulse": row["impulse of the episode, N s"].value,
             "return_percent": row[RETURN].value if RETURN in row else None,
         }
@@ -248,7 +302,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
     for k, failed in enumerate(entry.flight.failed()):
-        yield {
+        row: dict[str, Any] = {
             "start": k,
             "failed": bool(failed),
             "settling_time": float(entry.settling[k]),
@@ -257,8 +311,16 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
             "thrust_to_arrive": float(entry.arrival_thrust[k]),
             "thrust": float(entry.thrust[k]),
             "return": float(entry.returns[k]),
-            "errors": {name: float(error[k]) for name, error in entry.errors.items()},
         }
+        if entry.ends:
+            row |= {
+                "won": bool(entry.won[k]),
+                "limit_broken": bool(entry.flight.violated()[k]),
+                "time_of_success": float(entry.success[k]),
+            }
+        else:
+            row["errors"] = {name: float(error[k]) for name, error in entry.errors.items()}
+        yield row
 
 
 def _relaxed_row(row: Relaxed) -> dict[str, Any]:

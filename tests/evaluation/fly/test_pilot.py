@@ -20,7 +20,10 @@ from rans.scenario import scenarios
 
 
 @pytest.mark.parametrize(
-    "name", sorted(set(CONTROLLERS.built_in) - {"convex", "landing", "mission", "visiting"})
+    "name",
+    sorted(
+        set(CONTROLLERS.built_in) - {"circumnavigation", "convex", "landing", "mission", "visiting"}
+    ),
 )
 @pytest.mark.parametrize(
     "env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"]

@@ -1,0 +1,333 @@
+"""Guidance of inspections by natural motion circumnavigation: two burns onto a closed orbit around the target."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from copy import copy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rans.model.drift import velocity_to_reach
+from rans.model.fields import Quat, Vec2, Vec3, leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.navigation_filter import NavigationFilter
+from rans.optimal.trajectory.allocation import rounding
+from rans.randomization.conditions import Conditions, bounds, largest
+from rans.tasks import load_task
+from rans.tasks.base import Task
+from rans.tasks.inspect import Inspect
+
+_WAITS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+"""Times until the first burn, as shares of an orbit."""
+_TRANSFERS = (0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.55, 0.65, 0.75)
+"""Times between the burns, as shares of an orbit; at a whole orbit a transfer has no solution."""
+_PHASES = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)
+"""Phases of the craft on its orbit ahead of the sun, rad: from there half of what it sees is in light."""
+_CLEAR = 3.0
+"""Least distance from the keep-out ball and from the end of the zone in a plan, m, for errors of flying it."""
+_WIDTHS = (0.0, 3.0, 7.0, 12.0, 18.0, 27.0)
+"""Half widths of the orbit beyond the least one, m."""
+_STEP = 60.0
+"""Time between the instants at which a plan is judged, s; a craft goes 6 degrees around the target in it."""
+_TOGETHER = 16
+"""Number of plans that are judged at once, the cheapest first."""
+_TRIM = 0.001
+"""Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
+_DOUBT = 3.0
+"""Standard deviations of an estimated velocity that are left alone."""
+_LISTENING = 10
+"""Control periods of noisy readings that are filtered before the first plan."""
+
+
+@dataclass
+class _Plans:
+    """Plans of N flights: arrays (N,)."""
+
+    first: np.ndarray
+    """Time of the first burn, s."""
+    second: np.ndarray
+    """Time of the second burn, s."""
+    x: np.ndarray
+    y: np.ndarray
+    """Where the second burn is, m."""
+    finish: np.ndarray
+    """Time at which enough has been seen, s."""
+
+
+class Circumnavigation:
+    """Inspects a target from a closed orbit around it that keeps pace with the sun, after two burns.
+
+    >>> rans.Circumnavigation("afrl-deputy", "inspect")
+    <circumnavigation: Inspect for afrl-deputy>
+
+    An ellipse around the target in the orbit's plane, twice as long as wide, on which v = (n y / 2, -2 n x), is a
+    natural motion: it needs no thrust, and turns in the Hill frame once an orbit, as the sun does. A craft that is
+    near the sun's direction on it sees the lit side of the target all the time. The motion across the plane is
+    left alone.
+
+    With known errors of its sensors it estimates position and velocity by a Kalman filter, and begins to plan
+    after ten periods.
+
+    A plan has a time for a first burn, a time for the second one onto the ellipse, its width, and the phase ahead
+    of the sun. All of a fixed grid are priced in closed form. From the cheapest on they are judged by prediction,
+    until one sees enough in time and keeps clear of the ball and of the end of the zone. Errors of more than
+    1 mm/s are corrected on the way. If a plan has ended and too little was seen, the next one is made. The last
+    orbit is not left: the craft stays on it without thrust, outside of the ball.
+
+    Source of the motion: W. H. Clohessy and R. S. Wiltshire, "Terminal guidance system for satellite rendezvous",
+    Journal of the Aerospace Sciences 27(9), 1960.
+
+    Args:
+        craft: by name, TOML file or as such.
+        task: an `rans.tasks.inspect.Inspect`, or its name.
+        timing: control period, and length of the episode; None: the task's.
+        within: time within which the inspection should end, s, None: the length of the episode. Shorter
+            times need more impulse; without a plan in time, the plan that sees the most is flown.
+
+    Raises:
+        ConfigError: the task is no inspection.
+    """
+
+    name = "circumnavigation"
+    heeds_constraints: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        craft: str | Path | Spacecraft,
+        task: str | Task,
+        timing: Timing | None = None,
+        within: float | None = None,
+    ) -> None:
+        self.craft = load_spacecraft(craft)
+        self.task = Inspect.expected(load_task(task), "circumnavigation flies inspections")
+        self._timing = self.task.timing if timing is None else timing
+        self._period = self._timing.control_period
+        length = self._timing.control_period * self._timing.episode_steps
+        self._within = length if within is None else within
+        self._rounding = rounding(self.craft, np.zeros(self.craft.degrees_of_freedom, bool))
+        self._filter: NavigationFilter | None = None
+        self._plans: _Plans | None = None
+        self._step = 0
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
+
+    def expecting(self, conditions: Conditions | None) -> Circumnavigation:
+        """Copy of this guidance that expects the errors of these conditions; None: a perfect world."""
+        result = copy(self)
+        result._filter = None
+        if conditions is not None:
+            position = largest(conditions.sensors.position.noise)
+            velocity = largest(conditions.sensors.velocity.noise)
+            least, most = bounds(conditions.thrusters.thrust)
+            # The standard deviation of a uniform distribution.
+            inexact = (most - least) / math.sqrt(12.0)
+            if max(position, velocity, inexact) > 0.0:
+                result._filter = NavigationFilter(
+                    self.task.drift, 3, self._period, position, velocity, inexact
+                )
+        result.reset(0)
+        return result
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; forgets plans and estimates."""
+        self._rounding.reset(count)
+        self._plans = None
+        self._step = 0
+        if self._filter is not None:
+            self._filter.reset()
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
+        size = len(observation)
+        state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))
+        now = self._step * self._period
+        listening = False
+        of_p: Any = 0.0
+        of_v: Any = 0.0
+        if self._filter is not None:
+            state, of_p, of_v = self._estimated(self._filter, state)
+            listening = self._step < _LISTENING
+        self._step += 1
+        if self._plans is None:
+            self._plans = _Plans(*(np.full(size, -1.0) for _ in range(5)))
+
+        # Plan where no plan has been made, and where one has ended too soon.
+        over = (now > self._plans.finish) & (self.task.unseen(goal) >= self.task.unseen_tolerance)
+        for row in np.flatnonzero(over & (not listening)):
+            self._plan(int(row), state, goal, now)
+
+        # Gain velocity, except for what errors of the estimate explain.
+        gain = self._velocity_to_gain(state, now, self._plans)
+        left = np.maximum(self._plans.second - now, self._period)
+        of_p = np.where(self._plans.second > now, of_p / left, 2.0 * self.task.mean_motion * of_p)
+        alone = np.maximum(_TRIM, _DOUBT * np.hypot(of_v, of_p))
+        burns = (np.linalg.norm(gain, axis=0) > alone) & (not listening)
+        gain = np.where(burns, gain, 0.0)
+        level = Quat(1.0, 0.0, 0.0, 0.0)
+        push = Vec3(*(gain * (self.craft.mass / self._period)))
+        force = np.array(leaves(state.attitude.to(level).rotate(push)))
+        wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
+        if self._filter is not None:
+            self._filter.burn(gain.T)
+        return self._rounding.round(wrench, ~burns)
+
+    def _estimated(self, navigation: NavigationFilter, state: Any) -> tuple[Any, Any, Any]:
+        """Estimated state after a reading, and standard deviations (N,) of a component of position and velocity."""
+        reading = np.array([*state.p.columns(), *state.v.columns()]).T
+        mean, covariance = navigation.read(reading)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        deviations = np.sqrt(variance[:, :3].max(axis=1)), np.sqrt(variance[:, 3:].max(axis=1))
+        return replace(state, p=Vec3(*mean[:, :3].T), v=Vec3(*mean[:, 3:].T)), *deviations
+
+    def _velocity_to_gain(self, state: Any, now: float, plans: _Plans) -> np.ndarray:
+        """(3, N) change of velocity in W, m/s, that this period's burn is to give.
+
+        A burn over a period acts as an impulse in its middle.
+        """
+        n = self.task.mean_motion
+        half = 0.5 * self._period
+        p, v = self.task.drift.carry(state.p, state.v, half)
+        p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
+        left = plans.second - now
+        transfer = left > half
+        time = np.where(transfer, left, self._period)
+        to_reach = velocity_to_reach(self.task.drift, p, Vec2(plans.x, plans.y), time)
+        waits = now < plans.first - half
+        x = np.where(transfer, to_reach.x, 0.5 * n * p.y) - v.x
+        y = np.where(transfer, to_reach.y, -2.0 * n * p.x) - v.y
+        return np.where(waits, 0.0, np.array([x, y, 0.0 * x]))
+
+    def _plan(self, row: int, state: Any, goal: Any, now: float) -> None:
+        """Set the plan of one flight."""
+        assert self._plans is not None
+        here, there = map_leaves(lambda x: float(x[row]), (state, goal))
+        left = self._within - now
+        if left <= 0.0:
+            left = self._within
+        first, second, target, price = self._priced(here, there)
+        order = np.argsort(price, kind="stable")
+        order = order[second[order] < left]
+        most = -1
+        best = 0
+        end = now + left
+        for begin in range(0, len(order), _TOGETHER):
+            some = order[begin : begin + _TOGETHER]
+            seen, finish = self._judged(
+                here, there, first[some], second[some], target[:, some], left
+            )
+            # The cheapest that sees enough, or else the one that sees the most.
+            k = int(np.argmax(np.where(np.isfinite(finish), math.inf, seen)))
+            if seen[k] > most:
+                most = seen[k]
+                best = some[k]
+                end = now + min(finish[k], left)
+            if np.isfinite(finish[k]):
+                break
+        if most < 0:
+            # Nothing keeps clear: the closed orbit through this position.
+            self._set(row, now, now, here.p.x, here.p.y, now + left)
+            return
+        self._set(row, now + first[best], now + second[best], *target[:, best], end)
+
+    def _set(
+        self, row: int, first: float, second: float, x: float, y: float, finish: float
+    ) -> None:
+        assert self._plans is not None
+        self._plans.first[row] = first
+        self._plans.second[row] = second
+        self._plans.x[row] = x
+        self._plans.y[row] = y
+        self._plans.finish[row] = finish
+
+    def _priced(
+        self, here: Any, there: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times of both burns (K,), position of the second (2, K), and velocity change (K,) of all plans."""
+        n = self.task.mean_motion
+        orbit = 2.0 * math.pi / n
+        least = self.task.keep_out + _CLEAR
+        grid = np.array(list(itertools.product(_WAITS, _TRANSFERS, _PHASES, _WIDTHS))).T
+        # Burns are in the middle of control periods.
+        period = self._period
+        first = np.round(grid[0] * orbit / period) * period + 0.5 * period
+        second = first + np.maximum(np.round(grid[1] * orbit / period), 1.0) * period
+        phase = there.notes[0] - n * second + grid[2]
+        width = least + grid[3]
+        target = np.array([width * np.cos(phase), 2.0 * width * np.sin(phase)])
+        p, v = self.task.drift.carry(here.p, here.v, first)
+        p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
+        begin = velocity_to_reach(self.task.drift, p, Vec2(*target), second - first)
+        _, arrival = self.task.drift.carry(p, begin, second - first)
+        changes = (
+            begin.x - v.x,
+            begin.y - v.y,
+            0.5 * n * target[1] - arrival.x,
+            -2.0 * n * target[0] - arrival.y,
+        )
+        return first, second, target, np.sum(np.abs(changes), axis=0)
+
+    def _judged(
+        self,
+        here: Any,
+        there: Any,
+        first: np.ndarray,
+        second: np.ndarray,
+        target: np.ndarray,
+        left: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Number of points (K,) that plans see, -1 if one comes too near, and when it is enough, s, else inf."""
+        task = self.task
+        n = task.mean_motion
+        times = np.arange(0.0, left + 1e-9, _STEP)[:, None]
+        before = self._coasted(here.p, here.v, times)
+        at_first = task.drift.carry(here.p, here.v, first)
+        begin = velocity_to_reach(
+            task.drift, Vec2(at_first[0].x, at_first[0].y), Vec2(*target), second - first
+        )
+        transfer = self._coasted(at_first[0], Vec3(begin.x, begin.y, at_first[1].z), times - first)
+        z = task.drift.carry(here.p, here.v, second)
+        closed = self._coasted(
+            Vec3(*target, z[0].z),
+            Vec3(0.5 * n * target[1], -2.0 * n * target[0], z[1].z),
+            times - second,
+        )
+        p = Vec3(
+            *(
+                np.where(times < first, a, np.where(times < second, b, c))
+                for a, b, c in zip(
+                    before.columns(), transfer.columns(), closed.columns(), strict=True
+                )
+            )
+        )
+        clear = _nearest(p) > task.keep_out + 0.9 * _CLEAR
+        clear &= p.norm() < task.fail_distance - _CLEAR
+        notes = (there.notes[0] - n * times, *there.notes[1:])
+        moved = replace(here, p=p)
+        seen = np.array(task.visible(replace(there, notes=notes), moved))
+        known = np.array([bool(x) for word in task._known(there) for x in word])
+        seen = np.logical_or.accumulate(seen, axis=1) | known[:, None, None]
+        count = seen.sum(axis=0)
+        enough = 1.0 - count / task.points < task.unseen_tolerance - 1e-9
+        finish = np.where(enough.any(axis=0), times[np.argmax(enough, axis=0), 0], math.inf)
+        safe = (clear | (times > finish)).all(axis=0)
+        return np.where(safe, count[-1], -1), np.where(safe, finish, math.inf)
+
+    def _coasted(self, p: Any, v: Any, times: np.ndarray) -> Vec3:
+        moved, _ = self.task.drift.carry(p, v, times)
+        shape = np.broadcast_shapes(*(np.shape(x) for x in moved.columns()))
+        return Vec3(*(np.broadcast_to(x, shape) for x in moved.columns()))
+
+
+def _nearest(p: Vec3) -> np.ndarray:
+    """Least distance (T, K) from the origin on the line from every instant to the next one, m."""
+    here = np.array(p.columns())
+    way = np.diff(here, axis=1, append=here[:, -1:])
+    share = -(here * way).sum(axis=0) / np.maximum((way * way).sum(axis=0), 1e-12)
+    return np.linalg.norm(here + way * np.clip(share, 0.0, 1.0), axis=0)

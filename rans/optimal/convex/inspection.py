@@ -1,0 +1,90 @@
+"""Least impulse of inspections: a lower bound in closed form, from the points that are dearest to see."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.drift import ClohessyWiltshire
+from rans.model.dynamics import State
+from rans.model.fields import Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks.inspect import Inspect
+
+_ROUNDING = 1e-9
+"""Rounding of a share of points against its tolerance."""
+
+
+def least_impulse(
+    craft: Spacecraft, task: Inspect, start: State, goal: State, within: float, timing: Timing
+) -> float:
+    """Lower bound of the impulse of any successful inspection from a start, N s.
+
+    To see a point with the outward normal a, the craft must be above its horizon, a . p >= R, at a check at which
+    the sun is within the light cone. Without thrust it would be at a . p_free there. An impulse of 1 N s that is
+    given a time s earlier moves it along a by at most e(s), the largest a . Phi_pv(s) d / m over the directions d
+    of the thrusters. So the point costs at least (R - a . p_free) / max e, however the thrust is distributed. Its
+    price is the least of this over all checks with light. If success allows k unseen points, every successful
+    flight sees at least one of the k + 1 dearest points, so that the (k + 1)-th highest price is a bound.
+
+    The bound leaves out the keep-out ball, the end of the zone, limits of the thrust, and that one flight has to
+    see all points. It holds for every control law.
+
+    Args:
+        craft: of constant mass. If nothing can turn it, its thrusters push along their directions at the start,
+            else in any direction.
+        task: the inspection.
+        start: state of one craft, of numbers.
+        goal: goal of the same episode, with the angle of the sun at the start in its notes.
+        within: time within which it must succeed, s.
+        timing: control period and checks, at which points are seen.
+
+    Raises:
+        ConfigError: the craft burns propellant.
+    """
+    if craft.propellant is not None:
+        raise ConfigError(
+            f"the bound of an inspection is for craft of constant mass, and {craft.name} burns propellant."
+        )
+    step = timing.control_period / timing.checks
+    times = step * np.arange(math.floor(within / step + 1e-9) + 1)
+    normals = np.array(task.normals)
+
+    # Where the craft coasts, and which points are in light.
+    p, _ = task.drift.carry(start.p, start.v, times)
+    free = _rows(p, len(times)) @ normals.T
+    sun = goal.notes[0] - task.mean_motion * times
+    towards = np.stack([np.cos(sun), np.sin(sun), 0.0 * sun], axis=1)
+    lit = towards @ normals.T > math.cos(math.radians(task.light_degrees))
+
+    # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
+    drift = ClohessyWiltshire(task.mean_motion)
+    nowhere = Vec3(0.0, 0.0, 0.0)
+    axes = [Vec3(*row) for row in np.eye(3)]
+    moved = np.stack([_rows(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2)
+    along = np.einsum("ij,tjk->tik", normals, moved) / craft.mass
+    wrenches = np.array(craft.wrench_map)
+    turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
+    if turns or np.any(start.spin()):
+        effect = np.linalg.norm(along, axis=2)
+    else:
+        forces = wrenches[:, :3]
+        directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+        in_world = [_rows(start.attitude.rotate(Vec3(*one)), 1)[0] for one in directions]
+        effect = (along @ np.array(in_world).T).max(axis=2)
+    best = np.maximum.accumulate(np.maximum(effect, 0.0), axis=0)
+
+    missing = np.maximum(task.surface_distance - free, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        price = np.where(missing > 0.0, missing / best, 0.0)
+    prices = np.sort(np.where(lit, price, math.inf).min(axis=0))
+    allowed = math.ceil(task.unseen_tolerance * task.points - _ROUNDING) - 1
+    return float(prices[-1 - max(allowed, 0)])
+
+
+def _rows(vector: Vec3, size: int) -> np.ndarray:
+    """Components of a vector side by side, (size, 3)."""
+    return np.stack([np.broadcast_to(x, size) for x in vector.columns()], axis=1)
