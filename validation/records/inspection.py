@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -130,12 +131,16 @@ def _row(who: str, flight: Flight, starts: Scenario) -> Row:
     times = (flight.lengths * flight.timing.control_period)[won]
     spent = impulses(flight)[won]
     assert isinstance(flight.task, Inspect)
-    bounds = [
-        least_impulse(flight.craft, flight.task, one.start, one.goal, float(time), flight.timing)
-        for one, time in zip(
-            (one for one, good in zip(each(starts), won, strict=True) if good), times, strict=True
-        )
-    ]
+    bounds = []
+    for one, good, steps in zip(each(starts), won, flight.lengths, strict=True):
+        start: Any = one
+        if good:
+            time = float(steps) * flight.timing.control_period
+            bounds.append(
+                least_impulse(
+                    flight.craft, flight.task, start.start, start.goal, time, flight.timing
+                )
+            )
     return Row(
         who,
         float(won.mean()),

@@ -200,7 +200,7 @@ def _lower(contest: Contest, k: int, by: float | None = None) -> float:
         best = _best_landing(contest, k)
         return math.inf if best is None else best.dual
     if problem == "inspection":
-        start = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
+        start: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
         within = contest.duration if by is None else by
         task: Any = contest.task
         return least_impulse(contest.craft, task, start.start, start.goal, within, contest.timing)

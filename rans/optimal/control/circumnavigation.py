@@ -234,7 +234,8 @@ class Circumnavigation:
             # Nothing keeps clear: the closed orbit through this position.
             self._set(row, now, now, here.p.x, here.p.y, now + left)
             return
-        self._set(row, now + first[best], now + second[best], *target[:, best], end)
+        x, y = map(float, target[:, best])
+        self._set(row, now + first[best], now + second[best], x, y, end)
 
     def _set(
         self, row: int, first: float, second: float, x: float, y: float, finish: float
@@ -263,7 +264,7 @@ class Circumnavigation:
         target = np.array([width * np.cos(phase), 2.0 * width * np.sin(phase)])
         p, v = self.task.drift.carry(here.p, here.v, first)
         p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
-        begin = velocity_to_reach(self.task.drift, p, Vec2(*target), second - first)
+        begin = velocity_to_reach(self.task.drift, p, Vec2(target[0], target[1]), second - first)
         _, arrival = self.task.drift.carry(p, begin, second - first)
         changes = (
             begin.x - v.x,
@@ -289,12 +290,15 @@ class Circumnavigation:
         before = self._coasted(here.p, here.v, times)
         at_first = task.drift.carry(here.p, here.v, first)
         begin = velocity_to_reach(
-            task.drift, Vec2(at_first[0].x, at_first[0].y), Vec2(*target), second - first
+            task.drift,
+            Vec2(at_first[0].x, at_first[0].y),
+            Vec2(target[0], target[1]),
+            second - first,
         )
         transfer = self._coasted(at_first[0], Vec3(begin.x, begin.y, at_first[1].z), times - first)
         z = task.drift.carry(here.p, here.v, second)
         closed = self._coasted(
-            Vec3(*target, z[0].z),
+            Vec3(target[0], target[1], z[0].z),
             Vec3(0.5 * n * target[1], -2.0 * n * target[0], z[1].z),
             times - second,
         )

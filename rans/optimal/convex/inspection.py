@@ -8,7 +8,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire
-from rans.model.dynamics import State
+from rans.model.dynamics import SpatialState
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -19,7 +19,12 @@ _ROUNDING = 1e-9
 
 
 def least_impulse(
-    craft: Spacecraft, task: Inspect, start: State, goal: State, within: float, timing: Timing
+    craft: Spacecraft,
+    task: Inspect,
+    start: SpatialState,
+    goal: SpatialState,
+    within: float,
+    timing: Timing,
 ) -> float:
     """Lower bound of the impulse of any successful inspection from a start, N s.
 
