@@ -322,11 +322,11 @@ def regular(file: Path, what: str = "") -> Path:
     Raises:
         ConfigError: it does not exist, or is a folder, a pipe or a device.
     """
-    opened(file, what).close()
+    open_regular(file, what).close()
     return file
 
 
-def opened(file: Path, what: str = "") -> BinaryIO:
+def open_regular(file: Path, what: str = "") -> BinaryIO:
     """Stream of the bytes of a regular file; `read_bytes` and the like are for files as a whole.
 
     Raises:
@@ -358,7 +358,7 @@ def read_bytes(file: Path, most: int, what: str = "") -> bytes:
         ConfigError: the file cannot be read or is too large.
     """
     try:
-        with opened(file, what) as stream:
+        with open_regular(file, what) as stream:
             size = os.fstat(stream.fileno()).st_size
             content = b"" if size > most else stream.read(most + 1)
     except OSError as error:

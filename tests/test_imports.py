@@ -28,7 +28,7 @@ HEAVY = {
 LAYERS: list[set[str]] = [
     {"rans.errors", "rans.display", "rans.safe_path", "rans.progress", "rans.renamed"},
     {"rans.files", "rans.processes"},
-    {"rans.registry", "rans.structure"},
+    {"rans.registry", "rans.structure", "rans.archives"},
     {"rans.model", "rans.pretrained"},
     {"rans.effectors"},
     {"rans.randomization"},

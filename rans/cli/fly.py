@@ -68,9 +68,9 @@ class Fly:
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
         from rans.deploy.robot.signals import stop_on_signals
         from rans.evaluation.fly.contestants import agent_folder, picked_task
+        from rans.evaluation.fly.exported import read_contract
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
-        from rans.files import read_json
         from rans.terminal import Terminal
 
         say = Terminal().say
@@ -91,7 +91,7 @@ class Fly:
                     "name the run folder."
                 )
             folder = source
-            known = read_json(source / "contract.json")
+            known = read_contract(source)
             task = {"name": known["task"], "settings": known["settings"]}
         else:
             run = RunFolder(agent_folder(self.agent))

@@ -8,8 +8,6 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.errors import ConfigError
-
 
 @dataclass(frozen=True)
 class Replay:
@@ -30,11 +28,6 @@ class Replay:
         from rans.deploy.robot.node import replay
         from rans.terminal import Terminal
 
-        if not self.trust:
-            raise ConfigError(
-                f"{self.bag} is replayed by the agent.py beside it, which is code: add --trust if the flight is "
-                "yours."
-            )
         result = replay(self.bag, self.agent)
         Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
         if result.first_difference is not None:

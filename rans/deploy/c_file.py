@@ -230,7 +230,7 @@ def _measured_stack(folder: Path) -> int | None:
         if not usage.exists():
             return None
         # A line a function: FILE:LINE:COLUMN:NAME, bytes and kind, with tabs between.
-        rows = [line.split("\t") for line in usage.read_text().splitlines()]
+        rows = [line.split("\t") for line in read_text(usage).splitlines()]
     frames = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
     own = frames.pop("rans_agent_act")
     return own + max(frames.values())  # nothing that it calls calls another function of the file

@@ -39,6 +39,7 @@ from rans.files import (
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
+from rans.structure import LARGEST_TOML
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 _FILES: dict[Form, tuple[str, ...]] = {
@@ -95,7 +96,7 @@ def export(
     card = _card(source)
     saved = read_policy(source.agent_file)
     network = saved.network
-    text = source.spacecraft_file.read_text("utf-8")
+    text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
     flights = flown(network, setup, count=FLIGHTS)
     few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))

@@ -19,3 +19,9 @@ def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("rans.deploy.robot.pilot._RANGE_FLIGHTS", 64)
         export_for_flight(pretrained_folder("go-to-pose-2d"), folder)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The agents of these tests are written by them, and a flight runs their agent.py."""
+    monkeypatch.setenv("RANS_TRUST", "1")

@@ -51,6 +51,7 @@ from rans.randomization.conditions import (
 from rans.tasks import Avoid, GoToPose
 from tests.support.robots import AWAY
 
+
 PLATFORM = "floating-platform"
 TASK = {"name": "go-to-pose", "settings": {}}
 

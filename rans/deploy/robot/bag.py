@@ -7,12 +7,13 @@ import queue
 import struct
 import threading
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.deploy.robot.messages import definition
 from rans.errors import ConfigError
-from rans.files import replace_file
+from rans.files import first_line, open_regular, replace_file
 
 LARGEST_BAG = 2**31
 """Bytes: some twelve hours of a flight with a hundred states a second."""
@@ -173,7 +174,7 @@ def index_bag(file: Path) -> None:
     from mcap.writer import CompressionType, Writer
 
     def indexed(draft: Path) -> None:
-        with file.open("rb") as recorded, draft.open("wb") as stream:
+        with open_regular(file) as recorded, draft.open("wb") as stream:
             writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
             writer.start(profile="ros2", library="rans")
             for record in StreamReader(recorded).records:
@@ -204,35 +205,61 @@ def index_bag(file: Path) -> None:
         raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
 
 
+_LARGEST_RECORD = 2**27
+"""Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
+
+
 def entries(file: Path) -> Iterator[Entry]:
     """Messages of a bag in the order in which they were written.
 
+    A bag whose process was killed ends with its last whole message.
+
     Raises:
-        ConfigError: the package mcap is missing, or the file is no bag.
+        ConfigError: the package mcap is missing, or the file is no bag, or damaged in its middle.
     """
     try:
-        from mcap.exceptions import McapError
-        from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Channel, Chunk, Message, Schema
+        from mcap.stream_reader import StreamReader, breakup_chunk
     except ImportError as error:
         raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
-    try:
-        with file.open("rb") as stream:
-            for record in StreamReader(stream).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    kind = schemas[channel.schema_id].name
-                    topic = channel.topic.removeprefix("/")
-                    yield Entry(record.log_time, topic, kind, record.data)
-    except OSError as error:
-        raise ConfigError(f"{file} cannot be read: {error}.") from error
-    except (McapError, struct.error) as error:
-        if channels:  # its process was ended while it wrote, perhaps in the middle of a number
-            return
-        raise ConfigError(f"{file} is no MCAP bag: {error}.") from error
+    with open_regular(file) as stream:
+        try:
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
+            for outer in reader.records:
+                is_chunk = isinstance(outer, Chunk)
+                for record in breakup_chunk(_unpacked(outer)) if is_chunk else [outer]:
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, Message):
+                        channel = channels[record.channel_id]
+                        kind = schemas[channel.schema_id].name
+                        topic = channel.topic.removeprefix("/")
+                        yield Entry(record.log_time, topic, kind, record.data)
+        except Exception as error:  # a damaged bag may raise anything
+            # A process that was killed may have been in the middle of a record, or of a number.
+            if channels and isinstance(error, EndOfFile | struct.error):
+                return
+            raise ConfigError(f"{file} is no MCAP bag, or damaged: {first_line(error)}.") from error
+
+
+def _unpacked(chunk: Any) -> Any:
+    """Chunk whose records are not compressed; ValueError if they would be too large."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(_LARGEST_RECORD + 1)
+    elif chunk.compression == "lz4":
+        import lz4.frame
+
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, _LARGEST_RECORD + 1)
+    else:
+        data = chunk.data
+    if len(data) > _LARGEST_RECORD:
+        raise ValueError(f"a chunk would unpack to more than {_LARGEST_RECORD:,} bytes")
+    return replace(chunk, compression="", data=data)

@@ -25,7 +25,9 @@ from rans.deploy.robot.messages import TEXT, text_message, unpack
 from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Pilot, Plan, craft_hash
 from rans.deploy.robot.validator import LARGEST_MESSAGE, announced
 from rans.errors import ConfigError, brief, positive
-from rans.files import parse_json, read_json
+from rans.evaluation.fly.exported import read_contract
+from rans.files import parse_json
+from rans.registry import are_files_trusted
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -422,12 +424,18 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
         folder: of the exported agent; None: the one that flew.
 
     Raises:
-        ConfigError: the file is no bag of a flight, or the agent is not there.
+        ConfigError: the file is no bag of a flight, its agent is not there, or agent.py is not trusted
+            (`rans.registry.trust_files`).
     """
     stream = entries(bag)
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
+    if not are_files_trusted():
+        raise ConfigError(
+            f"{bag} is replayed by the agent.py beside it, which is code: add --trust if the flight is "
+            "yours; from Python, call rans.trust_files() first."
+        )
     plan = _plan_of(bag, first, folder)
     pilot = Pilot(plan, planned_task(plan))
     outputs = pilot.interface.outputs
@@ -488,11 +496,10 @@ def _plan_of(bag: Path, first: Entry, folder: Path | None) -> Plan:
         return plan
     # The user trusts the agent of this folder, and not what a bag calls a task.
     name = plan.task.get("name")
-    if isinstance(name, str) and ":" in name:
-        own = read_json(folder / "contract.json")
-        if not isinstance(own, dict) or own.get("task") != name:
-            raise ConfigError(
-                f"{bag} names the task {brief(name)}, whose code would run, and the agent in {folder} has another "
-                "one; the bag is of another agent."
-            )
+    is_code = isinstance(name, str) and ":" in name
+    if is_code and read_contract(folder)["task"] != name:
+        raise ConfigError(
+            f"{bag} names the task {brief(name)}, whose code would run, and the agent in {folder} has another "
+            "one; the bag is of another agent."
+        )
     return replace(plan, folder=str(folder))

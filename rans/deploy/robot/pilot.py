@@ -6,7 +6,6 @@ It knows no bus and no clock: the same messages at the same times give the same 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 from collections import deque
 from dataclasses import asdict, dataclass, field, replace
@@ -26,15 +25,17 @@ from rans.effectors.commands import bounds
 from rans.episode import Setup, World
 from rans.errors import ConfigError, is_finite, positive
 from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_contract
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import plain, read_json, write_json, write_text
+from rans.files import plain, read_text, write_json, write_text
 from rans.guard import safety_filter
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
+from rans.structure import LARGEST_TOML
 from rans.tasks.base import Task, observation
 from rans.tasks.shapes import Ball
 
@@ -80,7 +81,7 @@ def export_for_flight(run: Path, folder: Path) -> None:
     config = source.config()
     craft = source.spacecraft()
     saved = read_policy(source.agent_file)
-    text = source.spacecraft_file.read_text("utf-8")
+    text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
     flights = flown(saved.network, setup, count=_RANGE_FLIGHTS)
     few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
@@ -189,7 +190,7 @@ class Pilot:
     def __init__(self, plan: Plan, task: Task) -> None:
         self.plan = plan
         folder = Path(plan.folder)
-        self.contract = read_json(folder / "contract.json")
+        self.contract = read_contract(folder, for_flight=True)
         self.craft = load_spacecraft(folder / "spacecraft.toml")
         self.period = float(self.contract["control_period"])
         self.oldest = float(self.contract["readings"]["oldest"])
@@ -428,18 +429,17 @@ def exported_agent(folder: Path) -> Any:
         raise ConfigError(
             f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy."
         )
-    spec = importlib.util.spec_from_file_location("rans_exported_agent", folder / "agent.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    right, count = module.check()
+    file = folder / "agent.py"
+    module = code_of(file)
+    with failing_as_config_error(file):
+        right, count = module.check()
+        agent = module.Agent()
     if right != count:
         raise ConfigError(
             f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
             "different agents, or damaged."
         )
-    return module.Agent()
+    return agent
 
 
 def _with_trade_off(task: Task, trade_off: float | None) -> Task:

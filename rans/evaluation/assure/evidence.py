@@ -10,9 +10,13 @@ import rans
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import agent_folder
 from rans.fast.learn.run_folder import RunFolder
+from rans.files import read_bytes
 from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text
+
+_LARGEST = 2**31
+"""Largest number of bytes of a file of weights, as for archives."""
 
 
 def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
@@ -29,13 +33,13 @@ def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
     if spec:
         run = RunFolder(agent_folder(spec))
         files = {
-            f"weights ({run.agent_file.name})": sha256([run.agent_file.read_bytes()]),
-            "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
+            f"weights ({run.agent_file.name})": sha256([read_bytes(run.agent_file, _LARGEST)]),
+            "spacecraft (spacecraft.toml)": sha256([read_bytes(run.spacecraft_file, _LARGEST)]),
         }
     else:
         files = {"spacecraft": sha256([to_toml(setup.craft).encode()])}
         if file is not None:
-            files |= {f"policy ({file.name})": sha256([file.read_bytes()])}
+            files |= {f"policy ({file.name})": sha256([read_bytes(file, _LARGEST)])}
     package = Path(rans.__file__).parent
     code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
     return {
@@ -45,7 +49,7 @@ def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
         "code of RANS": sha256(
             part
             for file in code
-            for part in (file.relative_to(package).as_posix().encode(), file.read_bytes())
+            for part in (file.relative_to(package).as_posix().encode(), read_bytes(file, _LARGEST))
         ),
     }
 

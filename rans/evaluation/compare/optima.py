@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,9 +12,10 @@ import numpy as np
 from rich.table import Table
 
 from rans import terminal
-from rans.errors import ConfigError
+from rans.archives import read_arrays
+from rans.errors import ConfigError, legible
 from rans.evaluation.measure.aggregate import save_arrays
-from rans.files import environment, first_line, write_json, write_text
+from rans.files import environment, inside, read_json, write_json, write_text
 from rans.flight import Flight
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
@@ -49,6 +48,8 @@ _SENTENCES = {
 """Sentences for results of the optimiser. It searches locally: only a certificate proves that nothing arrives."""
 
 _AS_PLANNED = Timing(episode_steps=1)
+_ROUNDING = 1e-6
+"""How far a command of the optimiser may be beyond its bounds, which it keeps to 1e-8."""
 
 
 @dataclass(frozen=True)
@@ -281,44 +282,78 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
         ConfigError: the folder has no such files, or one of them is damaged; or it names the module of a task,
             which only files of authors that a user trusts may.
     """
+    file = inside(folder, "optimal.json")
+    about = read_json(file)
+    if not isinstance(about, dict) or not {"task", "objective"} <= about.keys():
+        raise ConfigError(f"{file} is damaged: it has no task and objective.")
+    commands, periods, starts, goals = read_arrays(
+        inside(folder, "optimal.npz"), "commands", "control_period", "starts", "goals"
+    )
     try:
-        about = json.loads((folder / "optimal.json").read_text())
-        with np.load(folder / "optimal.npz", allow_pickle=False) as file:
-            arrays = {
-                name: file[name] for name in ("commands", "control_period", "starts", "goals")
-            }
-        name = about["task"]
-        objective = str(about["objective"])
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise ConfigError(
-            f"{folder} is no folder of rans optimal with trajectories that can be flown: {first_line(error)}."
-        ) from error
-    task = TASKS[name]().for_evaluation()
-    craft = load_spacecraft(folder / "spacecraft.toml")
+        task = TASKS[about["task"]]().for_evaluation()
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    craft = load_spacecraft(inside(folder, "spacecraft.toml"))
     like = example(task, craft.dimension, seed=0, episode=0)
+    _check_trajectories(folder, craft, like, commands, periods, starts, goals)
     results = []
-    for k, commands in enumerate(arrays["commands"]):
-        if not np.isfinite(commands).all():
+    for k in range(len(commands)):
+        if not np.isfinite(commands[k]).all():
             continue
         one = Scenario(
-            unflatten(like.start, [float(x) for x in arrays["starts"][k]]),
-            unflatten(like.goal, [float(x) for x in arrays["goals"][k]]),
+            unflatten(like.start, [float(x) for x in starts[k]]),
+            unflatten(like.goal, [float(x) for x in goals[k]]),
         )
-        period = float(arrays["control_period"][k])
-        label = f"{objective}, start {k}"
         path = Trajectory(
-            objective=label,
+            objective=f"{legible(str(about['objective']))}, start {k}",
             status="",
             solved=True,
             cost=math.nan,
             states=None,
-            commands=commands,
-            control_period=period,
+            commands=commands[k],
+            control_period=float(periods[k]),
             iterations=0,
             seconds=0.0,
         )
         results.append((k, episode(craft, task, _AS_PLANNED, one, path)))
     return results
+
+
+def _check_trajectories(
+    folder: Path,
+    craft: Spacecraft,
+    like: Scenario,
+    commands: np.ndarray,
+    periods: np.ndarray,
+    starts: np.ndarray,
+    goals: np.ndarray,
+) -> None:
+    """Reject (`ConfigError`) arrays of another task or craft, and numbers that no plan of `optima` has.
+
+    Commands of starts without a trajectory are NaN.
+    """
+    file = folder / "optimal.npz"
+    count = len(commands) if commands.ndim == 3 else -1
+    shapes = {
+        "commands": (commands, (count, *commands.shape[1:2], len(craft.thrusters))),
+        "control_period": (periods, (count,)),
+        "starts": (starts, (count, len(leaves(like.start)))),
+        "goals": (goals, (count, len(leaves(like.goal)))),
+    }
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            raise ConfigError(
+                f"{file} is of another task or spacecraft than its folder names, or damaged: its array {name} has "
+                f"the shape {array.shape}."
+            )
+    planned = np.isfinite(commands).all((1, 2))
+    low, high = -_ROUNDING, 1.0 + _ROUNDING
+    if not ((commands[planned] >= low) & (commands[planned] <= high)).all():
+        raise ConfigError(f"{file} is damaged: a command is not from 0 to 1.")
+    if not np.isfinite([*starts[planned].flat, *goals[planned].flat]).all():
+        raise ConfigError(f"{file} is damaged: a start or a goal is not finite.")
+    for period in periods[planned]:
+        Timing(control_period=float(period), episode_steps=max(1, commands.shape[1]))
 
 
 def _names(states: Any) -> list[str]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansError, brief, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import UserPolicy, answered, user_policy
-from rans.files import first_line, inside, read_json
+from rans.files import first_line, inside, read_json, read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.registry import are_files_trusted
@@ -27,6 +29,65 @@ def is_exported(folder: Path) -> bool:
     return (folder / CONTRACT).is_file() and not (folder / "config.json").exists()
 
 
+def read_contract(folder: Path, for_flight: bool = False) -> dict[str, Any]:
+    """Contract of an exported agent; what RANS reads of it is there, and of the right kind.
+
+    Args:
+        folder: folder of the export.
+        for_flight: whether a flight on a robot needs it, which reads more of it.
+
+    Raises:
+        ConfigError: the file is missing or damaged.
+    """
+    file = inside(folder, CONTRACT)
+    table = read_json(file)
+    if not isinstance(table, dict):
+        raise ConfigError(f"{file} is damaged: it must be a table, got {brief(table)}.")
+    kinds = {"task": str, "settings": dict}
+    if for_flight:
+        kinds |= {"agent": str, "readings": dict}
+    for key, kind in kinds.items():
+        if not isinstance(table.get(key), kind):
+            raise ConfigError(
+                f"{file} is damaged: {key} must be a {'name' if kind is str else 'table'}, got "
+                f"{brief(table.get(key))}."
+            )
+    positive(f"control_period in {file}", table.get("control_period"))
+    if for_flight:
+        positive(f"readings.oldest in {file}", table["readings"].get("oldest"))
+    return table
+
+
+def code_of(file: Path) -> ModuleType:
+    """Module of an exported agent.py, from the text of this file.
+
+    Python's own import would run a ``__pycache__`` beside it in its place, which a user who has read agent.py and
+    trusts it has not seen.
+
+    Raises:
+        ConfigError: the file cannot be read, or its code fails.
+    """
+    text = read_text(file)
+    module = ModuleType(file.stem)
+    module.__file__ = str(file)
+    with failing_as_config_error(file):
+        exec(compile(text, str(file), "exec", dont_inherit=True), module.__dict__)
+    return module
+
+
+@contextmanager
+def failing_as_config_error(file: Path) -> Iterator[None]:
+    """Context that converts whatever the code of an exported agent.py raises to a `ConfigError`."""
+    try:
+        yield
+    except RansError:
+        raise
+    except (Exception, SystemExit) as error:  # somebody else's code raises anything
+        raise ConfigError(
+            f"{file} cannot be loaded: {type(error).__name__}: {first_line(error)}."
+        ) from error
+
+
 def load_exported(folder: Path) -> LoadedRun:
     """Load the agent of a folder that `rans export` wrote as ONNX or NumPy, with the task of its contract.
 
@@ -35,19 +96,11 @@ def load_exported(folder: Path) -> LoadedRun:
     Raises:
         ConfigError: a file is missing or damaged, or the agent is Python code without ``--trust``.
     """
-    file = inside(folder, CONTRACT)
-    contract = read_json(file)
-    try:
-        name = contract["task"]
-        period = float(contract["control_period"])
-        settings = contract["settings"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{file} is damaged: it lacks {error}.") from error
-    if not isinstance(name, str):
-        raise ConfigError(f"{file} is damaged: its task must be a name, got {brief(name)}.")
-    task = structure(settings, TASKS[name], f"{file}: settings")
+    contract = read_contract(folder)
+    where = f"{folder / CONTRACT}: settings"
+    task = structure(contract["settings"], TASKS[contract["task"]], where)
     craft = load_spacecraft(inside(folder, "spacecraft.toml"))
-    timing = replace(task.timing, control_period=period)
+    timing = replace(task.timing, control_period=float(contract["control_period"]))
     return LoadedRun(_controller(folder, craft, task), craft, task, timing)
 
 
@@ -79,17 +132,9 @@ class ExportedPython:
         self.name = folder.resolve().name
         self._folder = folder
         self._craft = craft
-        spec = importlib.util.spec_from_file_location(f"exported_{self.name}", file)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        try:
-            spec.loader.exec_module(module)
+        module = code_of(file)
+        with failing_as_config_error(file):
             self._agent = module.Agent()
-        except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(
-                f"{file} cannot be loaded: {type(error).__name__}: {first_line(error)}."
-            ) from error
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads the file anew."""

@@ -11,10 +11,11 @@ from typing import Any
 
 from rans.episode import Setup
 from rans.errors import ConfigError, is_finite
-from rans.files import distinct, read_json, write_json
+from rans.files import distinct, inside, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
 from rans.randomization.conditions_file import conditions_text
+from rans.structure import structure
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
@@ -63,11 +64,7 @@ class Tuned:
             ConfigError: it is damaged.
         """
         try:
-            return cls(**read_json(file))
-        except TypeError as error:
-            raise ConfigError(
-                f"{file} is damaged: {error}; write it again with rans tune."
-            ) from error
+            return structure(read_json(inside(file.parent, file.name)), cls, str(file))
         except ConfigError as error:
             raise ConfigError(
                 f"{error} Delete it: then the settings in the package are used."

@@ -18,12 +18,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.archives import content, opened
 from rans.errors import ConfigError, RansError, brief
-from rans.fast.agent_files.archives import content, opened
 from rans.fast.agent_files.pickle_scan import foul, refuse
 from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import PPOSettings
-from rans.files import first_line, plain, read_bytes, regular
+from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
@@ -142,7 +142,6 @@ def is_agent(file: Path) -> bool:
 @contextmanager
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """Context with a checked archive; any damage is a `ConfigError`."""
-    regular(file)
     with _damage_as_config_error(file), opened(file, file) as archive:
         if spoilt := archive.testzip():
             raise ValueError(f"the checksum of {spoilt} is wrong")

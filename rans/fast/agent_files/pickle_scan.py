@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import pickletools
 import sys
 import zipfile
@@ -12,8 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
+from rans.archives import content, opened
 from rans.errors import ConfigError
-from rans.fast.agent_files.archives import content, opened
+from rans.files import parse_json
 
 _HARMLESS = {
     "__future__",
@@ -116,9 +116,9 @@ def _pickles(archive: zipfile.ZipFile, where: object, within: bool = False) -> I
 def _serialised(data: bytes) -> Iterator[bytes]:
     """Yield the values that SB3 pickled because JSON cannot represent them."""
     try:
-        table = json.loads(data)
+        table = parse_json(data, "data")
         for value in table.values():
             if isinstance(value, dict) and ":serialized:" in value:
                 yield base64.b64decode(value[":serialized:"])
-    except (ValueError, TypeError, AttributeError, RecursionError):
+    except (ConfigError, ValueError, TypeError, AttributeError):
         return

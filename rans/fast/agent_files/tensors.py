@@ -12,7 +12,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from rans.errors import ConfigError
-from rans.files import first_line
+from rans.files import first_line, parse_json
 
 _TABLE = "rans"
 """Key of the metadata: table of everything but the tensors, as JSON."""
@@ -53,11 +53,11 @@ def unpack(content: bytes, where: object, device: str | torch.device = "cpu") ->
         )
     try:
         tensors = load(content)
-        metadata = json.loads(content[8 : 8 + length])["__metadata__"]
+        metadata = parse_json(content[8 : 8 + length], where)["__metadata__"]
         if metadata[_CHECKSUM] != _checksum(metadata[_TABLE], tensors):
             raise ValueError("its checksum is wrong")
         return _joined(
-            json.loads(metadata[_TABLE]), {name: x.to(device) for name, x in tensors.items()}
+            parse_json(metadata[_TABLE], where), {name: x.to(device) for name, x in tensors.items()}
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ConfigError(

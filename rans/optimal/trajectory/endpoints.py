@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError, meant
+from rans.files import read_text
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
+from rans.structure import LARGEST_TOML, read_toml
 
 NAMES = {
     6: ["p.x", "p.y", "heading", "v.x", "v.y", "w"],
@@ -61,8 +62,8 @@ def endpoint(given: Sequence[str], like: State) -> State:
 def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
     if len(given) == 1 and "=" not in given[0]:
         try:
-            table = tomllib.loads(Path(given[0]).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+            table = read_toml(read_text(Path(given[0]), LARGEST_TOML))
+        except ConfigError as error:
             raise ConfigError(
                 f"a state is KEY=VALUE ..., or a TOML file with these keys; {given[0]}: {error}."
             ) from error

@@ -116,7 +116,7 @@ def _read(file: Path, build: Callable[[Any], Any]) -> Any:
     content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
     try:
         return build(content) if content else None
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f"{file} is not what RANS writes there: {error!r}.") from error
 
 

@@ -23,6 +23,7 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.registry import typed
 from rans.tasks import GoToPose, Task
 from tests.support.strangers import trapped_weights
 
@@ -111,7 +112,7 @@ def test_only_controllers_are_controllers() -> None:
     ],
 )
 def test_answers_are_checked(name: str, said: str) -> None:
-    made = controller(f"{HERE}:{name}", SETUP)
+    made = controller(typed(f"{HERE}:{name}"), SETUP)
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
         fly_episodes(made, SETUP, 1, 2)
 
@@ -126,7 +127,7 @@ def test_answers_are_checked(name: str, said: str) -> None:
 )
 def test_what_is_no_controller(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
-        controller(f"{HERE}:{name}", SETUP)
+        controller(typed(f"{HERE}:{name}"), SETUP)
 
 
 def test_registered_in_python() -> None:

@@ -20,10 +20,10 @@ import stable_baselines3
 import torch
 from stable_baselines3.common.save_util import load_from_zip_file
 
+from rans import archives
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.fast.agent_files import agent as agent_file
-from rans.fast.agent_files import archives
 from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
 from rans.fast.agent_files.tensors import pack, unpack

@@ -1,15 +1,20 @@
-"""Untrusted zip archives, whose unpacked size is checked before they are read."""
+"""Untrusted zip archives and arrays in them, whose unpacked size is checked before they are read."""
 
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+from numpy.lib import format as npy
+
 from rans.errors import ConfigError, brief
+from rans.files import first_line, open_regular
 
 _LARGEST = 2**28
 """Largest unpacked size of an archive that is smaller itself, bytes."""
@@ -36,9 +41,11 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
         ConfigError: it would unpack to too much, or uses another method than deflation.
         zipfile.BadZipFile: it is not an archive, or damaged.
     """
-    with zipfile.ZipFile(file) as archive:
-        assert archive.fp is not None
-        most = _bound(archive.fp)
+    with (
+        open_regular(file) if isinstance(file, Path) else nullcontext(file) as stream,
+        zipfile.ZipFile(stream) as archive,
+    ):
+        most = _bound(stream)
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
                 raise ConfigError(
@@ -79,3 +86,43 @@ def _refuse_beyond(most: int, size: int, where: object, what: str) -> None:
             f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {most:,} "
             "are read; no agent needs this much, so it is damaged or malicious."
         )
+
+
+def read_arrays(file: Path, *names: str) -> list[np.ndarray]:
+    """Arrays of numbers, which may be NaN or infinite, from a file of `numpy.savez`.
+
+    Args:
+        file: the file, whose name ends in ``.npz``.
+        names: names of the arrays; others are not read.
+
+    Raises:
+        ConfigError: the file cannot be read, is damaged, would unpack to too much, or has no such array of numbers.
+    """
+    try:
+        with opened(file, file) as archive:
+            return [_array(content(archive, f"{name}.npy"), name) for name in names]
+    except ConfigError:
+        raise
+    except KeyError as error:
+        raise ConfigError(f"{file} is damaged: it has no array {error}.") from error
+    except Exception as error:  # a damaged archive may raise anything
+        raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
+
+
+def _array(data: bytes, name: str) -> np.ndarray:
+    """Array of numbers from the bytes of a ``.npy`` file; ValueError if they are none.
+
+    `numpy.load` allocates what a header asks for; here it is compared with what follows.
+    """
+    stream = io.BytesIO(data)
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    version = npy.read_magic(stream)
+    if version not in readers:
+        raise ValueError(f"its array {name!r} is of version {version} of NumPy's format")
+    shape, is_fortran, dtype = readers[version](stream)
+    if dtype.kind not in "biuf":
+        raise ValueError(f"its array {name!r} is of {dtype}, and not of numbers")
+    if dtype.itemsize * math.prod(shape) != len(data) - stream.tell():
+        raise ValueError(f"its array {name!r} has another size than its header says")
+    flat = np.frombuffer(data, dtype, offset=stream.tell())
+    return flat.reshape(shape, order="F" if is_fortran else "C")

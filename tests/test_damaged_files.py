@@ -1,0 +1,266 @@
+"""Files with random damage, of every kind that is read: each is read as it is, or refused in a sentence."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans
+from rans.deploy.robot.bag import BagWriter, Entry, entries
+from rans.deploy.robot.messages import TEXT, make, pack
+from rans.deploy.robot.node import FLIGHT_TOPIC, replay
+from rans.deploy.robot.pilot import Pilot, Plan, export_for_flight
+from rans.episode import Setup
+from rans.errors import RansError
+from rans.evaluation.compare.optima import flights
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.evaluation.fly.exported import load_exported
+from rans.evaluation.fly.tuned import Tuned, arguments
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.sweep import read_configs
+from rans.files import write_json
+from rans.model.fields import leaves
+from rans.pretrained import pretrained_folder
+from rans.scenario import scenario
+from rans.show.pages.report import report_from_run
+from rans.tasks import GoToPose
+from tests.support.robots import AWAY
+from tests.support.training import CONFIG, after, ignore, tiny_trainer
+
+ODD = [None, True, -1, 0, 2**70, 1e308, -1e-320, "", "x", "nan", "inf", [], [1], {}, {"a": 1}, [[]]]
+"""What takes the place of a value of JSON."""
+
+
+def odd_json(value: Any, chance: random.Random) -> Any:
+    """Copy of a nested value with one entry, anywhere in it, replaced, missing or renamed."""
+    if not isinstance(value, dict | list) or not value or chance.random() < 0.15:
+        return chance.choice(ODD)
+    if isinstance(value, list):
+        at = chance.randrange(len(value))
+        return [*value[:at], odd_json(value[at], chance), *value[at + 1 :]]
+    key = chance.choice(sorted(value))
+    if chance.random() < 0.15:
+        return {k: x for k, x in value.items() if k != key}
+    return value | {key: odd_json(value[key], chance)}
+
+
+def damaged(content: bytes, chance: random.Random) -> bytes:
+    """Bytes with a few of them changed, missing, repeated or of others' kinds."""
+    result = bytearray(content)
+    for _ in range(chance.choice([1, 1, 2, 8])):
+        at = chance.randrange(len(result)) if result else 0
+        length = chance.choice([1, 1, 2, 4, 8, 100])
+        what = chance.randrange(5)
+        if what == 0:
+            result[at : at + length] = chance.randbytes(length)
+        elif what == 1:
+            del result[at : at + length]
+        elif what == 2:
+            result[at:at] = result[at : at + length]
+        elif what == 3:
+            result[at : at + length] = chance.choice([b"\xff", b"\0", b"9"]) * length
+        else:
+            del result[at:]
+    return bytes(result)
+
+
+def mutations(file: Path, count: int, seed: int) -> Iterator[int]:
+    """Damage a file in so many ways, one after the other; yield the number of each."""
+    whole = file.read_bytes()
+    for number in range(count):
+        chance = random.Random(f"{file.name} {seed} {number}")
+        if file.suffix == ".json" and number % 2:
+            file.write_text(json.dumps(odd_json(json.loads(whole), chance)))
+        else:
+            file.write_bytes(damaged(whole, chance))
+        yield number
+    file.write_bytes(whole)
+
+
+def check(files: list[Path], ask: Callable[[], object], count: int) -> None:
+    """Damage each of the files `count` times, and ask; only a RansError may come out."""
+    ask()  # while nothing is damaged
+    refused = 0
+    for file in files:
+        for number in mutations(file, count, 7):
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    ask()
+            except RansError as error:
+                refused += bool(str(error))
+            except Exception as error:
+                raise AssertionError(f"{file.name}, mutation {number}") from error
+    assert refused > 0
+
+
+COUNTS = pytest.mark.parametrize("count", [8, pytest.param(300, marks=pytest.mark.slow)])
+
+
+@pytest.fixture(scope="module")
+def export(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("export") / "mine"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans.deploy.robot.pilot._RANGE_FLIGHTS", 64)
+        export_for_flight(pretrained_folder("go-to-pose-2d"), folder)
+    return folder
+
+
+@pytest.fixture
+def mine(export: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("RANS_TRUST", "1")
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(export, tmp_path / "mine"))
+
+
+def plan(folder: Path) -> Plan:
+    return Plan(str(folder), {"name": "go-to-pose", "settings": {}})
+
+
+@COUNTS
+def test_bags(mine: Path, count: int) -> None:
+    pytest.importorskip("mcap")
+    bag = Path("flight.mcap")
+    pilot = Pilot(plan(mine), GoToPose())
+    writer = BagWriter(bag)
+    about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
+    writer.write(Entry(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
+    for k in range(1, 6):
+        now = k * 200_000_000
+        for message in pilot.interface.state(AWAY, now):
+            pilot.receive(message.topic, message.data, now)
+            writer.write(Entry(now, *message))
+        for message in pilot.messages(pilot.decide(now + 1), now + 1):
+            writer.write(Entry(now + 1, *message))
+    writer.close()
+    assert replay(bag).decisions == 5
+    check([bag], lambda: [*entries(bag)], 12 * count)
+    check([bag], lambda: replay(bag), count // 2)
+
+
+@COUNTS
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_exports(mine: Path, count: int) -> None:
+    # NumPy leaves a damaged agent.npz open, which Python warns of.
+    names = "contract.json", "golden.json", "spacecraft.toml", "agent.npz"
+    check([mine / name for name in names], lambda: load_exported(mine), count)
+    check([mine / name for name in names], lambda: Pilot(plan(mine), GoToPose()), count // 2)
+
+
+@COUNTS
+def test_run_folders(tmp_path: Path, count: int) -> None:
+    run = tmp_path / "run"
+    tiny_trainer(run).train(ignore, after(2))
+    files = [run / name for name in ("config.json", "spacecraft.toml", "policy.zip")]
+    check(files, lambda: rans.load_agent(run), count // 2)
+    files = [run / "checkpoint.safetensors", run / "metrics.jsonl"]
+    check(files, lambda: (RunFolder(run).load_checkpoint("cpu"), RunFolder(run).metrics()), count)
+
+
+@COUNTS
+def test_optimal_folders(tmp_path: Path, count: int) -> None:
+    like = scenario(GoToPose(), 2, seed=0, episode=0)
+    write_json(tmp_path / "optimal.json", {"task": "go-to-pose", "objective": "energy"})
+    shutil.copy(
+        pretrained_folder("go-to-pose-2d") / "spacecraft.toml", tmp_path / "spacecraft.toml"
+    )
+    np.savez(
+        tmp_path / "optimal.npz",
+        commands=np.full((1, 2, 8), 0.5),
+        control_period=np.full(1, 0.2),
+        starts=[leaves(like.start)],
+        goals=[leaves(like.goal)],
+    )
+    check([*tmp_path.iterdir()], lambda: flights(tmp_path), 2 * count)
+
+
+MEMBER = {"member": 0, "seed": 0, "lr": 1e-3, "solved": True, "steps": 1, "success": 1.0}
+ROW = {
+    "contestant": "lqr",
+    "settled": 1,
+    "starts": 2,
+    "flown": 1,
+    "median_settling_time": 3.0,
+    "mean_impulse": "inf",
+}
+HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
+LEVEL = {"size": None, "contestants": {"lqr": {"held": HELD}}}
+CHECK = {"name": "n", "value": 1.0, "tolerance": 2.0, "unit": "m", "passed": True, "reason": "r"}
+RESULTS: dict[str, Any] = {
+    "sweep.json": {"members": [MEMBER], "best": 0},
+    "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [ROW]},
+    "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": LEVEL}},
+    "validation.json": {"title": "t", "checks": [CHECK], "skipped": [{"name": "n", "reason": "r"}]},
+}
+
+
+@COUNTS
+@pytest.mark.parametrize("name", RESULTS)
+def test_results(name: str, count: int, tmp_path: Path) -> None:
+    write_json(tmp_path / name, RESULTS[name])
+    write_json(tmp_path / "config.json", {"seed": 0, "about": {"command": "c"}})
+    check([tmp_path / name], lambda: report_from_run(tmp_path), 2 * count)
+
+
+@pytest.mark.parametrize("content", [{"members": [], "best": 0}, {"members": [[]], "best": 0}])
+def test_a_sweep_without_members(content: Any, tmp_path: Path) -> None:
+    write_json(tmp_path / "sweep.json", content)
+    with pytest.raises(rans.ConfigError, match=r"sweep\.json is not what RANS writes there"):
+        rans.report(tmp_path)
+
+
+@COUNTS
+def test_configs_of_sweeps(count: int, tmp_path: Path) -> None:
+    from rans.fast.learn.config import to_table
+
+    write_json(
+        tmp_path / "configs.json", {"command": "c", "parts": 1, "configs": [to_table(CONFIG)]}
+    )
+    check([tmp_path / "configs.json"], lambda: read_configs(tmp_path), 2 * count)
+
+
+@COUNTS
+def test_tuned_settings(count: int, tmp_path: Path) -> None:
+    folder = Path(rans.__file__).with_name("data") / "controllers"
+    file = tmp_path / "lqr.json"
+    shutil.copy(min(folder.glob("lqr*.json")), file)
+    setup = Setup(rans.load_spacecraft("floating-platform"), GoToPose(), rans.Timing())
+
+    def read() -> None:
+        tuned = Tuned.read(file)
+        tuned.fits("lqr", setup)
+        tuned.outlasts(tuned)
+        tuned.budget()
+        arguments(CONTROLLERS["lqr"], tuned.settings)
+
+    check([file], read, 3 * count)
+
+
+@COUNTS
+def test_texts(count: int, tmp_path: Path) -> None:
+    data = Path(rans.__file__).with_name("data")
+    craft = tmp_path / "craft.toml"
+    shutil.copy(data / "spacecraft" / "floating-platform.toml", craft)
+    check([craft], lambda: rans.load_spacecraft(craft), count)
+    world = tmp_path / "world.toml"
+    shutil.copy(data / "conditions" / "lab.toml", world)
+    check([world], lambda: rans.load_conditions(world), count)
+
+
+def test_a_byte_order_mark_is_read_over_and_another_encoding_named(tmp_path: Path) -> None:
+    """As editors of Windows write files."""
+    text = 'base = "lab"\n'
+    file = tmp_path / "world.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert rans.load_conditions(file) == rans.load_conditions("lab")
+    file.write_bytes(text.encode("utf-16"))
+    with pytest.raises(rans.ConfigError, match="a text in UTF-16, and only UTF-8 is read"):
+        rans.load_conditions(file)

@@ -1,0 +1,156 @@
+"""Files are opened by few modules of the package, which bound what they read and refuse links, pipes and depth."""
+
+from __future__ import annotations
+
+import ast
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.support.processes import ROOT
+
+READERS = {
+    "rans.files": "reads bytes, texts and JSON",
+    "rans.archives": "reads archives and arrays, from streams of rans.files",
+}
+"""Modules that open files of strangers, and what they do with them."""
+
+CALLS = {
+    "open": "a file",
+    "read_text": "a file",
+    "read_bytes": "a file",
+    "json.load": "JSON",
+    "json.loads": "JSON",
+    "tomllib.load": "TOML",
+    "tomllib.loads": "TOML",
+    "np.load": "arrays",
+    "np.loadtxt": "arrays",
+    "np.genfromtxt": "arrays",
+    "np.fromfile": "arrays",
+    "np.memmap": "arrays",
+    "ZipFile": "an archive",
+    "torch.load": "a pickle",
+    "pickle.load": "a pickle",
+    "pickle.loads": "a pickle",
+    "cloudpickle.load": "a pickle",
+    "cloudpickle.loads": "a pickle",
+    "load_file": "safetensors",
+    "safe_open": "safetensors",
+    "InferenceSession": "ONNX",
+    "load_from_zip_file": "an archive of pickles",
+    "spec_from_file_location": "code",
+    "exec": "code",
+    "ET.parse": "XML",
+    "ET.fromstring": "XML",
+    "ET.iterparse": "XML",
+}
+"""Ends of the names of functions that read what may be a stranger's."""
+
+ALLOWED = {
+    ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
+    (
+        "rans.processes",
+        "read_bytes",
+    ): "this process's own pickle, in a folder that only its user can read",
+    ("rans.processes", "cloudpickle.loads"): "the same",
+    (
+        "rans.evaluation.fly.controllers",
+        "cloudpickle.loads",
+    ): "another process of this session sent it",
+    (
+        "rans.evaluation.fly.controllers",
+        "InferenceSession",
+    ): "ONNX Runtime opens networks by itself",
+    ("rans.evaluation.fly.controllers", "load_from_zip_file"): "a pickle, with --trust only",
+    (
+        "rans.evaluation.fly.controllers",
+        "pickle.loads",
+    ): "statistics of a policy, with --trust only",
+    ("rans.evaluation.fly.exported", "exec"): "agent.py, with --trust only, from its text",
+    ("rans.compile.cuda.kernel_cache", "read_bytes"): "the user's own cache, with a digest",
+    ("rans.cli", "open"): "the null device",
+    ("rans.registry", "read_text"): "files of installed packages, beside their code",
+    ("rans.deploy.c_file", "json.loads"): "the contract that this process has just made",
+    ("rans.show.figures.svg", "ET.fromstring"): "pictures, after a check for entities",
+    ("rans.cli.train", "json.loads"): "the user types it",
+    ("rans.cli.sweep", "json.loads"): "the user types it",
+}
+"""Other calls, and why each may be."""
+
+OWN = ("resources.files", "files(")
+"""Whose texts are files of the package."""
+
+
+def modules() -> list[tuple[str, Path]]:
+    found = []
+    for file in sorted((ROOT / "rans").rglob("*.py")):
+        parts = file.relative_to(ROOT).with_suffix("").parts
+        found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
+    return found
+
+
+def opens(text: str) -> list[str]:
+    """Names in `CALLS` of all calls of a module that read what may be a stranger's."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, ast.Call):
+            continue
+        name = ast.unparse(node.func)
+        arguments = [ast.unparse(one) for one in node.args]
+        is_written = any(
+            mode in arguments for mode in ("'w'", "'wb'", "'w+b'", "'xb'", "'a'", "'x'")
+        )
+        is_other = name in ("webbrowser.open", "zenoh.open", "Image.open", "inbox.open")
+        is_ours = name in ("read_text", "read_bytes") or name.startswith("files.read_")
+        is_own = any(own in name for own in OWN)
+        is_round_trip = arguments[:1] and arguments[0].startswith("json.dumps(")
+        if is_written or is_other or is_ours or is_own or is_round_trip:
+            continue
+        found += [call for call in CALLS if name == call or name.endswith(f".{call}")]
+    return found
+
+
+def test_files_are_opened_by_the_readers_alone() -> None:
+    used = set()
+    for name, file in modules():
+        if name in READERS:
+            continue
+        used |= {(name, call) for call in opens(file.read_text("utf-8"))}
+    assert used - ALLOWED.keys() == set(), "use rans.files or rans.archives"
+    assert ALLOWED.keys() - used == set(), "an exception that no module needs"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x = Path(name).read_text()",
+        "with open(file) as stream:\n    pass",
+        "with file.open('rb') as stream:\n    pass",
+        "json.loads(message.data)",
+        "numpy.lib.np.load(file)",
+        "import tomllib\ntomllib.load(stream)",
+        "safetensors.torch.load_file(name)",
+    ],
+)
+def test_what_would_be_seen(text: str) -> None:
+    assert opens(text)
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    from rans.archives import read_arrays
+    from rans.deploy.robot.bag import entries
+    from rans.errors import ConfigError
+    from rans.files import read_bytes, read_json, read_json_lines, read_text
+
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for read in (read_json, read_text, read_json_lines, lambda x: read_bytes(x, 1), read_arrays):
+        for place in (pipe, tmp_path, Path("/dev/zero")):
+            with pytest.raises(
+                ConfigError, match="it is not a file, but a folder, a pipe or a device"
+            ):
+                read(place)
+    pytest.importorskip("mcap")
+    with pytest.raises(ConfigError, match="it is not a file"):
+        list(entries(pipe))
