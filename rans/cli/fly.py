@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,7 +74,11 @@ class Fly:
         from rans.fast.learn.run_folder import RunFolder
         from rans.terminal import Terminal
 
-        say = Terminal().say
+        def say(text: str) -> None:
+            # A terminal that is gone ends no flight, and no bag's index; of a closed pipe Rich makes a SystemExit.
+            with contextlib.suppress(OSError, SystemExit):
+                Terminal().say(text)
+
         name = Path(self.agent.partition("#")[0]).name.partition(":")[2] or Path(self.agent).name
         name = name.partition("#")[0]
         output = self.output or Path("runs/flights") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"

@@ -29,7 +29,7 @@ from rans.deploy.robot.bus import Receive, UDPBus
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, text_message, unpack
 from rans.deploy.robot.node import Report, fly_over, replay
-from rans.deploy.robot.pilot import AGENT_TOPIC, GOAL_TOPIC, Plan
+from rans.deploy.robot.pilot import AGENT_TOPIC, Plan
 from rans.errors import ConfigError
 from tests.support.robots import AWAY
 
@@ -240,13 +240,19 @@ def test_a_bag_has_a_largest_size(
 # Terminals, agents and buses
 
 
-def test_a_lost_terminal_does_not_end_a_flight(quick: Path) -> None:
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.EIO, "Input/output error"), BrokenPipeError(), ValueError(), SystemExit(1)],
+)
+def test_a_lost_terminal_does_not_end_a_flight(error: BaseException, quick: Path) -> None:
+    """Rich ends a process whose output is a closed pipe."""
+
     def say(text: str) -> None:
-        raise OSError(errno.EIO, "Input/output error")
+        raise error
 
     bus = Robot()
-    bus.send(GOAL_TOPIC, b"nonsense")
     report = fly_over(bus, plan(quick), None, 0.04, say)
+    assert report.notes  # it waited for a state
     assert report.fault == ""
     assert not bus.commands[-1].any()
 
@@ -339,49 +345,85 @@ def test_nohup_goes_on_after_a_hangup() -> None:
     assert _signals("handled", begin=begin)[signal.SIGHUP] == "0"
 
 
+class Node:
+    """A process that flies over UDP, with a robot that sends states, and the commands that it takes."""
+
+    def __init__(self, agent: Path, folder: Path, domain: int, *options: str) -> None:
+        self.robot = UDPBus(domain)
+        self.ends = interface("ros", 8, 8)
+        self.opened: list[bool] = []
+        self.silent = threading.Event()
+        self.robot.subscribe(
+            "commands", FLOATS, lambda x: self.opened.append(any(unpack(FLOATS, x).data))
+        )
+        self.sender = threading.Thread(target=self._send)
+        self.sender.start()
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
+                *("--domain", str(domain), "--output", str(folder / "flight"), *options),
+            ],
+            cwd=Path(__file__).parents[2],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def _send(self) -> None:
+        while not self.silent.wait(0.02):
+            for message in self.ends.state(AWAY, time.time_ns()):
+                self.robot.publish(*message)
+
+    def until_open(self) -> None:
+        deadline = time.monotonic() + 60.0
+        while not any(self.opened[-3:]):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+        self.silent.set()
+        self.sender.join()
+        self.robot.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGQUIT", "SIGUSR1", "SIGXCPU", "SIGTSTP", "SIGTERM"])
 def test_a_signal_shuts_the_valves_of_a_node(name: str, agent: Path, tmp_path: Path) -> None:
-    """A process over UDP, with valves open when the signal comes."""
-    domain = 150 + list(signal.Signals).index(signal.Signals[name])
-    robot = UDPBus(domain)
-    ends = interface("ros", 8, 8)
-    commands: list[bool] = []
-    stop = threading.Event()
-    robot.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
-
-    def publish() -> None:
-        while not stop.wait(0.02):
-            for message in ends.state(AWAY, time.time_ns()):
-                robot.publish(*message)
-
-    sender = threading.Thread(target=publish)
-    sender.start()
-    node = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
-            *("--domain", str(domain), "--output", str(tmp_path / "flight")),
-        ],
-        cwd=Path(__file__).parents[2],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    """With valves open when it comes."""
+    node = Node(agent, tmp_path, 150 + signal.Signals[name])
     try:
-        deadline = time.monotonic() + 60.0
-        while not any(commands[-3:]):
+        node.until_open()
+        node.process.send_signal(signal.Signals[name])
+        text, _ = node.process.communicate(timeout=30)
+        assert node.process.returncode == 0, text
+        assert not any(node.opened[-3:])
+    finally:
+        node.close()
+
+
+@pytest.mark.slow
+def test_what_came_while_a_node_was_stopped_is_not_flown(agent: Path, tmp_path: Path) -> None:
+    """Two seconds of states wait in its socket, and none comes afterwards."""
+    node = Node(agent, tmp_path, 149, "--lost-after", "30")
+    try:
+        node.until_open()
+        node.process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        node.silent.set()
+        node.sender.join()
+        time.sleep(1.0)
+        before = len(node.opened)
+        node.process.send_signal(signal.SIGCONT)
+        deadline = time.monotonic() + 30.0
+        while len(node.opened) < before + 5:
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        node.send_signal(signal.Signals[name])
-        text, _ = node.communicate(timeout=30)
-        assert node.returncode == 0, text
-        assert not any(commands[-3:])
+        # A command that was decided before the stop may go out after it.
+        assert not any(node.opened[before + 1 :])
     finally:
-        node.kill()
-        node.communicate()
-        stop.set()
-        sender.join()
-        robot.close()
+        node.close()
 
 
 # Other nodes, and strangers

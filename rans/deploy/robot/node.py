@@ -149,7 +149,8 @@ def fly_over(
     def tell(note: str) -> None:
         if note and (not report.notes or report.notes[-1] != note):
             report.notes.append(note)
-            with contextlib.suppress(Exception):  # the terminal may be gone
+            # The terminal may be gone; of a closed pipe Rich makes a SystemExit.
+            with contextlib.suppress(Exception, SystemExit):
                 say(note)
 
     begins = unique(time.monotonic_ns())
