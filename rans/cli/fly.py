@@ -13,6 +13,7 @@ from tyro.conf import Positional, arg
 from rans.errors import ConfigError, positive
 
 Bus = Literal["dds", "zenoh", "udp"]
+Ros = Literal["humble", "jazzy", "kilted", "rolling"]
 Robot = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 
 
@@ -51,7 +52,10 @@ class Fly:
     domain: int = 0
     """ROS 2 domain (ROS_DOMAIN_ID)."""
     address: str = ""
-    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
+    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR; by default ROS 2's router on
+    this machine, tcp/localhost:7447."""
+    ros: Ros = "jazzy"
+    """ROS 2 distribution that the other end runs, for Zenoh; rolling is also what came after Kilted."""
     wait: float = 10.0
     """Seconds to wait for the first state."""
     lost_after: float = 1.0
@@ -128,12 +132,12 @@ class Fly:
             # Nothing is written for a flight that cannot begin.
             period = run.config().timing.control_period
             check_plan(plan, run.spacecraft(), planned_task(plan), period)
-            bus = open_bus(self.bus, self.domain, self.address)
+            bus = open_bus(self.bus, self.domain, self.address, self.ros)
             bus.close()
             say(f"Writing the agent of this flight into {folder}.")
             export_for_flight(run.path, folder)
         stop = stop_on_signals()
-        bus = open_bus(self.bus, self.domain, self.address)
+        bus = open_bus(self.bus, self.domain, self.address, self.ros)
         try:
             say(f"Flying {name} over {self.bus}; Ctrl-C shuts the valves and ends the flight.")
             bag = output / "flight.mcap"

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.cli.fly import Bus, Robot
+from rans.cli.fly import Bus, Robot, Ros
 
 Engine = Literal["fast", "drake"]
 
@@ -46,7 +46,10 @@ class Twin:
     domain: int = 0
     """ROS 2 domain (ROS_DOMAIN_ID)."""
     address: str = ""
-    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR."""
+    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR; by default ROS 2's router on
+    this machine, tcp/localhost:7447."""
+    ros: Ros = "jazzy"
+    """ROS 2 distribution that the other end runs, for Zenoh; rolling is also what came after Kilted."""
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt."""
@@ -77,7 +80,7 @@ class Twin:
             seconds=self.seconds,
         )
         stop = stop_on_signals()
-        bus = open_bus(self.bus, self.domain, self.address)
+        bus = open_bus(self.bus, self.domain, self.address, self.ros)
         try:
             say(f"{craft.name} is on {self.bus}, at {self.rate:g} states a second.")
             motion = run_twin(bus, plan, say, stop.is_set)

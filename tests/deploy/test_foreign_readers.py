@@ -1,7 +1,11 @@
-"""What other people's software reads of what we write: bags and the messages in them."""
+"""What other people's software reads of what we write: bags and their messages, and ROS 2 over Zenoh."""
 
 from __future__ import annotations
 
+import asyncio
+import tempfile
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +16,9 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans.deploy.robot.bag import BagWriter, Entry, entries, index_bag
+from rans.deploy.robot.bus import Distribution, ZenohBus, open_bus
 from rans.deploy.robot.interfaces import RobotName, interface
-from rans.deploy.robot.messages import TEXT, make, pack
+from rans.deploy.robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
 from rans.errors import ConfigError
 from tests.support.robots import AWAY
 
@@ -105,3 +110,128 @@ def test_a_bag_that_cannot_be_indexed_stays(tmp_path: Path) -> None:
         index_bag(file)
     assert file.read_bytes() == b"no bag"
     assert [one.name for one in tmp_path.iterdir()] == ["flight.mcap"]
+
+
+PORT = 17496
+LOCATOR = f"tcp/127.0.0.1:{PORT}"
+SPOKEN = pack(TEXT, make(TEXT, data="hello"))
+
+
+def session(mode: str, end: str) -> Any:
+    """A session of Zenoh itself, as rmw_zenoh configures them: without a search of the network."""
+    zenoh = pytest.importorskip("zenoh")
+    config = zenoh.Config()
+    config.insert_json5("mode", f'"{mode}"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    if mode == "peer":
+        config.insert_json5("listen/endpoints", '["tcp/localhost:0"]')
+    config.insert_json5(f"{end}/endpoints", f'["{LOCATOR}"]')
+    return zenoh.open(config)
+
+
+@pytest.fixture
+def router() -> Iterator[Any]:
+    """A router, as ROS 2's ``rmw_zenohd`` is one."""
+    opened = session("router", "listen")
+    yield opened
+    opened.close()
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait until something holds; 10 s are far more than messages on one machine take."""
+    end = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("ros", ["humble", "jazzy", "kilted"])
+def test_somebody_else_reads_attachments(router: Any, ros: Distribution) -> None:
+    """By zenoh-ros2-sdk, as a node of ROS 2 hears them: a peer that is connected to the router."""
+    attachment = pytest.importorskip("zenoh_ros2_sdk.attachment")
+    node = session("peer", "connect")
+    heard: list[Any] = []
+    node.declare_subscriber("3/rans/note/**", heard.append)
+    bus = open_bus("zenoh", 3, LOCATOR, ros)
+    before = time.time_ns()
+    try:
+        until(lambda: bus.publish("rans/note", TEXT, SPOKEN) or heard)
+        bus.publish("rans/note", TEXT, SPOKEN)
+        until(lambda: len(heard) > 1)
+        first, *_, last = [attachment.Attachment.from_bytes(bytes(x.attachment)) for x in heard]
+        kinds = {str(x.key_expr).rpartition("/")[2] for x in heard}
+    finally:
+        bus.close()
+        node.close()
+    assert bytes(heard[0].payload) == SPOKEN
+    assert last.sequence_id == first.sequence_id + len(heard) - 1
+    assert before <= first.timestamp_ns <= last.timestamp_ns <= time.time_ns()
+    assert len(first.gid) == 16
+    assert first.gid == last.gid
+    # Humble's messages have no hash of their type; that of std_msgs/msg/String is known from Iron on.
+    hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    assert kinds == {"TypeHashNotSupported" if ros == "humble" else hashed}
+
+
+def test_somebody_else_lists_topics(router: Any) -> None:
+    """By zenoh-ros2-sdk's ``zenoh-ros2 topic list``."""
+    discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
+    shared = pytest.importorskip("zenoh_ros2_sdk.session").ZenohSession
+    bus = open_bus("zenoh", 5, LOCATOR)
+    try:
+        bus.subscribe("pose", POSE, lambda _: None)
+        bus.publish("rans/note", TEXT, SPOKEN)
+        listed: list[Any] = []
+
+        def all_are_listed() -> bool:
+            listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", PORT)
+            return len(listed) == 2
+
+        until(all_are_listed)
+        about = discovery.get_topic_info("/pose", 5, "127.0.0.1", PORT)
+    finally:
+        bus.close()
+        if shared._instance is not None:
+            shared._instance.session.close()
+            shared._instance = None
+    assert listed == [("/pose", [POSE]), ("/rans/note", [TEXT])]
+    assert (about.publisher_count, about.subscriber_count) == (0, 1)
+
+
+@pytest.mark.slow
+def test_somebody_elses_node_is_commanded(router: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By pyzeros, which has keys, hashes, tokens and CDR of its own; its first run compiles for a minute."""
+    monkeypatch.setenv("CYDR_CACHE_DIR", str(Path(tempfile.gettempdir()) / "rans-tests-cydr"))
+    pyzeros = pytest.importorskip("pyzeros")
+    theirs = pytest.importorskip("ros2_pyterfaces.cyclone.all_msgs")
+    node = session("peer", "connect")
+    bus = open_bus("zenoh", 0, LOCATOR)
+    heard: list[bytes] = []
+    command = pack(FLOATS, array(FLOATS, [1.0, 0.0, 0.5], np.float32))
+
+    async def robot() -> Any:
+        bus.subscribe("pose", POSE, heard.append)
+        with pyzeros.auto_context(node="robot", zenoh_session=node):
+            commands = pyzeros.Sub(theirs.Float32MultiArray, "commands")
+            poses = pyzeros.Pub(theirs.PoseStamped, "pose")
+            pose = theirs.PoseStamped()
+            pose.pose.position.x = 2.0
+            while not heard:
+                poses.publish(pose)
+                await asyncio.sleep(0.05)
+            bus.publish("commands", FLOATS, command)
+            return await asyncio.wait_for(commands.wait_for_value(), 10.0)
+
+    try:
+        taken = asyncio.run(asyncio.wait_for(robot(), 300.0))
+    finally:
+        bus.close()
+        node.close()
+    assert list(taken.data) == [1.0, 0.0, 0.5]
+    assert unpack(POSE, heard[0]).pose.position.x == 2.0
+
+
+def test_where_nothing_answers_is_said() -> None:
+    pytest.importorskip("zenoh")
+    with pytest.raises(ConfigError, match=r"tcp/127\.0\.0\.1:17499: Unable to connect.*rmw_zenohd"):
+        ZenohBus(0, "tcp/127.0.0.1:17499")

@@ -14,6 +14,8 @@ from rans.deploy.robot.messages import types
 from rans.errors import ConfigError
 
 BusName = Literal["dds", "zenoh", "udp"]
+Distribution = Literal["humble", "jazzy", "kilted", "rolling"]
+"""Distributions of ROS 2 whose Zenoh differs; "rolling" is also that of what came after Kilted."""
 Receive = Callable[[bytes], None]
 """Takes the CDR of a message, in a thread of the bus."""
 
@@ -34,7 +36,7 @@ class Bus(Protocol):
         ...
 
 
-def open_bus(name: BusName, domain: int = 0, address: str = "") -> Bus:
+def open_bus(name: BusName, domain: int = 0, address: str = "", ros: Distribution = "jazzy") -> Bus:
     """A bus by its name.
 
     Args:
@@ -42,7 +44,8 @@ def open_bus(name: BusName, domain: int = 0, address: str = "") -> Bus:
             machine and for tests.
         domain: ROS_DOMAIN_ID; of "udp" it chooses the ports.
         address: of "zenoh" a locator to connect to, such as "tcp/127.0.0.1:7447"; "listen/LOCATOR" listens
-            there. Empty: peers of the network are discovered.
+            there. Empty: the router of ROS 2 on this machine, `ROUTER`.
+        ros: of "zenoh" the distribution that the robot runs.
 
     Raises:
         ConfigError: the package of the transport is missing, or it cannot be opened.
@@ -52,7 +55,7 @@ def open_bus(name: BusName, domain: int = 0, address: str = "") -> Bus:
     types()
     makers: dict[BusName, Callable[[], Bus]] = {
         "dds": lambda: DDSBus(domain),
-        "zenoh": lambda: ZenohBus(domain, address),
+        "zenoh": lambda: ZenohBus(domain, address, ros),
         "udp": lambda: UDPBus(domain),
     }
     return makers[name]()
@@ -127,75 +130,106 @@ class UDPBus:
                 known[1](packet[2 + size :])
 
 
-class ZenohBus:
-    """Zenoh with the keys and attachments of rmw_zenoh.
+ROUTER = "tcp/localhost:7447"
+"""Where sessions of rmw_zenoh expect their router; they do not search the network for one."""
+_QOS = "::,10:,:,:,,"
+"""Quality of service as tokens write it: defaults, which are reliable and volatile, with a depth of 10."""
 
-    A key is DOMAIN/TOPIC/TYPE/HASH, an attachment holds number, time and sender, as rmw_zenoh 0.2 and later
-    write them (rmw_zenoh_cpp/src/detail/attachment_helpers.cpp).
+
+class ZenohBus:
+    """Zenoh with the keys, attachments and liveliness tokens of rmw_zenoh 0.1.2, 0.2.4, 0.6 and later.
+
+    A key is DOMAIN/TOPIC/TYPE/HASH, an attachment holds number, time and sender, and tokens announce a node with
+    its publishers and subscriptions, so that ``ros2 topic list`` shows them (rmw_zenoh, docs/design.md, and
+    rmw_zenoh_cpp/src/detail/{attachment_helpers,liveliness_utils}.cpp).
+
+    Raises:
+        ConfigError: the package zenoh is missing, or neither a router nor a peer answers.
     """
 
-    def __init__(self, domain: int = 0, address: str = "") -> None:
+    def __init__(self, domain: int = 0, address: str = "", ros: Distribution = "jazzy") -> None:
         try:
             import zenoh
         except ImportError as error:
             raise ConfigError(
                 "--bus zenoh needs the package eclipse-zenoh: pip install 'rans[robot]'."
             ) from error
+        listens = address.startswith("listen/")
+        locator = address.removeprefix("listen/") or ROUTER
         config = zenoh.Config()
-        if address:
-            listens = address.startswith("listen/")
-            locator = address.removeprefix("listen/")
-            config.insert_json5("scouting/multicast/enabled", "false")
-            config.insert_json5("listen/endpoints", f'["{locator}"]' if listens else "[]")
-            if not listens:
-                config.insert_json5("connect/endpoints", f'["{locator}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        if listens:
+            config.insert_json5("listen/endpoints", f'["{locator}"]')
+        else:
+            # A client: the router passes its messages on to all nodes, also of other machines.
+            config.insert_json5("mode", '"client"')
+            config.insert_json5("connect/endpoints", f'["{locator}"]')
         try:
             self._session = zenoh.open(config)
         except Exception as error:  # zenoh has one exception for everything
-            raise ConfigError(f"zenoh cannot be opened: {error}.") from error
+            reason, _, _ = str(error).partition(" at /")  # the rest is a place in zenoh's source
+            cause = (
+                "Is another process listening there?"
+                if listens
+                else "If nothing answers there, start ROS 2's router, ros2 run rmw_zenoh_cpp rmw_zenohd, or "
+                "name the router or peer by --address."
+            )
+            raise ConfigError(
+                f"zenoh cannot be opened at {locator}: {reason.strip()} {cause}"
+            ) from error
         self._domain = domain
-        self._sender = os.urandom(16)
+        self._ros: Distribution = ros
         self._publishers: dict[str, Any] = {}
+        self._senders: dict[str, bytes] = {}
         self._sent: dict[str, int] = {}
+        self._tokens: list[Any] = []
+        self._announce("NN")
+
+    def _hash(self, kind: str) -> str:
+        return "TypeHashNotSupported" if self._ros == "humble" else types().hash_rihs01(kind)
 
     def _key(self, topic: str, kind: str) -> str:
-        return f"{self._domain}/{topic}/{dds_type(kind)}/{types().hash_rihs01(kind)}"
+        return f"{self._domain}/{topic}/{dds_type(kind)}/{self._hash(kind)}"
+
+    def _announce(self, entity: str, topic: str = "", kind: str = "") -> None:
+        """Declare the token of a node ("NN"), a publisher ("MP") or a subscription ("MS")."""
+        number = len(self._tokens)
+        # Slashes in names are written as %: enclave and namespace are the root.
+        parts = ["@ros2_lv", self._domain, self._session.info.zid(), 0, number, entity]
+        parts += ["%", "%", "rans"]
+        if topic:
+            name = "%" + topic.replace("/", "%")
+            parts += [name, dds_type(kind), self._hash(kind), _QOS]
+        token = self._session.liveliness().declare_token("/".join(map(str, parts)))
+        self._tokens.append(token)
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
         """See `Bus`."""
         self._session.declare_subscriber(
             self._key(topic, kind), lambda sample: receive(bytes(sample.payload))
         )
+        self._announce("MS", topic, kind)
 
     def publish(self, topic: str, kind: str, data: bytes) -> None:
         """See `Bus`."""
         if topic not in self._publishers:
             self._publishers[topic] = self._session.declare_publisher(self._key(topic, kind))
+            self._senders[topic] = os.urandom(16)
             self._sent[topic] = 0
+            self._announce("MP", topic, kind)
         self._sent[topic] += 1
-        self._publishers[topic].put(
-            data, attachment=_attachment(self._sent[topic], time.time_ns(), self._sender)
-        )
+        attached = _attachment(self._sent[topic], time.time_ns(), self._senders[topic], self._ros)
+        self._publishers[topic].put(data, attachment=attached)
 
     def close(self) -> None:
         """See `Bus`."""
         self._session.close()
 
 
-def _attachment(number: int, now: int, sender: bytes) -> bytes:
-    """Three names with their values; texts and bytes have their length before them, in one byte."""
-
-    def sized(content: bytes) -> bytes:
-        return bytes([len(content)]) + content
-
-    return (
-        sized(b"sequence_number")
-        + struct.pack("<q", number)
-        + sized(b"source_timestamp")
-        + struct.pack("<q", now)
-        + sized(b"source_gid")
-        + sized(sender)
-    )
+def _attachment(number: int, now: int, sender: bytes, ros: Distribution) -> bytes:
+    """Number and time (ns) as int64, and the sender, with its length before it up to Kilted."""
+    length = b"" if ros == "rolling" else bytes([len(sender)])
+    return struct.pack("<qq", number, now) + length + sender
 
 
 class DDSBus:
