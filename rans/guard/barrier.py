@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy as np
 from rans.episode import Command, World
 from rans.errors import ConfigError
 from rans.guard.ahead import Ahead
-from rans.guard.manoeuvres import in_body
+from rans.guard.manoeuvres import in_body, slope_of_least
 from rans.guard.quadratic import nearest
 from rans.guard.rows import (
     batched,
@@ -24,15 +26,17 @@ from rans.guard.rows import (
     truths,
     where_true,
 )
-from rans.model.fields import Field, where
+from rans.model.fields import Field, at_least, where
 from rans.model.spacecraft import Spacecraft
 
 _ROUNDS = 3
 """Number of quadratic programs, each linearised about the solution of the last one."""
 _STEP = 0.05
 """Step of the difference quotients as a share of a command's range."""
-_ROOM = 0.5
-"""Share of the slack that may be missing in the predicted margins of a solution."""
+_BEYOND = 1.5
+"""Slacks at which programs aim, so that errors of the linearisation leave a whole slack."""
+_RETREAT = 0.01
+"""Speed out of the constraints with which braking ends, as a share of a period's velocity change."""
 _BLENDS = (0.25, 0.5, 0.75)
 """Shares of braking that are tried if the solution does not keep the margins."""
 
@@ -41,27 +45,27 @@ _BLENDS = (0.25, 0.5, 0.75)
 class BarrierProgram:
     """Safety filter by quadratic programs, a `rans.episode.Guard`.
 
-    It returns the command nearest to the desired one (least sum of squared differences) for which the margin h of
-    every constraint, at every check of the control period, is at least (1 - decay) h_now + decay * slack. This is a
-    discrete-time control barrier function (A. Agrawal and K. Sreenath, "Discrete Control Barrier Functions for
-    Safety-Critical Control of Discrete Systems", RSS, 2017), as in active-set invariance filters (T. Gurriet et
-    al., "Towards a Framework for Realizable Safety Critical Control through Active Set Invariance", ICCPS, 2018).
+    A state is safe if braking keeps the margin of every constraint above ``slack`` at every check, and between them
+    as far as a parabola tells, until the craft is at rest relative to the goal, within ``periods`` control periods.
+    A command passes if it keeps them for its period and leads to a safe state. Braking is a feedback law without a
+    memory: from a safe state it passes itself, so that a safe state stays safe. In the end it retreats slowly from
+    the nearest boundary, so that rest is safe for good. This is active-set invariance filtering with an implicit
+    safe set (T. Gurriet et al., "Towards a Framework for Realizable Safety Critical Control through Active Set
+    Invariance", ICCPS, 2018).
 
-    A command affects positions later. The margins must therefore also keep the slack while the craft then brakes,
-    and the craft must be at rest relative to the goal within ``periods`` control periods. Margins are linearised
-    about the command by difference quotients of predictions, up to three times. The solution is checked by a
-    prediction; if it does not keep the margins, the command is mixed with braking, or is braking alone.
+    In place of another command it returns the nearest that passes (least sum of squared differences), less what
+    opposite thrusters have in common. Margins are linearised about the command by difference quotients of
+    predictions, up to three times. The solution is checked by a prediction; if it does not pass, it is mixed with
+    braking, or is braking alone.
 
     The filter uses the measured state and the craft as designed; it does not account for noise, delays, faults and
     disturbances.
     """
 
-    decay: float = 1.0
-    """Share of a margin that may be lost in a control period."""
     periods: int = 20
     """Control periods in which the craft must be able to brake."""
     slack: float = 0.002
-    """Least margin of the program, in the unit of each margin."""
+    """Least margin of a safe state, in the unit of each margin."""
     name: str = "barrier program"
     by_values: ClassVar[bool] = True
 
@@ -73,14 +77,13 @@ class BarrierProgram:
         size = count((state, command))
         command = tuple(x if is_array(x) else like(state, size, x) for x in command)
         search = _Search.of(self, world)
-        now = search.margins_now(state, goal)
-        kept = search.kept(state, goal, command, now, 1.0)
+        kept = search.kept(state, goal, command)
         refused = where_true(~kept)
         changed = truths(state, size)
         admitted = tuple(copied(x) for x in command)
         if len(refused):
             here = taken((state, goal, command), refused)
-            instead = search.instead(here[0], here[1], here[2], [x[refused] for x in now])
+            instead = search.instead(*here)
             for x, new in zip(admitted, instead, strict=True):
                 changed[refused] |= x[refused] != new
                 x[refused] = new
@@ -91,10 +94,8 @@ class BarrierProgram:
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether braking keeps every margin from these states on, (N,)."""
         search = _Search.of(self, world)
-        kept = truths(state, count(state)) | True
-        for margin in (*search.braking(state, goal), *search.margins_now(state, goal)):
-            kept = kept & (margin >= self.slack)
-        return kept
+        margins = world.task.constraints(state, goal).values()
+        return search.above((*search.braking(state, goal), *margins), count(state), state)
 
 
 @dataclass(frozen=True)
@@ -109,12 +110,6 @@ class _Search:
     def of(cls, guard: BarrierProgram, world: World) -> _Search:
         return cls(guard, world, Ahead(world))
 
-    def margins_now(self, state: Any, goal: Any) -> list[Any]:
-        """Margins of the constraints, (N,) each."""
-        size = count(state)
-        margins = self.world.task.constraints(state, goal).values()
-        return [margin if is_array(margin) else like(state, size, margin) for margin in margins]
-
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
         """Every margin at every check of the command's period, then the least of each while the craft brakes."""
         arrival = self.ahead.fly(state, goal, command)
@@ -127,8 +122,9 @@ class _Search:
         The speed of rest is the velocity change of a control period of thrust.
         """
         least: dict[str, Any] = {}
-        rest = self._rest()
+        rest = slowest_change(self.world)
         for _ in range(self.guard.periods):
+            at_rest = bool((_speed(state, goal) < 0.5 * rest).all())
             arrival = self.ahead.fly(state, goal, braking_command(self.world, state, goal))
             for margins in arrival.margins:
                 for name, margin in margins.items():
@@ -136,40 +132,31 @@ class _Search:
                     least[name] = where(margin < before, margin, before)
             state = arrival.state
             goal = arrival.goal
-            if bool((_speed(state, goal) < 0.5 * rest).all()):
+            # A craft that is slow at the start of a period stops within it, and then retreats.
+            if at_rest:
                 break
         return [*least.values(), rest - _speed(state, goal)]
 
-    def _rest(self) -> float:
-        """Velocity change by the weakest thruster in a control period, m/s."""
-        craft = self.world.craft
-        force = min(thruster.force for thruster in craft.thrusters)
-        return force * self.world.timing.control_period / craft.mass
-
-    def aims(self, now: list[Any]) -> list[Any]:
-        """Lower bounds of `margins`, in their order."""
-        slack = self.guard.slack
-        decay = self.guard.decay
-        barriers = [margin * (1.0 - decay) + decay * slack for margin in now]
-        later = [margin * 0.0 + slack for margin in (*now, now[0])]
-        return barriers * self.world.timing.checks + later
-
-    def kept(self, state: Any, goal: Any, command: Command, now: list[Any], share: float) -> Field:
-        """Whether commands keep all margins with this share of the slack."""
-        missing = self.guard.slack * (1.0 - share)
-        kept = truths(state, count((state, command))) | True
-        for margin, aim in zip(self.margins(state, goal, command), self.aims(now), strict=True):
-            kept = kept & (margin >= aim - missing)
+    def above(self, margins: Iterable[Any], size: int, tree: Any) -> Any:
+        """Whether all margins are at least the slack, (N,)."""
+        kept = truths(tree, size) | True
+        for margin in margins:
+            kept = kept & (margin >= self.guard.slack)
         return kept
 
-    def instead(self, state: Any, goal: Any, command: Command, now: list[Any]) -> Command:
-        """Nearest commands that keep the margins."""
+    def kept(self, state: Any, goal: Any, command: Command) -> Any:
+        """Whether commands keep all margins, and braking after them, (N,)."""
+        size = count((state, command))
+        return self.above(self.margins(state, goal, command), size, (state, command))
+
+    def instead(self, state: Any, goal: Any, command: Command) -> Command:
+        """Nearest commands that pass."""
         ranges = self.world.craft.commands
         size = count((state, command))
         wanted = columns(list(command))
         low = columns([like(command, 1, one.low) for one in ranges])[0]
         high = columns([like(command, 1, one.high) for one in ranges])[0]
-        aims = columns(self.aims(now))
+        aim = self.guard.slack * _BEYOND
         replacement = tuple(
             where(x < one.low, one.low, where(x > one.high, one.high, x))
             for x, one in zip(command, ranges, strict=True)
@@ -179,29 +166,52 @@ class _Search:
             here, there, around = taken((state, goal, replacement), open_)
             margins = columns(self.margins(here, there, around))
             slopes = self._slopes(here, there, around, margins)
-            linear = aims[open_] - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
+            linear = aim - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
             solved = nearest(wanted[open_], slopes, linear, low, high)
-            tried = tuple(solved[:, k] for k in range(len(ranges)))
+            tried = self._without_opposites(tuple(solved[:, k] for k in range(len(ranges))))
             for x, new in zip(replacement, tried, strict=True):
                 x[open_] = new
-            open_ = open_[~self.kept(here, there, tried, [x[open_] for x in now], _ROOM)]
+            open_ = open_[~self.kept(here, there, tried)]
             if not len(open_):
                 return replacement
 
-        # If the programs have no solution that keeps the margins, mix it with braking.
+        # If the programs have no solution that passes, mix it with braking, which passes from a safe state.
         brake = braking_command(self.world, *taken((state, goal), open_))
         tried = taken(replacement, open_)
         for share in (*_BLENDS, 1.0):
             mixed = tuple(x + (y - x) * share for x, y in zip(tried, brake, strict=True))
+            mixed = self._without_opposites(mixed)
             for x, new in zip(replacement, mixed, strict=True):
                 x[open_] = new
             here, there = taken((state, goal), open_)
-            bad = where_true(~self.kept(here, there, mixed, [x[open_] for x in now], _ROOM))
+            bad = where_true(~self.kept(here, there, mixed))
             if not len(bad):
                 break
             open_ = open_[bad]
             brake, tried = taken((brake, tried), bad)
         return replacement
+
+    def _without_opposites(self, command: Command) -> Command:
+        """Commands with the same force and torque, without what two opposite thrusters have in common."""
+        result = list(command)
+        for k, other in self.opposites:
+            both = where(result[k] < result[other], result[k], result[other])
+            result[k] = result[k] - both
+            result[other] = result[other] - both
+        return tuple(result)
+
+    @cached_property
+    def opposites(self) -> list[tuple[int, int]]:
+        """Pairs of thrusters with opposite forces and torques, each thruster in one pair at most."""
+        effects = np.array(self.world.craft.wrench_map)
+        pairs: list[tuple[int, int]] = []
+        for k, effect in enumerate(effects):
+            paired = {one for pair in pairs for one in pair}
+            others = np.flatnonzero(np.isclose(effects, -effect, atol=1e-9).all(axis=1))
+            free = [int(other) for other in others if other > k and other not in paired]
+            if free and k not in paired:
+                pairs.append((k, free[0]))
+        return pairs
 
     def _slopes(self, state: Any, goal: Any, command: Command, margins: Any) -> Any:
         """Slopes of the margins over the commands by difference quotients, (N, rows, commands)."""
@@ -224,12 +234,25 @@ class _Search:
         return columns(changes)
 
 
+def slowest_change(world: World) -> float:
+    """Velocity change by the weakest thruster in a control period, m/s."""
+    force = min(thruster.force for thruster in world.craft.thrusters)
+    return force * world.timing.control_period / world.craft.mass
+
+
 def braking_command(world: World, state: Any, goal: Any) -> Command:
-    """Command that brings the craft to rest relative to the goal without spin, within a period if possible."""
+    """Command that brings the craft to rest relative to the goal without spin, within a period if possible.
+
+    It counters the drift of that period, and leaves a slow motion away from the nearest boundary.
+    """
     craft = world.craft
     period = world.timing.control_period
     shares = _Shares(craft)
-    force = in_body(state.attitude, (goal.v - state.v).scale(craft.mass / period))
+    slope = slope_of_least(world, state, goal)
+    slow = _RETREAT * slowest_change(world)
+    retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
+    _, drifted = world.task.drift.carry(state.p, state.v, period)
+    force = in_body(state.attitude, (goal.v + retreat - drifted).scale(craft.mass / period))
     spin = state.spin()
     inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])
     torque = [

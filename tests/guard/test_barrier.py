@@ -10,10 +10,11 @@ import pytest
 import torch
 from scipy import sparse
 
-from rans.episode import Setup, World
+from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.guard import BarrierProgram, safety_filter
+from rans.guard.barrier import braking_command
 from rans.guard.quadratic import nearest
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -91,8 +92,8 @@ def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     assert min(kept.margins["speed"][-1]) < 0.05
 
 
-def test_a_filtered_command_is_the_nearest_of_many_that_keep_the_limit() -> None:
-    """None of 2,000 random commands that are nearer to the wanted one keeps the limit at every second."""
+def test_a_filtered_thrust_is_the_nearest_of_many_that_keep_the_limit() -> None:
+    """None of 2,000 random thrusts that are nearer to the desired one keeps the limit, and no pair cancels."""
     task = Dock()
     world = World(Setup(DEPUTY, task, task.timing))
     starts = scenarios(task, DEPUTY, seed=5, count=3)
@@ -100,18 +101,88 @@ def test_a_filtered_command_is_the_nearest_of_many_that_keep_the_limit() -> None
     rng = np.random.default_rng(2)
     for k in range(3):
         one = map_leaves(lambda x, k=k: x[k] if np.ndim(x) else x, (starts.start, starts.goal))
-        wanted = rng.uniform(0.7, 0.9, size=6) * Ramming().act(*one, np.zeros((1, 1)))
-        given, changed = guard.admitted(world, *one, tuple(wanted))
+        desired = rng.uniform(0.7, 0.9, size=6) * Ramming().act(*one, np.zeros((1, 1)))
+        given, changed = guard.admitted(world, *one, tuple(desired))
         assert changed
-        distance = np.linalg.norm(np.array(given) - wanted)
-        ways = rng.normal(size=(2000, 6))
-        ways *= (
-            0.98 * distance * rng.uniform(size=(2000, 1)) / np.linalg.norm(ways, axis=1)[:, None]
-        )
-        others = np.clip(wanted + ways, 0.0, 1.0)
+        assert np.minimum(given[::2], given[1::2]).max() == 0.0
+        thrust = desired[::2] - desired[1::2]
+        distance = np.linalg.norm(np.subtract(given[::2], given[1::2]) - thrust)
+        ways = rng.normal(size=(2000, 3))
+        # The filter keeps half a slack of 2 mm/s in reserve: 1.2 mN of 1 N.
+        reach = distance - 0.003
+        ways *= reach * rng.uniform(size=(2000, 1)) / np.linalg.norm(ways, axis=1)[:, None]
+        others = np.clip(thrust + ways, -1.0, 1.0)
+        commands = np.stack([np.maximum(others, 0.0), np.maximum(-others, 0.0)], axis=2)
         many = map_leaves(lambda x: np.full(2000, x), one)
-        _, refused = guard.admitted(world, *many, tuple(others.T))
+        _, refused = guard.admitted(world, *many, tuple(commands.reshape(2000, 6).T))
         assert refused.all()
+
+
+def edge_of_safety(world: World, guard: BarrierProgram, count: int) -> tuple[Any, Any]:
+    """States and goals around a keep-out ball, as fast towards it as the filter calls safe, by bisection."""
+    starts = scenarios(world.task, world.craft, seed=8, count=count)
+    goal = map_leaves(lambda x: np.broadcast_to(np.asarray(x, float), count).copy(), starts.goal)
+    rng = np.random.default_rng(8)
+    p = rng.normal(size=(3, count))
+    p *= rng.uniform(52.0, 95.0, count) / np.linalg.norm(p, axis=0)
+    way = 15.0 * rng.normal(size=(3, count)) - p
+    way /= np.linalg.norm(way, axis=0)
+    slow = np.zeros(count)
+    fast = np.full(count, 3.0)
+    for _ in range(6):
+        middle = 0.5 * (slow + fast)
+        state = replace(starts.start, p=Vec3(*p), v=Vec3(*(way * middle)))
+        safe = guard.safe(world, state, goal)
+        slow = np.where(safe, middle, slow)
+        fast = np.where(safe, fast, middle)
+    return replace(starts.start, p=Vec3(*p), v=Vec3(*(way * slow))), goal
+
+
+def worst_commands(world: World, state: Any, goal: Any, count: int) -> np.ndarray:
+    """Commands (N, 6) that reduce the distance from the ball after braking from the next state, by differences."""
+
+    def after(command: np.ndarray) -> np.ndarray:
+        here, there = state, goal
+        least = np.full(count, np.inf)
+        for k in range(5):
+            fields = tuple(command.T) if k == 0 else braking_command(world, here, there)
+            outcome = step(world, Episode(here, there, clock=np.full(count, k)), fields)
+            here, there = outcome.episode.state, outcome.episode.goal
+            for margin in outcome.margins.values():
+                least = np.minimum(least, margin)
+        return least
+
+    middle = np.full((count, 6), 0.5)
+    rest = after(middle)
+    slopes = [after(middle + 0.1 * row) - rest for row in np.eye(6)]
+    return (np.array(slopes).T < 0.0).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("count", "periods"), [(4, 4), pytest.param(32, 12, marks=pytest.mark.slow)]
+)
+def test_safe_states_stay_safe_against_an_adversary_with_gradients(
+    count: int, periods: int
+) -> None:
+    """From the edge of what the filter calls safe, with commands that lead to the ball by its own braking."""
+    task = Hold()
+    craft = load_spacecraft("vbar-chaser")
+    guard = BarrierProgram()
+    world = World(Setup(craft, task, task.timing))
+    state, goal = edge_of_safety(world, guard, count)
+    assert guard.safe(world, state, goal).all()
+    for k in range(periods):
+        desired = worst_commands(world, state, goal, count)
+        command, changed = guard.admitted(world, state, goal, tuple(desired.T))
+        outcome = step(world, Episode(state, goal, clock=np.full(count, k)), command)
+        state, goal = outcome.episode.state, outcome.episode.goal
+        assert min(margin.min() for margin in outcome.margins.values()) >= guard.slack
+        assert guard.safe(world, state, goal).all()
+        if k == 0:
+            assert changed.mean() > 0.5
+        # Nothing is spent on thrusters against each other.
+        pairs = np.minimum(command[::2], command[1::2])
+        assert pairs[:, changed].max(initial=0.0) == 0.0
 
 
 def test_a_keep_out_ball_is_kept_though_thrust_is_weak() -> None:
