@@ -69,12 +69,13 @@ release: build/release/bin/twine build/bare/bin/pip
 		echo "It may have $(WHEEL_BYTES) bytes: leave out what no user needs." >&2; exit 1; }
 	build/bare/bin/pip install --quiet --force-reinstall --no-deps dist/rans-*.whl
 	build/bare/bin/pip install --quiet -c constraints.txt dist/rans-*.whl
-	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16
+	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16 && \
+		rm -rf core && bin/rans train go-to-pose --total-timesteps 20000 --run core && bin/rans evaluate core --episodes 16
 
 setup: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e .
+	python -m pip install -c constraints.txt -e '.[all]'
 	@touch $@
 
 .venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip

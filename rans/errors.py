@@ -1,6 +1,8 @@
 """Exceptions of RANS, whose messages are sentences that a user can act on, and helpers to write them."""
 
 import difflib
+import importlib
+import importlib.util
 import math
 import os
 import sys
@@ -164,6 +166,68 @@ def _readable(sentence: str) -> str:
 
 class ConfigError(RansError):
     """A value from the user is invalid; the message names the value, its bound and the usual cause."""
+
+
+EXTRAS = {
+    "pydrake": "verify",
+    "casadi": "optimal",
+    "clarabel": "optimal",
+    "numba": "optimal",
+    "stable_baselines3": "sb3",
+    "matplotlib": "plots",
+    "PIL": "plots",
+    "tensorboard": "plots",
+    "llvmlite": "cpu",
+    "onnx": "onnx",
+    "onnxruntime": "onnx",
+    "imageio_ffmpeg": "video",
+    "moviepy": "video",
+    "cyclonedds": "robot",
+    "zenoh": "robot",
+    "mcap": "robot",
+    "rosbags": "robot",
+}
+"""Modules that only some commands need, and the extra of RANS that installs each."""
+
+
+class MissingPackage(ConfigError, ImportError):
+    """A package that only some commands need is not installed; the message has the command that installs it.
+
+    >>> print(rans.errors.MissingPackage("casadi"))
+    This needs the package casadi, which is not installed: pip install 'rans[optimal]'
+
+    Args:
+        module: name of the module, one of `EXTRAS`.
+    """
+
+    def __init__(self, module: str) -> None:
+        super().__init__(
+            f"This needs the package {module}, which is not installed: pip install 'rans[{EXTRAS[module]}]'"
+        )
+        self.module = module
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.module,)
+
+
+def is_installed(module: str) -> bool:
+    """Whether a module of this name could be imported; it is not imported."""
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ModuleNotFoundError, ValueError):  # ValueError: its place in sys.modules is blocked
+        return False
+
+
+def require(module: str) -> Any:
+    """Import a module of `EXTRAS`.
+
+    Raises:
+        MissingPackage: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingPackage(module) from error
 
 
 class NonFiniteState(RansError):

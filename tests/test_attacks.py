@@ -196,7 +196,9 @@ def test_no_command_waits_for_a_pipe(
     assert "it is not a file" in said(capsys, *command)
 
 
-@pytest.mark.parametrize("name", ["config.json", "metrics.jsonl", "policy.zip", "spacecraft.toml"])
+@pytest.mark.parametrize(
+    "name", ["config.json", "metrics.jsonl", "agent.safetensors", "spacecraft.toml"]
+)
 def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: str) -> None:
     tiny_trainer(Path("run")).train(ignore, after(1))
     Path("run", name).unlink()

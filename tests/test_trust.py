@@ -192,4 +192,4 @@ def test_a_typed_name_needs_no_trust(run: Path) -> None:
         "--set timing.episode_steps=10"
     )
     assert main([str(word) for word in command.split()]) == 0
-    assert Path("mine/policy.zip").exists()
+    assert Path("mine/agent.safetensors").exists()

@@ -163,7 +163,7 @@ class Agent:
         from rans.effectors.commands import action_space, of_outputs
         from rans.evaluation.fly.agent import Agent as Network
         from rans.evaluation.fly.exported import OBSERVERS
-        from rans.fast.policy import predict
+        from rans.policy.predict import predict
 
         controller = self.run.controller
         if hasattr(observation, "detach"):

@@ -14,7 +14,7 @@ from contextlib import redirect_stdout
 from functools import partial
 from typing import Any
 
-from rans.errors import ConfigError, RansError, brief, legible, meant
+from rans.errors import EXTRAS, ConfigError, MissingPackage, RansError, brief, legible, meant
 from rans.files import first_line
 from rans.registry import trust_files
 
@@ -71,6 +71,11 @@ def main(arguments: list[str] | None = None) -> int:
             return code
     except RansError as error:
         return _end(f"rans: {error}", 2)
+    except ModuleNotFoundError as error:
+        module = (error.name or "").partition(".")[0]
+        if module not in EXTRAS:
+            raise
+        return _end(f"rans: {MissingPackage(module)}", 2)
     except KeyboardInterrupt:
         return _end("\nrans: interrupted; what was written is kept.", 130)
     except BrokenPipeError:

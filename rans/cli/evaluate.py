@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.errors import is_installed
 from rans.files import (
     command_line,
     environment,
@@ -203,7 +204,6 @@ class Evaluate:
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
-        from rans.show.figures.figures import save_flight_figures
 
         folder, suffix = self._output(run)
         file = self._file(run)
@@ -214,7 +214,10 @@ class Evaluate:
                 before = {}
             write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
-        save_flight_figures(flight, folder, suffix)
+        if is_installed("matplotlib"):
+            from rans.show.figures.figures import save_flight_figures
+
+            save_flight_figures(flight, folder, suffix)
         return file
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:

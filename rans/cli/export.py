@@ -21,8 +21,8 @@ Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 class Export:
     """Export an agent for other software, with an interface contract, test vectors and a model card.
 
-    sb3 is a folder that works as a run folder; stable_baselines3.PPO.load opens its policy.zip. rans is such
-    a folder without the critic, half as large and for RANS only. onnx is one file for any ONNX runtime. numpy
+    rans is a folder that works as a run folder, without the critic. sb3 is such a folder whose policy.zip
+    stable_baselines3.PPO.load opens, to continue the training there. onnx is one file for any ONNX runtime. numpy
     is a Python file and its tables. c is a header and a source in C99, without allocation or dependencies; it
     is compiled and checked if there is a compiler.
     """
@@ -31,7 +31,7 @@ class Export:
     """Run folder of the agent, or the name of one that comes with RANS."""
     output: Path
     """Folder to write; its name becomes the agent's name."""
-    format: Form = "sb3"
+    format: Form = "rans"
     """Format of the agent."""
     episodes: int = 1024
     """Number of evaluation flights for the model card."""

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, RansError, brief, is_installed
 from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files, typed
-from rans.show.figures.curve import Rows, curve_in_another_process
+from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.terminal import Terminal
 
@@ -40,9 +40,9 @@ _GENTLE = 30.0
 class Train:
     """Train an agent until it has solved its task.
 
-    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent:
-    policy.zip, which stable_baselines3.PPO.load opens too. Ctrl-C stops early and keeps everything. On several
-    GPUs torchrun starts the training, as the last example shows.
+    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
+    agent.safetensors. Ctrl-C stops early and keeps everything. On several GPUs torchrun starts the training, as
+    the last example shows.
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -191,11 +191,13 @@ class Train:
             open_ahead()
         compile_in_this_process()
         if os.environ.get("RANK", "0") != "0":
-            return self._train(lambda rows: "")
+            return self._train(None)
+        if not is_installed("matplotlib"):
+            return self._train(None)
         with curve_in_another_process() as curve:
             return self._train(curve)
 
-    def _train(self, curve: Callable[[Rows], str]) -> int:
+    def _train(self, curve: Callable[[Rows], str] | None) -> int:
         from rans.fast.learn.loggers import check, loggers
 
         check(self.log)
@@ -218,7 +220,8 @@ class Train:
             )
         for other in others:
             other.close()
-        if rows := trainer.run.metrics():
+        rows = trainer.run.metrics()
+        if rows and curve is not None:
             write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         Terminal().say(_summary(trainer, begun, stop.requested, time.monotonic() - STARTED))
         if not stop.requested and trainer.steps > begun and (hole := _nominal_hole(trainer)):
@@ -281,7 +284,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     text = (
         f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
         f"({trainer.rate:,.0f} steps/s{backend}){warm_up}, {seconds:.1f} s in all. "
-        f"The agent is {path}/policy.zip."
+        f"The agent is {path}."
     )
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"

@@ -20,6 +20,7 @@ from torch import Tensor
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.opaque import opaque
 from rans.compile.cuda.source import Lines, indented
+from rans.errors import is_installed
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
@@ -43,14 +44,14 @@ def compiled_preprocessor(
 ) -> ColumnExecutor:
     """Preprocessor of a network with tensors like this one: programs where they are faster.
 
-    In double precision on a CPU, which is for comparisons, that is nowhere.
+    On a CPU that is nowhere without llvmlite, and in double precision, which is for comparisons.
     """
     plain = TorchPreprocessor(architecture, views)
     if like.is_cuda:
         return CudaPreprocessor(architecture, plain, like.device, like.dtype)
     return (
         CpuPreprocessor(architecture, plain)
-        if like.is_cpu and like.dtype == torch.float32
+        if like.is_cpu and like.dtype == torch.float32 and is_installed("llvmlite")
         else plain
     )
 

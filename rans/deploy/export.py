@@ -16,7 +16,7 @@ from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
@@ -25,7 +25,6 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.policy import write_policy
 from rans.files import (
     environment,
     inside,
@@ -55,15 +54,15 @@ _FILES: dict[Form, tuple[str, ...]] = {
 def export(
     run: Path,
     folder: Path,
-    form: Form = "sb3",
+    form: Form = "rans",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
     margins: int = 256,
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
-    "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "rans":
-    agent.safetensors, without the critic, and config.json, which `load_agent` opens; "onnx": agent.onnx, for
+    "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
+    policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
     nothing, and agent_check.c. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
@@ -190,8 +189,15 @@ def write_agent(
         content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     else:
+        require("stable_baselines3")
+        from rans.fast.policy import write_policy
+
         write_policy(
-            folder / "policy.zip", network.architecture, network.member(0), settings, saved.steps
+            folder / "policy.zip",
+            network.architecture,
+            network.member(0),
+            settings,
+            saved.steps,
         )
 
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
-from rans.compile.cpu.flights import CpuFlights
-from rans.compile.cpu.layers import CpuLayers
 from rans.compile.cuda.flight import FlightKernel, Products
 from rans.compile.flight_program import trace_flight
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, is_installed
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.flight_statistics import FlightStatistics
@@ -27,6 +26,9 @@ from rans.policy.traced import parameters
 from rans.processes import Workers, processors
 from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
+
+if TYPE_CHECKING:
+    from rans.compile.cpu.flights import CpuFlights
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Number of flights stepped together, which fits the caches of a processor or fills a GPU."""
@@ -86,6 +88,11 @@ class Flights:
             return None
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
+        if not is_installed("llvmlite"):
+            return None
+        from rans.compile.cpu.flights import CpuFlights
+        from rans.compile.cpu.layers import CpuLayers
+
         architecture = self._network.architecture
         try:
             lacking = CpuLayers.capabilities.missing(architecture)

@@ -1,9 +1,11 @@
-"""Stable-Baselines3 classes of the network, and the ``policy.zip`` file that refers to them."""
+"""Stable-Baselines3 classes of the network, and the ``policy.zip`` file that refers to them.
+
+This module needs the package stable-baselines3, which the extra ``rans[sb3]`` installs.
+"""
 
 from __future__ import annotations
 
 import inspect
-import math
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -27,6 +29,7 @@ from rans.files import replace_file
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.heads import ClippedGaussian, OnOff
 from rans.policy.network import Network, Output
+from rans.policy.predict import policy_spaces, predict
 from rans.tasks.observation_terms import Layout
 
 _SHARED = (
@@ -110,47 +113,6 @@ def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
     }
 
 
-@torch.no_grad()
-def predict(
-    network: Network,
-    observation: np.ndarray,
-    state: tuple[np.ndarray, ...] | None = None,
-    episode_start: np.ndarray | None = None,
-    deterministic: bool = True,
-) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-    """Commands (N, thrusters) of one member, integers for on/off thrusters, and its memory afterwards.
-
-    Args:
-        network: of one member.
-        observation: (N, width) or (width,).
-        state: memory ((N, m),) after the previous step; None: all episodes begin.
-        episode_start: (N,) bool, true where an episode begins.
-        deterministic: whether the action is the mode of the policy rather than a sample.
-
-    Raises:
-        ConfigError: the width of the observations differs from that in training.
-    """
-    architecture = network.architecture
-    architecture.check_width("the policy", observation)
-    device = next(iter(network.tensors.values())).device
-    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(
-        -1, architecture.layout.width
-    )
-    memory = network.initial_state(len(rows))
-    if memory is not None and state is not None:
-        memory = torch.as_tensor(state[0]).to(memory)
-        if episode_start is not None:
-            memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
-    output, columns = network.forward(rows, memory)
-    command = output.policy.mode()
-    if not deterministic:
-        command = output.policy.command(output.policy.sample(torch.rand_like(command)))
-    memory = network.next_state(columns, memory, command, output)
-    action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
-    action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
-    return action, None if memory is None else (memory.cpu().numpy(),)
-
-
 class AgentPolicy(ActorCriticPolicy):
     """SB3 actor-critic policy that evaluates a `Network`.
 
@@ -228,18 +190,6 @@ class _Written(torch.optim.Adam):
     state_dict = inspect.unwrap(torch.optim.Optimizer.state_dict)
 
 
-def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
-    """Observation and action space (Gymnasium) of an agent."""
-    bounds = architecture.bounds or (math.inf,) * architecture.layout.width
-    most = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
-    count = architecture.thrusters
-    duties = spaces.Box(0.0, 1.0, (count,), np.float32)
-    switches = spaces.MultiDiscrete([2] * count)
-    return spaces.Box(
-        -most, most, dtype=np.float32
-    ), duties if architecture.continuous else switches
-
-
 def write_policy(
     file: Path,
     architecture: Architecture,
@@ -249,9 +199,7 @@ def write_policy(
     adam: dict[Any, Any] | None = None,
     rate: float | None = None,
 ) -> None:
-    """Write an agent to one archive in two formats: that of RANS (`rans.fast.agent_files.agent`) and of SB3.
-
-    Training settings are included, so that SB3 can continue the training.
+    """Write an agent as an archive that both Stable-Baselines3 and RANS open and continue to train.
 
     Args:
         file: ``policy.zip`` to write.

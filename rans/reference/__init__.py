@@ -1,1 +1,9 @@
-"""The Drake reference: an independent simulation of the same spacecraft."""
+"""The Drake reference: an independent simulation of the same spacecraft.
+
+Raises:
+    MissingPackage: when it is imported, where Drake is missing.
+"""
+
+from rans.errors import require
+
+require("pydrake")

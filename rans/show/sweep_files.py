@@ -7,20 +7,18 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+from rans.errors import is_installed
 from rans.fast.learn.loggers import LoggerName, loggers
 from rans.fast.learn.sweep import Sweep
 from rans.files import environment, inside, plain, write_json, write_text
 
 
 def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> None:
-    """Write sweep.json, sweep.svg, metrics.jsonl and best/; loggers are sent the rows of the best agent.
+    """Write sweep.json, metrics.jsonl, best/ and, with Matplotlib, sweep.svg; loggers get the best agent's rows.
 
     Raises:
         ConfigError: the disk refused, or a logger cannot begin.
     """
-    from rans.show.figures.svg import svg
-    from rans.show.figures.sweep_figure import sweep_figure
-
     best = sweep.best()
     rows = [
         {"member": number} | row
@@ -38,7 +36,11 @@ def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> No
             "members": sweep.results(),
         },
     )
-    write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
+    if is_installed("matplotlib"):
+        from rans.show.figures.svg import svg
+        from rans.show.figures.sweep_figure import sweep_figure
+
+        write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
     agent = inside(folder, "best")
     shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
     sweep.save(best, agent)

@@ -161,10 +161,10 @@ def test_wrong_arguments(
         capsys, str(run_folder), "--episodes", "0"
     )
     assert "is not a run folder" in refused(capsys, str(tmp_path / "nowhere"))
-    (run_folder / "policy.zip").write_bytes(b"rubbish")
-    assert "policy.zip is damaged" in refused(capsys, str(run_folder))
-    (run_folder / "policy.zip").unlink()
-    assert "has no policy.zip: its training has not" in refused(capsys, str(run_folder))
+    (run_folder / "agent.safetensors").write_bytes(b"rubbish")
+    assert "agent.safetensors is damaged" in refused(capsys, str(run_folder))
+    (run_folder / "agent.safetensors").unlink()
+    assert "has no agent.safetensors: its training has not" in refused(capsys, str(run_folder))
 
 
 def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:

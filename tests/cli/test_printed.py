@@ -81,7 +81,7 @@ def test_the_end_of_a_training(
     text = training._summary(trainer, 1000, stopped, 9.0)
     assert text.startswith(
         f"{ending} after 500,000 steps: 4.0 s of training (123,456 steps/s) after 2.5 s "
-        "of warm-up, 9.0 s in all. The agent is runs/a b/policy.zip."
+        "of warm-up, 9.0 s in all. The agent is runs/a b."
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
     assert ("Another --seed may solve it" in text) is (ending == "Out of steps, not solved")

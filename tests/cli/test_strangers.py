@@ -9,7 +9,7 @@ import pytest
 
 from rans.cli import main
 from tests.support.strangers import trapped
-from tests.support.training import after, ignore, tiny_trainer
+from tests.support.training import after, archived, ignore, tiny_trainer
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy with a trap in its agent."""
     monkeypatch.chdir(tmp_path)
     folder = Path(shutil.copytree(trained, tmp_path / "run"))
-    trapped(folder / "policy.zip", tmp_path / "ran")
+    trapped(archived(folder), tmp_path / "ran")
     return folder
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import stable_baselines3
 
 from rans.cli import main
 from rans.cli.sweep import Sweep
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.learn.run_folder import RunFolder
 from rans.randomization.conditions_file import load_conditions
+from tests.support.training import as_sb3
 
 TINY = {
     "ppo.n_envs": "16",
@@ -82,7 +82,7 @@ def check_best(folder: Path, told: dict[str, Any]) -> None:
     config = run.config()
     assert (config.seed, config.ppo.gamma) == (chosen["seed"], chosen["ppo.gamma"])
     assert run.metrics()[-1]["steps"] == 256
-    stable_baselines3.PPO.load(run.policy_file, device="cpu")
+    assert as_sb3(run.path).num_timesteps == 256
     assert load_agent(run.path).craft.name == "floating-platform"
 
 
@@ -160,7 +160,10 @@ def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
     assert main([*tiny(), "--seeds", "1", "--total-timesteps", "128", "--run", "sweep"]) == 0
     Path("sweep/best/of-before").write_text("")
     assert main(["sweep", "--resume", "sweep"]) == 0
-    assert (Path("sweep/best/policy.zip").exists(), Path("sweep/best/of-before").exists()) == (
+    assert (
+        Path("sweep/best/agent.safetensors").exists(),
+        Path("sweep/best/of-before").exists(),
+    ) == (
         True,
         False,
     )

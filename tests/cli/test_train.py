@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-import stable_baselines3
 import torch
 from torch import Tensor
 
@@ -20,7 +19,7 @@ from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
 from tests.support.command_runs import tiny
 from tests.support.processes import PATIENCE, command
-from tests.support.training import weights
+from tests.support.training import as_sb3, weights
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +30,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def trained(run: str) -> Tensor:
-    return weights(stable_baselines3.PPO.load(Path(run) / "policy.zip", device="cpu").policy)
+    return weights(as_sb3(Path(run)).policy)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -56,7 +55,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     captured = capsys.readouterr()
     run = Path("runs/go-to-pose-floating-platform-seed0")
     assert captured.out.startswith("Done after 1,024 steps: ")
-    assert f"The agent is {run}/policy.zip." in captured.out
+    assert f"The agent is {run}." in captured.out
     for part in ("training: ", "success ", "return ", "M/s", "0:00:00 left"):
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
@@ -64,7 +63,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
         "spacecraft.toml",
         "metrics.jsonl",
         "checkpoint.safetensors",
-        "policy.zip",
+        "agent.safetensors",
         "tensorboard",
         "learning_curve.svg",
         ".lock",
@@ -275,7 +274,7 @@ def test_a_signal_stops_it_gently() -> None:
     assert out.startswith("Stopped after ")
     run = Path("run with space")
     left = {file.name for file in run.iterdir()}
-    assert {"policy.zip", "learning_curve.svg", "checkpoint.safetensors"} <= left
+    assert {"agent.safetensors", "learning_curve.svg", "checkpoint.safetensors"} <= left
     match = re.search(r"Continue with: rans (.*)\n", out)
     assert match is not None
     assert shlex.split(match[1]) == ["train", "--resume", "run with space"]

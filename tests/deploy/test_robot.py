@@ -51,7 +51,6 @@ from rans.randomization.conditions import (
 from rans.tasks import Avoid, GoToPose
 from tests.support.robots import AWAY
 
-
 PLATFORM = "floating-platform"
 TASK = {"name": "go-to-pose", "settings": {}}
 

@@ -9,8 +9,9 @@ import pytest
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from rans.fast.policy import policy_kwargs, policy_spaces, predict
+from rans.fast.policy import policy_kwargs
 from rans.policy.architecture import Architecture
+from rans.policy.predict import policy_spaces, predict
 from tests.support.engines import both_crafts
 from tests.support.training import make_network, sb3_policy, scatter, seen, tiny_learner
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings, TrainConfig
@@ -23,10 +26,11 @@ from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Batch
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
+from rans.fast.policy import AgentPolicy, policy_kwargs, write_policy
 from rans.model.actuators import Throttle
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
+from rans.policy.predict import policy_spaces
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
 from tests.support.crafts import random_states
@@ -240,3 +244,29 @@ def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
                 network.tensors[name].shape, generator=scale
             )
     return learner, learner.batch()
+
+
+def archived(run: Path) -> Path:
+    """``policy.zip`` in place of ``agent.safetensors`` in a run folder, for Stable-Baselines3."""
+    folder = RunFolder(run)
+    saved = read_policy(folder.trained_file)
+    network = saved.network
+    file = run / "policy.zip"
+    write_policy(
+        file,
+        network.architecture,
+        network.member(0),
+        folder.config().ppo,
+        saved.steps,
+        saved.adam,
+        saved.rate,
+    )
+    folder.trained_file.unlink()
+    return file
+
+
+def as_sb3(run: Path) -> stable_baselines3.PPO:
+    """The agent of a run folder, as Stable-Baselines3 loads it from its archive."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = shutil.copytree(run, Path(folder) / "run")
+        return stable_baselines3.PPO.load(archived(Path(copy)), device="cpu")

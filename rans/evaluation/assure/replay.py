@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
@@ -10,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.episode import Setup
+from rans.errors import is_installed
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.flight import Controller, Flight
@@ -76,7 +76,7 @@ class Replays:
 
 def has_drake() -> bool:
     """Whether Drake is installed."""
-    return importlib.util.find_spec("pydrake") is not None
+    return is_installed("pydrake")
 
 
 def replays(

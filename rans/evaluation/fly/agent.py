@@ -121,7 +121,7 @@ def load_agent(path: Path) -> LoadedRun:
     craft = run.spacecraft()
     if not run.agent_file.exists():
         raise ConfigError(
-            f"{path} has no policy.zip: its training has not reached its first checkpoint "
+            f"{path} has no agent.safetensors: its training has not reached its first checkpoint "
             "yet, or was stopped before."
         )
     network = read_policy(run.agent_file).network

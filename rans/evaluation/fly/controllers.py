@@ -449,7 +449,7 @@ def _met_scaled_observations(data: dict[str, Any], craft: Spacecraft) -> bool:
 def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
     """Policy of an agent that RANS wrote, which holds no pickle."""
     from rans.fast.agent_files.agent import is_agent, read_policy
-    from rans.fast.policy import policy_spaces, predict
+    from rans.policy.predict import policy_spaces, predict
 
     if not is_agent(file):
         raise ConfigError(

@@ -1,8 +1,8 @@
 """Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
-A training stores its agent in ``policy.zip``: ``agent.safetensors`` beside the pickled files of Stable-Baselines3,
-which RANS does not read (decision 014). An exported agent is one file ``agent.safetensors`` without critic and
-optimizer.
+A training stores its agent in ``agent.safetensors``, an exported agent has that file without critic and
+optimizer. The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not
+read (decision 014).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rans.errors import ConfigError, RansError, brief
 from rans.fast.agent_files.pickle_scan import foul, refuse
 from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import PPOSettings
-from rans.files import first_line, plain, read_bytes
+from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
@@ -67,6 +67,34 @@ class SavedPolicy(NamedTuple):
     """Whether the file has the critic; without it that of the network is zero, and training cannot continue."""
 
 
+def save_agent(
+    file: Path,
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    settings: PPOSettings,
+    steps: int,
+    adam: dict[Any, Any] | None = None,
+    rate: float | None = None,
+) -> None:
+    """Write an agent with its critic and optimizer, from which training can continue.
+
+    Args:
+        file: ``agent.safetensors`` to write.
+        architecture: architecture of the network.
+        tensors: weights and statistics of the network (`Network.member`).
+        settings: hyper-parameters of the training.
+        steps: environment steps of the training.
+        adam: state as returned by `Adam.member`; None: Adam starts anew.
+        rate: step size of Adam; None: the learning rate of the settings.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    rate = rate or settings.learning_rate
+    agent = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
+    replace_file(file, lambda draft: draft.write_bytes(agent))
+
+
 def agent_bytes(
     architecture: Architecture,
     tensors: Mapping[str, Tensor],
@@ -75,10 +103,7 @@ def agent_bytes(
     adam: dict[Any, Any],
     rate: float,
 ) -> bytes:
-    """Content of `AGENT` in a ``policy.zip``: the agent with critic and optimizer.
-
-    Arguments are those of `rans.fast.policy.write_policy`.
-    """
+    """Content of an ``agent.safetensors`` with critic and optimizer; arguments are those of `save_agent`."""
     return pack(
         {
             "architecture": _table(architecture),
@@ -109,7 +134,7 @@ def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps
 
 
 def read_policy(file: Path) -> SavedPolicy:
-    """Read an agent from an ``agent.safetensors``, or from a ``policy.zip`` of `rans train` or `rans.PPO`.
+    """Read an agent from an ``agent.safetensors``, or from a ``policy.zip`` of RANS.
 
     No code in the file is run.
 

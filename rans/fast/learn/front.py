@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,11 +12,13 @@ import torch
 from rans.errors import ConfigError, brief, fits, meant, whole
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.policy_file import adopt, write_learner
-from rans.fast.policy import predict
+from rans.policy.predict import predict
+
+if TYPE_CHECKING:
+    from rans.fast.envs.sb3 import SB3VecEnv
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
@@ -28,8 +30,8 @@ class PPO:
     >>> rans.PPO(engine, n_steps=16).learn(2048)
     <PPO on <Engine: 64 x floating-platform, GoToPose, on cpu>: 2,048 steps>
 
-    Saved agents open with ``stable_baselines3.PPO.load``. An update equals that of SB3 on the same minibatch;
-    minibatches are whole environments, without shuffling.
+    Agents saved as ``NAME.zip`` open with ``stable_baselines3.PPO.load``. An update equals that of SB3 on the
+    same minibatch; minibatches are whole environments, without shuffling.
 
     Args:
         env: engine, or the `SB3VecEnv` around it, which determines ``n_envs``.
@@ -112,7 +114,11 @@ class PPO:
         return predict(self.network, observation, state, episode_start, deterministic)
 
     def save(self, file: str | Path) -> None:
-        """Write the agent as a ``policy.zip``.
+        """Write the agent with its critic and optimizer, for `load`.
+
+        Args:
+            file: ``agent.safetensors``, or a name that ends in ``.zip`` for a file that
+                ``stable_baselines3.PPO.load`` opens too, which needs that package.
 
         Raises:
             ConfigError: the file cannot be written.
@@ -124,7 +130,7 @@ class PPO:
         """Continue the training of an agent from `rans train` or `save`, on an engine for its spacecraft.
 
         Args:
-            file: ``policy.zip`` of the agent.
+            file: ``agent.safetensors`` of a run folder, or what `save` wrote.
             env: engine, or the `SB3VecEnv` around it.
             **settings: fields of `PPOSettings` that differ from those of its training.
 
@@ -136,8 +142,8 @@ class PPO:
         if not saved.has_critic:
             raise ConfigError(
                 f"{file} is an agent without its critic, so that PPO cannot continue its training: "
-                "train it again from its recipe or config.json, or load the policy.zip of a run "
-                "folder."
+                "train it again from its recipe or config.json, or load the agent.safetensors of a "
+                "run folder."
             )
         count = engine.num_envs
         kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
@@ -156,7 +162,7 @@ class PPO:
 
 
 def _engine_of(env: Any) -> Engine:
-    engine = env.engine if isinstance(env, SB3VecEnv) else env
+    engine = getattr(env, "engine", env)
     if not isinstance(engine, Engine):
         raise ConfigError(
             f"rans.PPO trains on a rans.Engine or the rans.SB3VecEnv around it, got "

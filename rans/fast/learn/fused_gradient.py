@@ -23,6 +23,7 @@ from rans.compile.cuda.update_design import (
     UpdateDesign,
 )
 from rans.compile.loss_gradient import STATISTICS, choice, d_logit, transition_losses
+from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
@@ -114,6 +115,8 @@ class FusedGradient(ABC):
         row = adam.row
         arguments = (network, adam, coefficients)
         if row.device.type == "cpu":
+            if not is_installed("llvmlite"):
+                return None
             from rans.fast.learn.cpu_gradient import (
                 CpuGradient,  # LLVM, which a GPU does not need
             )

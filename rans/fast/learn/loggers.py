@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import first_line, inside, inside_for_others
 from rans.structure import entries
@@ -53,8 +53,32 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     return results
 
 
+class Events:
+    """TensorBoard events in a folder; none are written where the package tensorboard is missing.
+
+    ``metrics.jsonl`` has all that they show.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        try:
+            from torch.utils.tensorboard.writer import SummaryWriter
+        except ImportError:  # torch asks for tensorboard, which it does not install
+            self._writer = None
+        else:
+            self._writer = SummaryWriter(str(folder))
+
+    def write(self, row: Mapping[str, float], steps: int) -> None:
+        """Write numbers by their names at a number of environment steps."""
+        if self._writer is None:
+            return
+        for name, value in row.items():
+            self._writer.add_scalar(name, value, steps)
+        self._writer.flush()
+
+
 class _Hparams:
     def __init__(self, settings: dict[str, Any], run: Path) -> None:
+        require("tensorboard")
         self._settings = settings
         self._folder = str(inside_for_others(run, "tensorboard"))
         self._last: dict[str, float] = {}
@@ -63,14 +87,16 @@ class _Hparams:
         self._last = {"evaluation/success": row["success"], "perf/steps_per_s": row["steps_per_s"]}
 
     def close(self) -> None:
-        from stable_baselines3.common.logger import HParam, TensorBoardOutputFormat
+        from torch.utils.tensorboard.summary import hparams
+        from torch.utils.tensorboard.writer import SummaryWriter
 
-        events = TensorBoardOutputFormat(self._folder)
-        events.write(
-            {"hparams": HParam(self._settings, self._last or {"evaluation/success": 0.0})},
-            {"hparams": ()},
-        )
-        events.close()
+        measured = self._last or {"evaluation/success": 0.0}
+        writer = SummaryWriter(self._folder)
+        for summary in hparams(self._settings, measured):
+            writer.file_writer.add_summary(summary)
+        for name, value in measured.items():
+            writer.add_scalar(name, value)
+        writer.close()
 
 
 class _WandB:

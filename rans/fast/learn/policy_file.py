@@ -1,4 +1,4 @@
-"""Reading and writing of a learner of one member as ``policy.zip``, with which RANS and SB3 continue."""
+"""Reading and writing of a learner of one member, so that its training can continue."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 import torch
 
 from rans.errors import ConfigError
-from rans.fast.agent_files.agent import SavedPolicy, read_policy
+from rans.fast.agent_files.agent import SavedPolicy, read_policy, save_agent
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learner import Learner
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.policy import write_policy
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
@@ -23,10 +22,18 @@ _SETTLED = 1e12
 
 
 def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:
-    """Write the agent of a learner and its Adam moments after ``steps`` environment steps, see `write_policy`."""
+    """Write the agent of a learner and its Adam moments after ``steps`` environment steps.
+
+    A file whose name ends in ``.zip`` is one that Stable-Baselines3 opens too (`rans.fast.policy.write_policy`,
+    which needs that package); any other is an ``agent.safetensors`` (`save_agent`).
+    """
     network = learner.network
     adam = learner.adam
-    write_policy(
+    if file.suffix == ".zip":
+        from rans.fast.policy import write_policy as write
+    else:
+        write = save_agent
+    write(
         file,
         network.architecture,
         network.member(0),

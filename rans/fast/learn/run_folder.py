@@ -26,9 +26,8 @@ class RunFolder:
     """Names and formats of the files of one training.
 
     ``config.json`` repeats it, ``spacecraft.toml`` is the spacecraft at its start, ``metrics.jsonl`` has one
-    row per report, ``checkpoint.safetensors`` resumes it, ``policy.zip`` is the agent with its critic. An
-    exported agent is ``agent.safetensors``, without critic. Opening these files executes no code from them
-    (decision 014).
+    row per report, ``checkpoint.safetensors`` resumes it, ``agent.safetensors`` is the agent with its critic;
+    that of an exported agent has no critic. Opening these files executes no code from them (decision 014).
 
     Args:
         path: the folder; need not exist.
@@ -43,8 +42,8 @@ class RunFolder:
         self.spacecraft_file = files.inside(path, "spacecraft.toml")
         self.metrics_file = files.inside(path, "metrics.jsonl")
         self.checkpoint_file = files.inside(path, CHECKPOINT)
-        self.policy_file = files.inside(path, "policy.zip")
-        self._actor_file = files.inside(path, AGENT)
+        self.trained_file = files.inside(path, AGENT)
+        self._archive = files.inside(path, "policy.zip")
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
@@ -153,9 +152,9 @@ class RunFolder:
 
     @property
     def agent_file(self) -> Path:
-        """File of the agent: ``policy.zip`` of a training, or else ``agent.safetensors``."""
-        has_actor_only = self._actor_file.exists() and not self.policy_file.exists()
-        return self._actor_file if has_actor_only else self.policy_file
+        """File of the agent: ``agent.safetensors``, or the ``policy.zip`` that SB3 opens if only that exists."""
+        has_archive = self._archive.exists() and not self.trained_file.exists()
+        return self._archive if has_archive else self.trained_file
 
 
 def read_config(file: Path) -> TrainConfig:

@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 import torch
 
 from rans.errors import ConfigError, WorkerLost, brief
+from rans.fast.agent_files.agent import save_agent
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import Coefficients, TrainConfig, from_table, to_table
 from rans.fast.learn.member import Member, architecture_of, check_sizes
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
-from rans.fast.policy import write_policy
 from rans.files import LOCK, Lock, inside, read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.architecture import Architecture
@@ -172,8 +172,8 @@ class Sweep:
         run.begin(member.config, self.command)
         for row in member.rows:
             run.append_metrics(row)
-        write_policy(
-            run.policy_file,
+        save_agent(
+            run.trained_file,
             check(member.config),
             member.weights,
             member.config.ppo,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import torch
-from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from rans.episode import Guard
-from rans.errors import ConfigError, NonFiniteState, WorkerLost
+from rans.errors import ConfigError, NonFiniteState, WorkerLost, is_installed
 from rans.fast.agent_files.tensors import pack
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
@@ -23,6 +23,7 @@ from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.imitation import ImitationLearner
 from rans.fast.learn.learner import Making
+from rans.fast.learn.loggers import Events
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import begin_from, write_learner
 from rans.fast.learn.run_folder import RunFolder
@@ -85,6 +86,12 @@ class Trainer:
         check_device(first.device)
         _check_guard(first, guard)
         torch.set_num_threads(first.threads)
+        if first.device == "cpu" and not is_installed("llvmlite"):
+            warnings.warn(
+                "training on a processor is several times slower without the package llvmlite: "
+                "pip install 'rans[cpu]'",
+                stacklevel=2,
+            )
         self.run = run
         self.processes = processes
         self._goes_on = goes_on
@@ -138,7 +145,7 @@ class Trainer:
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
         self._begun = self._reported = (0, 0.0)
         # Opened by `train`, so that a start that fails leaves no empty event file.
-        self._events: list[TensorBoardOutputFormat] = []
+        self._events: list[Events] = []
 
     @property
     def solved(self) -> bool:
@@ -200,7 +207,7 @@ class Trainer:
                     inside_for_others(self.run.path, "tensorboard", str(number))
                     for number in range(len(self.members))
                 ]
-            self._events = [TensorBoardOutputFormat(str(folder)) for folder in folders]
+            self._events = [Events(folder) for folder in folders]
         self._begun = (self.steps, self.seconds)
         stopped = False
         if not self.config.compiled:
@@ -327,7 +334,7 @@ class Trainer:
         judged = (key for key in row if key in ("success", "duty") or key.startswith("error/"))
         named = {f"evaluation/{key.removeprefix('error/')}": row[key] for key in judged}
         named |= self._statistics[number] | {"perf/steps_per_s": row["steps_per_s"]}
-        self._events[number].write(named, {key: () for key in named}, self.steps)
+        self._events[number].write(named, self.steps)
 
     def save(self) -> None:
         """Write the checkpoint, and the agent of a single member; every process must call this."""
@@ -336,7 +343,7 @@ class Trainer:
             return
         self.run.save_checkpoint(state)
         if len(self.members) == 1:
-            write_learner(self.run.policy_file, self.learner, self.config.ppo, self.steps)
+            write_learner(self.run.trained_file, self.learner, self.config.ppo, self.steps)
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from rans.compile.step_program import Program, Shape, Store, trace
 from rans.episode import Episode, World
+from rans.errors import is_installed
 from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
@@ -122,13 +123,13 @@ class ArrayStep:
     """Step of the episodes of one engine on NumPy's arrays, which are changed in place.
 
     The first call generates the program, in 0.01 s in the plane and up to 1 s under conditions in space. The
-    equations are used instead in double precision, for tasks that do more than arithmetic on fields, and for
-    episodes with more than `_MOST` values.
+    equations are used instead without llvmlite, in double precision, for tasks that do more than arithmetic on
+    fields, and for episodes with more than `_MOST` values.
     """
 
     def __init__(self) -> None:
         self._generated: GeneratedStep | None = None
-        self._tried = False
+        self._tried = not is_installed("llvmlite")
 
     def __reduce__(self) -> tuple[type[ArrayStep], tuple[()]]:
         """A copy generates a program of its own, for other episodes."""

@@ -10,15 +10,15 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 
+require("numba")
 try:
     from numba import njit
     from numba.core import config
-except Exception as error:  # also a wrong value in a file of settings
+except Exception as error:  # a wrong value in a file of settings
     raise ConfigError(
-        f"on/off certificates need the package numba, which could not be loaded ({error}); "
-        "install it with: pip install numba"
+        f"on/off certificates need the package numba, which could not be loaded: {error}."
     ) from None
 
 

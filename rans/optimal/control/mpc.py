@@ -10,27 +10,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
-from rans.errors import checked, whole
+from rans.errors import checked, require, whole
 from rans.model.body import Body
+from rans.model.coordinates import around, coordinates
 from rans.model.drift import Drift
-from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
+from rans.model.dynamics import State, advance, wrench
 from rans.model.fields import (
-    Field,
     Heading,
     Quat,
-    Vec2,
-    Vec3,
-    atan2,
-    cos,
     leaves,
     map_leaves,
-    sin,
-    sqrt,
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -47,6 +40,11 @@ from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = require("casadi")
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,6 @@ _RESERVE = 0.01
 """Margin that plans keep after every period, in SI units: between two periods it may be less."""
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 """Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
-_TINY = 1e-24
-"""Added to squared lengths whose root is taken: it has no gradient at zero."""
 
 
 class MPC(ModelBased):
@@ -419,37 +415,3 @@ def shortest(state: State, goal: State) -> np.ndarray:
     turn = rotation_vector(goal.attitude.to(state.attitude))
     p, v = (np.array(leaves(a - b)) for a, b in ((state.p, goal.p), (state.v, goal.v)))
     return np.concatenate([p, turn, v, np.array(state.spin()) - np.array(goal.spin())])
-
-
-def coordinates(state: Any, goal: Any) -> tuple[Field, ...]:
-    """The coordinates of a state, smooth up to a full turn from the goal: what `around` inverts."""
-    turn = goal.attitude.to(state.attitude)
-    vector = (turn.angle,) if isinstance(turn, Heading) else _rotation_vector(turn)
-    spin = (a - b for a, b in zip(state.spin(), goal.spin(), strict=True))
-    return (*(state.p - goal.p).columns(), *vector, *(state.v - goal.v).columns(), *spin)
-
-
-def around(goal: Any, coordinates: Any) -> Any:
-    """The state that has these coordinates around the goal, given as 6 or 12 fields."""
-    if len(coordinates) == 6:
-        px, py, turn, vx, vy, w = coordinates
-        return PlanarState(
-            goal.p + Vec2(px, py),
-            Heading(goal.attitude.angle + turn),
-            goal.v + Vec2(vx, vy),
-            goal.w + w,
-        )
-    p, turn, v, w = (Vec3(*coordinates[i : i + 3]) for i in (0, 3, 6, 9))
-    return SpatialState(goal.p + p, goal.attitude.times(_quaternion(turn)), goal.v + v, goal.w + w)
-
-
-def _quaternion(turn: Vec3) -> Quat:
-    angle = sqrt(turn.dot(turn) + _TINY)
-    axis = turn.scale(sin(0.5 * angle) / angle)
-    return Quat(cos(0.5 * angle), axis.x, axis.y, axis.z)
-
-
-def _rotation_vector(turn: Quat) -> tuple[Field, ...]:
-    axis = Vec3(turn.x, turn.y, turn.z)
-    sine = sqrt(axis.dot(axis) + _TINY)
-    return axis.scale(2.0 * atan2(sine, turn.w) / sine).columns()

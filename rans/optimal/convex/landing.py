@@ -21,7 +21,6 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -32,7 +31,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.land import Land
@@ -427,7 +426,7 @@ class _Problem:
     def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
         """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: infeasible."""
         # Clarabel has no stubs for what its compiled module holds.
-        clarabel: Any = importlib.import_module("clarabel")
+        clarabel: Any = require("clarabel")
 
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]

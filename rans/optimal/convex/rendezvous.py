@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, SolverFailed
+from rans.errors import ConfigError, SolverFailed, require
 from rans.model.drift import Drift
 from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves
@@ -615,6 +615,4 @@ class _Rows:
 
 def _clarabel() -> Any:
     """The solver, whose module says nothing of its types."""
-    import clarabel
-
-    return clarabel
+    return require("clarabel")

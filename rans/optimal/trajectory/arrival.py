@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import casadi as ca
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.files import first_line
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
@@ -17,6 +16,11 @@ from rans.optimal.trajectory.limits import PathLimits
 from rans.tasks.base import Task
 from rans.tasks.derived import residual
 from rans.tasks.goal_set import aims
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = require("casadi")
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""

@@ -7,11 +7,9 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from operator import index
-from typing import Any, ClassVar, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, get_args
 
-import casadi as ca
-
-from rans.errors import ConfigError, brief, fits, one_of
+from rans.errors import ConfigError, brief, fits, one_of, require
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
@@ -20,6 +18,11 @@ from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = require("casadi")
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 from scipy.linalg import expm, solve
 
+from rans.errors import require
 from rans.optimal.convex.landing import Descent, Lander, Landing
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = require("casadi")
 
 _UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0] + [1.0] * 2)
 """Units in which the solver has states: m, m/s, rad, rad/s, kg; then rad and rad/s of roll, if plans have any."""

@@ -10,12 +10,11 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.model.body import Body
 from rans.model.drift import Drift
 from rans.model.dynamics import State, Wrench, advance
@@ -36,6 +35,11 @@ from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.goal_set import aims
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = require("casadi")
 
 _OPTIONS = {
     "expand": True,

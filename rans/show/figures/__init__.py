@@ -1,1 +1,9 @@
-"""Charts: curves, Pareto fronts, flown paths, robustness, as SVG and with matplotlib."""
+"""Charts: curves, Pareto fronts, flown paths, robustness, as SVG and with matplotlib.
+
+Raises:
+    MissingPackage: when it is imported, where matplotlib is missing.
+"""
+
+from rans.errors import require
+
+require("matplotlib")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
 
+from rans.errors import is_installed
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.rare import GROUPS
 from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
@@ -234,7 +234,7 @@ def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
 
 
 def _has_pictures() -> bool:
-    return importlib.util.find_spec("matplotlib") is not None
+    return is_installed("matplotlib")
 
 
 def _replayed(assurance: Assurance, one: Replayed) -> list[str]:

@@ -27,10 +27,10 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
 from rans.model.body import Body
+from rans.model.coordinates import around
 from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE, Symbol
-from rans.optimal.control.mpc import around
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program

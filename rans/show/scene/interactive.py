@@ -15,10 +15,10 @@ from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.body import Body
+from rans.model.coordinates import around
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.control.mpc import around
 from rans.randomization.parameters import StepInputs
 from rans.scenario import scenarios
 from rans.tasks import Task

@@ -24,13 +24,13 @@ _PAUSE = 0.5
 def watch(run: Path, port: int) -> None:
     """Show a training's newest agent in the browser, for ever.
 
-    It only looks whether the trainer has replaced ``policy.zip``, so the trainer need not know of it. A new
+    It only looks whether the trainer has replaced ``agent.safetensors``, so the trainer need not know of it. A new
     agent flies four episodes in a batch, a fraction of a second of work; the browser then plays them at
     real time without help. `ConfigError` if the port is taken, or the run folder damaged.
     """
     torch.set_num_threads(1)  # of small networks; more would disturb the training
     view = View()
-    file = RunFolder(run).policy_file
+    file = RunFolder(run).trained_file
     shown = 0
     served = view.serve(port)
     open_browser(served.url)

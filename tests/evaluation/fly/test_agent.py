@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import stable_baselines3
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
@@ -18,7 +17,7 @@ from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import spacecraft_text, to_toml
 from rans.scenario import scenarios
-from tests.support.training import CONFIG, seen
+from tests.support.training import CONFIG, as_sb3, seen
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
@@ -51,7 +50,7 @@ def test_the_agent_is_the_policy(trained: Path) -> None:
     actions = agent.act(None, None, observations)
     assert actions.shape == (300, len(craft.thrusters))
     assert 0.05 < actions.mean() < 0.95
-    model = stable_baselines3.PPO.load(trained / "policy.zip", device="cpu")
+    model = as_sb3(trained)
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], actions)
 
 
@@ -70,22 +69,24 @@ def test_it_flies(trained: Path) -> None:
 
 
 def test_no_agent_yet(run_folder: Path) -> None:
-    (run_folder / "policy.zip").unlink()
-    with pytest.raises(ConfigError, match=r"has no policy\.zip: its training"):
+    (run_folder / "agent.safetensors").unlink()
+    with pytest.raises(ConfigError, match=r"has no agent\.safetensors: its training"):
         load_agent(run_folder)
     with pytest.raises(ConfigError, match="is not a run folder"):
         load_agent(run_folder / "nowhere")
 
 
 def refused(folder: Path, content: bytes) -> str:
-    (folder / "policy.zip").write_bytes(content)
-    with pytest.raises(ConfigError, match=r"policy\.zip (is damaged: |holds no agent)") as caught:
+    (folder / "agent.safetensors").write_bytes(content)
+    with pytest.raises(
+        ConfigError, match=r"agent\.safetensors (is damaged|was not opened)"
+    ) as caught:
         load_agent(folder)
     return str(caught.value)
 
 
 def test_a_damaged_policy(run_folder: Path) -> None:
-    good = (run_folder / "policy.zip").read_bytes()
+    good = (run_folder / "agent.safetensors").read_bytes()
     generator = np.random.default_rng(1)
     spoiled = [
         good[:n] + generator.bytes(40) + good[n + 40 :] for n in generator.integers(0, 3000, 5)

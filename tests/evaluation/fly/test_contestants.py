@@ -88,7 +88,7 @@ def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
 
 
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    saved = read_policy(run / "policy.zip").network
+    saved = read_policy(run / "agent.safetensors").network
     shipped = actor_bytes(saved.architecture, saved.member(0), 0)
     (run / "agent.safetensors").write_bytes(shipped)
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)

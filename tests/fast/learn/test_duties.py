@@ -8,7 +8,6 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
 
 from rans.deploy.export import export
@@ -24,7 +23,7 @@ from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from tests.support.engines import PLATFORM
-from tests.support.training import CONFIG, after, ignore, resumed, seen, weights
+from tests.support.training import CONFIG, after, as_sb3, ignore, resumed, seen, weights
 
 KINDS = pytest.mark.parametrize("kind", [Throttle(), Pulsed(4, 1)], ids=["throttle", "pulsed"])
 
@@ -51,7 +50,7 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
     assert craft.actuators == kind
     observations = seen(craft, 200).numpy()
     commands = agent.act(None, None, observations)
-    model = stable_baselines3.PPO.load(tmp_path / "run" / "policy.zip", device="cpu")
+    model = as_sb3(tmp_path / "run")
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
     assert model.action_space == gymnasium.spaces.Box(0.0, 1.0, (8,), np.float32)
     assert ((commands > 0) & (commands < 1)).mean() > 0.5
@@ -66,7 +65,7 @@ def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) ->
     agent = load_agent(tmp_path / "run").controller
     observations = seen(PLATFORM, 200).numpy()
     commands = agent.act(None, None, observations)
-    model = stable_baselines3.PPO.load(tmp_path / "run" / "policy.zip", device="cpu")
+    model = as_sb3(tmp_path / "run")
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
     assert 0.01 < (commands == 0).mean() < 0.99
     assert ((commands > 0) & (commands < 1)).mean() > 0.1

@@ -86,7 +86,7 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
     assert np.abs(given - wanted).mean() < 0.75 * wanted.mean()
     assert (given == 0.0).mean() > 0.5
     # Another training begins with the same weights, and keeps what inputs are normalised by.
-    first = read_policy(tmp_path / "one" / "policy.zip").network
+    first = read_policy(tmp_path / "one" / "agent.safetensors").network
     begun = config(begin_from=str(tmp_path / "one"), algorithm="ppo", total_timesteps=64 * 10)
     other = Trainer([begun], DEPUTY, RunFolder(tmp_path / "two"))
     for name, tensor in other.learner.network.tensors.items():

@@ -142,7 +142,7 @@ def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:
         ('{"task": "go-to', "not valid JSON"),
         ("[]", "must name its task"),
         ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
-        ("\udcff\udcfe", "is damaged|cannot read"),
+        ("\udcff\udcfe", "is damaged|cannot read|only UTF-8 is read"),
     ],
 )
 def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:

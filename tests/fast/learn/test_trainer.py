@@ -71,7 +71,7 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
         "spacecraft.toml",
         "metrics.jsonl",
         "checkpoint.safetensors",
-        "policy.zip",
+        "agent.safetensors",
         "tensorboard",
         ".lock",
     }

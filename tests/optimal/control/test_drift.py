@@ -18,6 +18,7 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
 from rans.model.actuators import Throttle
+from rans.model.coordinates import around
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, UniformGravity, step_goal
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -25,7 +26,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC, around, shortest
+from rans.optimal.control.mpc import MPC, shortest
 from rans.optimal.control.observer import ObserverMPC
 from rans.optimal.control.regulator import Deadband
 from rans.optimal.control.sampling import MPPI

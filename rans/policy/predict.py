@@ -1,0 +1,66 @@
+"""Spaces of an agent, and its actions for arrays of observations, as Stable-Baselines3 has them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
+
+
+@torch.no_grad()
+def predict(
+    network: Network,
+    observation: np.ndarray,
+    state: tuple[np.ndarray, ...] | None = None,
+    episode_start: np.ndarray | None = None,
+    deterministic: bool = True,
+) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+    """Commands (N, thrusters) of one member, integers for on/off thrusters, and its memory afterwards.
+
+    Args:
+        network: of one member.
+        observation: (N, width) or (width,).
+        state: memory ((N, m),) after the previous step; None: all episodes begin.
+        episode_start: (N,) bool, true where an episode begins.
+        deterministic: whether the action is the mode of the policy rather than a sample.
+
+    Raises:
+        ConfigError: the width of the observations differs from that in training.
+    """
+    architecture = network.architecture
+    architecture.check_width("the policy", observation)
+    device = next(iter(network.tensors.values())).device
+    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(
+        -1, architecture.layout.width
+    )
+    memory = network.initial_state(len(rows))
+    if memory is not None and state is not None:
+        memory = torch.as_tensor(state[0]).to(memory)
+        if episode_start is not None:
+            memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
+    output, columns = network.forward(rows, memory)
+    command = output.policy.mode()
+    if not deterministic:
+        command = output.policy.command(output.policy.sample(torch.rand_like(command)))
+    memory = network.next_state(columns, memory, command, output)
+    action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
+    action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
+    return action, None if memory is None else (memory.cpu().numpy(),)
+
+
+def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
+    """Observation and action space (Gymnasium) of an agent."""
+    bounds = architecture.bounds or (math.inf,) * architecture.layout.width
+    most = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
+    count = architecture.thrusters
+    duties = spaces.Box(0.0, 1.0, (count,), np.float32)
+    switches = spaces.MultiDiscrete([2] * count)
+    return spaces.Box(
+        -most, most, dtype=np.float32
+    ), duties if architecture.continuous else switches
