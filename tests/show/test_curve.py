@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from rans.show import curve as module
 from rans.show.curve import curve, curve_in_another_process
-from rans.show.figures import curve as module
 
 ROWS = [
     {"steps": 100 * k, "seconds": 0.1 * k, "success": 0.2 * k, "return/pose": 3.0 * k}
