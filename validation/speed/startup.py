@@ -31,7 +31,7 @@ PARTS = (
     ("write checkpoint and agent", "rans/fast/learn/trainer.py:save"),
     ("make engines and network", "rans/fast/learn/trainer.py:__init__"),
     ("begin the run folder", "rans/fast/learn/run_folder.py:begin"),
-    ("wait for the learning curve", "rans/show/figures/curve.py:ask"),
+    ("wait for the learning curve", "rans/show/curve.py:ask"),
     ("import rans", "rans/__init__.py:<module>"),
 )
 """What is done, and what stands on Python's stack then: the end of a file's name and a function."""
