@@ -13,7 +13,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from rans.effectors.commands import action_space, check
+from rans.effectors.commands import action_space, check, clipped
 from rans.episode import Episode, Guard, Mover, Setup, World, step
 from rans.errors import ConfigError, brief, checked
 from rans.model.dynamics import State
@@ -143,10 +143,9 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         before = self._running()
         values = _numbers(action)
         check(self.craft, values)
+        values = clipped(self.craft, values.astype(float))
         self._trail.append(before.state.p.columns())
-        outcome = step(
-            self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move
-        )
+        outcome = step(self._world, before, tuple(values.tolist()), self._draws, self._move)
         self._now = _plain(outcome.episode)
         self._command = outcome.command
         self._show()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gymnasium import spaces
 
 _ROUNDING = 1e-6
-"""Tolerance of a bound such as 0.3, which single precision cannot represent."""
+"""Tolerance of a bound, such as 0.3, which single precision cannot represent and formulas miss by an ulp."""
 
 
 def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
@@ -37,12 +37,21 @@ def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 
 def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bound that `check` accepts for each command, with a tolerance for rounding to float32."""
+    """Lower and upper bound that `check` accepts for each command, with a tolerance where it is not on/off.
+
+    What is accepted beyond a bound has to be `clipped`.
+    """
     low, high = np.array([(one.low, one.high) for one in craft.commands]).T
-    return tuple(
-        np.where(np.isin(bound, (-1.0, 0.0, 1.0)), bound, bound + side * _ROUNDING)
-        for bound, side in ((low, -1.0), (high, 1.0))
-    )
+    slack = np.array([0.0 if one.kind == "on-off" else _ROUNDING for one in craft.commands])
+    return low - slack, high + slack
+
+
+def clipped(craft: Spacecraft, values: np.ndarray) -> np.ndarray:
+    """Commands (..., n) that `check` accepts, within their bounds."""
+    if not craft.is_continuous:
+        return values
+    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    return np.clip(values, low, high)
 
 
 def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:

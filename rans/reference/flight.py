@@ -94,6 +94,10 @@ class DrakeMover:
         self._spin_up = spin_up(craft)
         self._plant = self._plant_for(designed(craft), 1)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy builds its own plant, because Drake's cannot be pickled; every period begins from its argument."""
+        return DrakeMover, (self._craft, self._timing, self._drift, self._max_step)
+
     def __call__(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
         """States at the checks of one control period, the last one at its end."""
         rows = rows_from_states(state)

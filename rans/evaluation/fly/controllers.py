@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import cloudpickle
 import numpy as np
 
-from rans.effectors.commands import action_space, allowed, check, of_outputs
+from rans.effectors.commands import action_space, allowed, check, clipped, of_outputs
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
@@ -311,7 +311,7 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
             f"{who} answers with commands that {craft.name} does not take: {error} Probabilities have to be "
             "rounded, and densities clipped, by the policy."
         ) from None
-    return commands
+    return clipped(craft, commands)
 
 
 _LONGEST_REASON = 400

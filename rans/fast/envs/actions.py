@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.effectors.commands import allowed, check, limits
+from rans.effectors.commands import allowed, bounds, check, limits
 from rans.environment import array, dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -25,6 +25,9 @@ class Actions:
         self._shape = (engine.num_envs, len(engine.craft.commands))
         self._limits = [
             torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
+        ]
+        self._bounds = [
+            torch.as_tensor(bound, device=engine.device) for bound in bounds(engine.craft)
         ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
         """Whether any action was wrong."""
@@ -48,12 +51,15 @@ class Actions:
         if action.is_complex():
             self._refuse(action.cpu().numpy())
         possible = self._possible(action)
+        taken = action
+        if self._engine.craft.is_continuous and action.is_floating_point():
+            taken = action.clamp(*self._bounds).to(action.dtype)  # which leaves NaN to be refused
         if action.device.type != "cuda":
             if not possible:
                 self._refuse(action.numpy())
         elif not torch.cuda.is_current_stream_capturing():
             self._remember(possible)
-        return action
+        return taken
 
     def _possible(self, action: Tensor) -> Tensor:
         craft = self._engine.craft

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from rans.effectors.commands import action_space
 from rans.environment import checked_render_mode, choose, dense, observation_space, own_spec
-from rans.errors import ConfigError, brief, checked
+from rans.errors import ConfigError, brief, checked, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.stepping.step import Step
@@ -72,6 +73,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             the state once more per step.
         render_mode: None; "rgb_array": `render` returns a frame of every environment; "human": every `reset` and
             `step` displays the first 16 in the browser in real time (see `rans.window.Window`).
+        max_episode_steps: control periods after which an episode is truncated, where the timing's are more, as
+            ``gymnasium.make_vec(max_episode_steps=)`` has it of other environments; None: those of the timing.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -99,10 +102,15 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         conditions: str | Path | Conditions | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         plain: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
+        if max_episode_steps is not None:
+            usual = task.timing if timing is None else checked("timing", timing, Timing)
+            most = whole("max_episode_steps", max_episode_steps)
+            timing = replace(usual, episode_steps=min(most, usual.episode_steps))
         self._made = partial(
             Engine,
             craft,

@@ -1,0 +1,107 @@
+"""What Gymnasium's own tests of environments ask of every registered one; its wheel does not carry those tests."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.spaces import Box
+
+import rans
+from rans.errors import ConfigError
+
+BOXES = ["rans/Land3D-v0", "rans/Land3D-Drake-v0"]
+"""Environments of continuous actions."""
+COPIED = ["rans/GoToPose2D-v0", "rans/GoToPose2D-Drake-v0", "rans/GoToPose3D-Drake-v0"]
+
+
+def copies(environment: Any) -> list[Any]:
+    return [pickle.loads(pickle.dumps(environment)), copy.deepcopy(environment)]
+
+
+@pytest.mark.parametrize("name", COPIED)
+@pytest.mark.parametrize("conditions", [None, "lab"])
+def test_copies_fly_on_as_the_environment_does(name: str, conditions: str | None) -> None:
+    """Made before an episode, and in the middle of one."""
+    environment = gymnasium.make(name, conditions=conditions)
+    assert environment.action_space == copies(environment)[0].action_space
+    environment.reset(seed=3)
+    actions = np.random.default_rng(0).integers(0, 2, (12, environment.action_space.shape[0]))  # type: ignore[index]
+    for action in actions[:6]:
+        environment.step(action)
+    both = copies(environment)
+    for action in actions[6:]:
+        expected = environment.step(action)
+        for one in both:
+            observation, reward, *_ = one.step(action)
+            np.testing.assert_array_equal(observation, expected[0])
+            assert reward == expected[1]
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_actions_one_number_out_of_range_are_the_bounds(name: str) -> None:
+    """Formulas of trainers end an ulp beside a bound; what is farther out is a mistake."""
+    environment = gymnasium.make(name)
+    space = environment.action_space
+    assert isinstance(space, Box)
+    for bound, outwards in ((space.high, np.inf), (space.low, -np.inf)):
+        beside = np.nextafter(bound, np.float32(outwards))
+        observations = []
+        for action in (bound, beside):
+            environment.reset(seed=1)
+            observations.append(environment.step(action)[0])
+        np.testing.assert_array_equal(*observations)
+        environment.reset(seed=1)
+        with pytest.raises(ConfigError, match="an action must be"):
+            environment.step(bound + np.sign(outwards).astype(np.float32) * np.float32(1e-3))
+
+
+def test_a_batch_takes_such_actions_too() -> None:
+    batch = gymnasium.make_vec("rans/Land3D-v0", num_envs=3)
+    space = batch.single_action_space
+    assert isinstance(space, Box)
+    ends = []
+    for action in (space.high, np.nextafter(space.high, np.float32(np.inf))):
+        batch.reset(seed=1)
+        ends.append(batch.step(torch.from_numpy(np.tile(action, (3, 1))))[0].clone())
+    torch.testing.assert_close(*ends, rtol=0, atol=0)
+    with pytest.raises(ConfigError, match="an action must be"):
+        batch.step(torch.full((3, *space.shape), np.nan))
+
+
+def length(batch: Any) -> int:
+    """Steps until a batch's first episodes are truncated, with all thrusters shut."""
+    batch.reset(seed=0)
+    actions = np.zeros(batch.action_space.shape, np.int64)
+    for step in range(1, 1000):
+        *_, truncated, _ = batch.step(actions)
+        if np.asarray(truncated).all():
+            return step
+    return 0
+
+
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+@pytest.mark.parametrize(("limit", "own", "expected"), [(7, 125, 7), (50, 9, 9)])
+def test_the_shorter_of_two_limits_ends_episodes(
+    mode: str, limit: int, own: int, expected: int
+) -> None:
+    made: Callable[..., Any] = gymnasium.make_vec
+    batch = made(
+        "rans/GoToPose2D-v0",
+        num_envs=2,
+        vectorization_mode=mode,
+        max_episode_steps=limit,
+        timing=rans.Timing(episode_steps=own),
+    )
+    assert length(batch) == expected
+
+
+def test_a_limit_that_is_none_is_refused() -> None:
+    with pytest.raises(ConfigError, match="max_episode_steps"):
+        gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=2, max_episode_steps=0)
